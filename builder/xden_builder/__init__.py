@@ -1,0 +1,1 @@
+"""Reconstructs density from a scanner's captures and writes the dataset."""

@@ -1,0 +1,78 @@
+"""Every error this project raises on purpose.
+
+::
+
+    XDenError(Exception)
+    ├── DataError(ValueError)             a file or an array breaks the format
+    │   └── SubmissionError               the same, in a file sent for scoring
+    ├── MissingObjectError(LookupError)   no object of that id
+    └── MissingExtraError(ImportError)    an optional dependency is not installed
+
+The commands turn each of them into one line on stderr and exit code 1.
+"""
+
+import importlib
+from collections.abc import Sequence
+from types import ModuleType
+
+__all__ = [
+    "DataError",
+    "MissingExtraError",
+    "MissingObjectError",
+    "SubmissionError",
+    "XDenError",
+    "require",
+]
+
+
+class XDenError(Exception):
+    """Base of every deliberate error."""
+
+
+class DataError(XDenError, ValueError):
+    """A file or an array breaks the format: what was expected, what came, and where."""
+
+
+class SubmissionError(DataError):
+    """A file sent for scoring is not valid.
+
+    Parameters
+    ----------
+    problems
+        Every problem found, one line each, at least one.
+    """
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        super().__init__("\n".join(problems))
+        self.problems = tuple(problems)
+
+
+class MissingObjectError(XDenError, LookupError):
+    """The dataset has no object of that id."""
+
+
+class MissingExtraError(XDenError, ImportError):
+    """An optional dependency is not installed; the message gives the pip command."""
+
+
+def require(module: str, extra: str) -> ModuleType:
+    """Import an optional dependency.
+
+    Parameters
+    ----------
+    module
+        Name of the module to import.
+    extra
+        The extra of this package that installs it.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as err:
+        raise MissingExtraError(
+            f"{module} is needed here: pip install 'xden1k[{extra}]' ({err})"
+        ) from err
