@@ -1,0 +1,67 @@
+"""Work files: finished objects kept between runs, one HDF5 file each.
+
+A work file holds one encoded dataset row and the digest of everything it was made from. It is
+written under another name and renamed, so that it is there whole or not at all; an older digest
+means that inputs, settings or the builder have changed, and the object is made again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+__all__ = ["load_row", "save_row"]
+
+SCHEMA = "xden-work/1"
+
+
+def save_row(path: Path, digest: str, row: Mapping[str, Any]) -> None:
+    """Keep one encoded row.
+
+    Parameters
+    ----------
+    path
+        The work file; its folder must exist.
+    digest
+        Of all inputs, settings and the builder's version.
+    row
+        Columns of the dataset; binary ones as ``bytes``, the rest of JSON's types.
+    """
+    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
+    with h5py.File(partial, "w", libver="latest") as file:
+        binary = file.create_group("binary")
+        for name, value in row.items():
+            if isinstance(value, bytes):
+                values = np.frombuffer(value, dtype=np.uint8)
+                binary.create_dataset(name, data=values, compression="gzip", compression_opts=1)
+        light = {name: value for name, value in row.items() if not isinstance(value, bytes)}
+        file.create_dataset("light", data=json.dumps(light))
+        file.attrs.update(schema=SCHEMA, digest=digest, columns=list(row))
+        file.attrs["complete"] = True
+    os.replace(partial, path)
+
+
+def load_row(path: Path, digest: str) -> dict[str, Any] | None:
+    """Read a kept row.
+
+    Returns
+    -------
+    dict or None
+        The row with its columns in their order; None if there is no such file, it is of another
+        digest, or it is not whole.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            if not file.attrs.get("complete") or file.attrs["digest"] != digest:
+                return None
+            light = json.loads(file["light"][()])
+            binary = {name: values[()].tobytes() for name, values in file["binary"].items()}
+            return {name: (light | binary)[name] for name in file.attrs["columns"]}
+    except (OSError, KeyError):  # no file, or not one of ours that was closed properly
+        return None

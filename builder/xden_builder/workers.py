@@ -1,0 +1,78 @@
+"""One task for each key in a pool of processes, of which any may die."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from typing import TypeVar
+
+from xden1k.errors import XDenError
+
+__all__ = ["WorkerDiedError", "run_each"]
+
+Result = TypeVar("Result")
+Answer = tuple[str, Result | BaseException]
+
+
+class WorkerDiedError(XDenError):
+    """The process that worked on a key was killed, also when it had nothing else to do."""
+
+
+def run_each(
+    task: Callable[[str], Result], keys: Iterable[str], workers: int
+) -> Iterator[Answer[Result]]:
+    """Run a task for each key and yield its result or its exception, as they come.
+
+    When a process dies (out of memory, killed), the keys that were under way are tried once more,
+    each alone; one that kills its process again is answered with :class:`WorkerDiedError`, and
+    all others go on.
+
+    Parameters
+    ----------
+    task
+        A function that can be pickled.
+    keys
+        What to work on; at most twice as many as there are workers are taken ahead.
+    workers
+        Number of processes.
+    """
+    waiting = iter(keys)
+    suspects: list[str] = yield from _with_pool(task, waiting, workers, 2 * workers)
+    while suspects:
+        for key in suspects:  # alone, so that its death accuses nobody else
+            if (yield from _with_pool(task, iter([key]), 1, 1)):
+                error = WorkerDiedError("its process died twice; is there enough memory?")
+                yield key, error
+        suspects = yield from _with_pool(task, waiting, workers, 2 * workers)
+
+
+def _with_pool(
+    task: Callable[[str], Result], keys: Iterator[str], workers: int, window: int
+) -> Generator[Answer[Result], None, list[str]]:
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        return (yield from _finish(pool, task, keys, window))
+
+
+def _finish(
+    pool: ProcessPoolExecutor, task: Callable[[str], Result], keys: Iterator[str], window: int
+) -> Generator[Answer[Result], None, list[str]]:
+    """Run keys until they are used up or the pool breaks; return the keys that were cut off."""
+    running: dict[Future[Result], str] = {}
+    died: list[str] = []
+    while True:
+        while not died and len(running) < window and (key := next(keys, None)) is not None:
+            try:
+                running[pool.submit(task, key)] = key
+            except BrokenProcessPool:
+                died.append(key)
+        if not running:
+            return died
+        for future in wait(running, return_when=FIRST_COMPLETED).done:
+            key = running.pop(future)
+            error = future.exception()
+            if isinstance(error, BrokenProcessPool):
+                died.append(key)
+            else:
+                yield key, error if error is not None else future.result()
