@@ -4,6 +4,7 @@ import h5py
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from xden_builder.work import load_row, save_row
 
 LIGHT = st.one_of(
