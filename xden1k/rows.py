@@ -1,0 +1,43 @@
+"""The ``datasets`` builder of our shards: Parquet rows whose array columns decode.
+
+Nothing else belongs here: ``datasets`` patches ``open``, ``Path`` and more in a builder's module.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from typing import Any
+
+from datasets.packaged_modules.parquet.parquet import Parquet
+
+from xden1k.features import pack, scanned_columns, with_arrays
+
+__all__ = ["Rows"]
+
+
+class Rows(Parquet):  # type: ignore[misc]
+    """Reads shards as the Parquet builder does, and gives the array columns their feature type.
+
+    Features the user passes are left as they are.
+    """
+
+    DEFAULT_WRITER_BATCH_SIZE = 8
+    """Rows of 10 MB: the library's 100 or 1000 in one batch would fill the memory."""
+
+    def _split_generators(self, dl_manager: Any) -> Any:
+        splits = super()._split_generators(dl_manager)
+        if self.config.features is None:
+            self.info.features = with_arrays(self.info.features)
+        return splits
+
+    def _generate_tables(self, *files: Any, **more: Any) -> Iterator[Any]:
+        scan = self
+        if self.config.columns is not None and self.config.features is None:
+            scan = copy.copy(self)
+            scan.config = copy.copy(self.config)
+            scan.config.columns = scanned_columns(self.config.columns)
+        yield from super(Rows, scan)._generate_tables(*files, **more)
+
+    def _cast_table(self, pa_table: Any) -> Any:
+        return super()._cast_table(pack(pa_table, self.info.features))
