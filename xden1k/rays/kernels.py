@@ -1,0 +1,229 @@
+"""Compiled kernels: where rays cross surfaces, and who owns the way between two crossings.
+
+All of them stand in one file because numba's cache watches the file of the outermost function
+only. None uses fast math: two triangles that share an edge must compute the same number for it.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, Int16, Int32, Int64
+
+from xden1k.errors import require
+
+__all__ = [
+    "order_vertices_by_row",
+    "scan",
+    "walk_lengths",
+]
+
+compiled = require("numba", "build").njit(cache=True, nogil=True)
+
+COLUMN, ROW, DEPTH = 0, 1, 2
+Window = tuple[int, int, int, int]
+
+
+@compiled
+@no_type_check
+def order_vertices_by_row(
+    triangles: Float64[np.ndarray, "n 3 3"], labels: Int16[np.ndarray, "n"]
+) -> None:
+    """Order each triangle's vertices by row, in place; each swap turns its label's sign."""
+    for i in range(len(triangles)):
+        for upper, lower in ((0, 1), (1, 2), (0, 1)):
+            if triangles[i, lower, ROW] < triangles[i, upper, ROW]:
+                for axis in range(3):
+                    kept = triangles[i, upper, axis]
+                    triangles[i, upper, axis] = triangles[i, lower, axis]
+                    triangles[i, lower, axis] = kept
+                labels[i] = -labels[i]
+
+
+@compiled
+@no_type_check
+def _edge_at_row(
+    triangles: Float64[np.ndarray, "n 3 3"], i: int, upper: int, lower: int, row: int
+) -> tuple[float, float]:
+    """Column and depth at which a row crosses an edge, always computed from its upper end."""
+    start = triangles[i, upper, ROW]
+    share = (row - start) / (triangles[i, lower, ROW] - start)
+    column = triangles[i, upper, COLUMN]
+    depth = triangles[i, upper, DEPTH]
+    return (
+        column + share * (triangles[i, lower, COLUMN] - column),
+        depth + share * (triangles[i, lower, DEPTH] - depth),
+    )
+
+
+@compiled
+@no_type_check
+def scan(
+    triangles: Float64[np.ndarray, "n 3 3"],
+    labels: Int16[np.ndarray, "n"],
+    inverse_depth: bool,
+    window: Window,
+    cells: Int32[np.ndarray, "rows columns"],
+    depths: Float64[np.ndarray, "crossings"],
+    crossed: Int16[np.ndarray, "crossings"],
+) -> None:
+    """Scan conversion of triangles whose vertices are ordered by row.
+
+    A row is cut by the long edge (first to last vertex) and one short edge. With an edge of a
+    closed mesh shared by two triangles of opposite parity, and the sign of a triangle taken from
+    the order in which its two edges are met, the signs along each ray sum to zero whatever the
+    rounding. Half-open intervals (``ceil``) give a ray through a vertex or an edge to one side.
+
+    Parameters
+    ----------
+    triangles
+        Column, row and depth of each vertex; depth must be affine in column and row.
+    labels
+        Rank of the part, from 1; negative where an even order of vertices faces the source.
+    inverse_depth
+        Whether the third coordinate is 1 / depth, as perspective asks for.
+    window
+        First and end row, first and end column.
+    cells
+        For each ray of the window. Without ``depths`` the number of crossings is added. With
+        ``depths`` it holds the end of each ray's list before, and its start after.
+    depths, crossed
+        Depth of each crossing, and the part's rank: positive on entering, negative on leaving.
+        Empty: only count.
+    """
+    storing = len(depths) > 0
+    first_row, end_row, first_column, end_column = window
+    for i in range(len(triangles)):
+        start = int(max(np.ceil(triangles[i, 0, ROW]), first_row))
+        stop = int(min(np.ceil(triangles[i, 2, ROW]), end_row))
+        for row in range(start, stop):
+            short = 0 if row < triangles[i, 1, ROW] else 1
+            left, left_depth = _edge_at_row(triangles, i, 0, 2, row)
+            right, right_depth = _edge_at_row(triangles, i, short, short + 1, row)
+            label = -labels[i]
+            if right < left:
+                left, left_depth, right, right_depth = right, right_depth, left, left_depth
+                label = -label
+            begin = int(max(np.ceil(left), first_column))
+            end = int(min(np.ceil(right), end_column))
+            for column in range(begin, end):
+                if not storing:
+                    cells[row - first_row, column - first_column] += 1
+                    continue
+                slot = cells[row - first_row, column - first_column] - 1
+                cells[row - first_row, column - first_column] = slot
+                # the share is at most 1, so a grazing sliver cannot leave its own depth range
+                share = (column - left) / (right - left)
+                depth = left_depth + share * (right_depth - left_depth)
+                depths[slot] = 1.0 / depth if inverse_depth else depth
+                crossed[slot] = label
+
+
+@compiled
+@no_type_check
+def _sort_by_depth(
+    depths: Float64[np.ndarray, "crossings"],
+    crossed: Int16[np.ndarray, "crossings"],
+    begin: int,
+    end: int,
+) -> None:
+    """Sort one ray's crossings by insertion: lists are short."""
+    for j in range(begin + 1, end):
+        depth, label = depths[j], crossed[j]
+        while j > begin and depths[j - 1] > depth:
+            depths[j], crossed[j] = depths[j - 1], crossed[j - 1]
+            j -= 1
+        depths[j], crossed[j] = depth, label
+
+
+@compiled
+@no_type_check
+def _cross(
+    windings: Int32[np.ndarray, "parts"], label: int, owner: int, inside: int
+) -> tuple[int, int]:
+    """Step over one surface: the strongest part now open (or the number of parts), and how many."""
+    rank = abs(label) - 1
+    before = windings[rank]
+    windings[rank] = before + (1 if label > 0 else -1)
+    if before == 0 and label > 0:
+        return min(owner, rank), inside + 1
+    if before == 1 and label < 0:
+        while owner < len(windings) and windings[owner] <= 0:
+            owner += 1
+        return owner, inside - 1
+    return owner, inside
+
+
+@compiled
+@no_type_check
+def _close(
+    windings: Int32[np.ndarray, "parts"],
+    crossed: Int16[np.ndarray, "crossings"],
+    begin: int,
+    end: int,
+) -> bool:
+    """Set the counters back to zero, and say whether they were."""
+    closed = True
+    for j in range(begin, end):
+        rank = abs(crossed[j]) - 1
+        closed &= windings[rank] == 0
+        windings[rank] = 0
+    return closed
+
+
+@compiled
+@no_type_check
+def walk_lengths(
+    corners: Int64[np.ndarray, "pixels 2"],
+    subrays: int,
+    window: Window,
+    frame: Float64[np.ndarray, "3 3"],
+    order: Int64[np.ndarray, "parts"],
+    cells: Int32[np.ndarray, "rows columns"],
+    depths: Float64[np.ndarray, "crossings"],
+    crossed: Int16[np.ndarray, "crossings"],
+    lengths: Float32[np.ndarray, "pixels rays parts"],
+    shared: Float64[np.ndarray, "pixels"],
+    broken: Bool[np.ndarray, "pixels"],
+) -> None:
+    """Walk each ray's sorted crossings and give every stretch to the strongest open part.
+
+    Parameters
+    ----------
+    corners
+        Row and column of each pixel's first ray, on the detector of rays.
+    subrays
+        Rays along each side of a pixel.
+    window, cells, depths, crossed
+        What :func:`scan` stored; each ray's list is sorted here.
+    frame
+        Columns: what a step in column, in row, and none at all adds to the ray's vector per depth.
+    order
+        Indices of the parts, strongest first.
+    lengths, shared, broken
+        Results, zero on entry: cm for each part, cm covered twice or more (mean over the rays),
+        and whether a surface stayed open.
+    """
+    first_row, _, first_column, end_column = window
+    width = end_column - first_column
+    flat = cells.ravel()
+    windings = np.zeros(len(order), dtype=np.int32)
+    for i in range(len(corners)):
+        for ray in range(subrays * subrays):
+            row = corners[i, 0] + ray // subrays
+            column = corners[i, 1] + ray % subrays
+            cell = (row - first_row) * width + column - first_column
+            begin = flat[cell]
+            end = flat[cell + 1] if cell + 1 < len(flat) else len(depths)
+            _sort_by_depth(depths, crossed, begin, end)
+            along = frame[:, 2] + column * frame[:, 0] + row * frame[:, 1]
+            cm_per_depth = np.sqrt(along[0] ** 2 + along[1] ** 2 + along[2] ** 2)
+            owner, inside = len(order), 0
+            for j in range(begin, end):
+                if inside > 0:
+                    span = cm_per_depth * (depths[j] - depths[j - 1])
+                    lengths[i, ray, order[owner]] += span
+                    if inside > 1:
+                        shared[i] += span / (subrays * subrays)
+                owner, inside = _cross(windings, crossed[j], owner, inside)
+            if not _close(windings, crossed, begin, end):
+                broken[i] = True

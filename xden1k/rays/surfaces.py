@@ -1,0 +1,137 @@
+"""Triangles of all parts as a detector sees them, and the crossings of its rays with them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from jaxtyping import Float64, Int16, Int32
+
+from xden1k.errors import DataError
+from xden1k.rays import kernels
+from xden1k.views import ViewGeometry
+
+__all__ = ["Surfaces", "Window"]
+
+Window = kernels.Window
+"""First and end row, first and end column."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surfaces:
+    """The triangles of all parts in a detector's frame.
+
+    Parameters
+    ----------
+    triangles
+        Shape (n, 3, 3): column, row and depth of each vertex, vertices ordered by row. For a cone
+        the third is 1 / depth, which, unlike depth, is affine over the detector.
+    labels
+        Shape (n,): rank of the part, 1 = strongest; the sign holds the winding.
+    inverse_depth
+        Whether the third coordinate is 1 / depth.
+    """
+
+    triangles: Float64[np.ndarray, "n 3 3"]
+    labels: Int16[np.ndarray, "n"]
+    inverse_depth: bool
+
+    @classmethod
+    def seen(
+        cls, meshes: Sequence[trimesh.Trimesh], order: Sequence[int], geometry: ViewGeometry
+    ) -> Surfaces:
+        """Project meshes; ``order`` holds their indices, strongest owner first.
+
+        Raises
+        ------
+        DataError
+            If the order is not a permutation, a vertex is not finite, or one of a cone beam is
+            not in front of the source.
+        """
+        if sorted(order) != list(range(len(meshes))):
+            raise DataError(
+                f"order must hold each of 0 to {len(meshes) - 1} once, got {list(order)}"
+            )
+        parts = [_triangles(meshes[part], part, geometry) for part in order]
+        triangles = np.concatenate([np.empty((0, 3, 3)), *parts])
+        ranks = np.repeat(np.arange(1, len(parts) + 1), [len(part) for part in parts])
+        labels = (-ranks if geometry.mirrored else ranks).astype(np.int16)
+        kernels.order_vertices_by_row(triangles, labels)
+        return cls(triangles, labels, geometry.beam == "cone")
+
+    def bounds(self) -> Window:
+        """Smallest window with every ray that can cross a surface; all zero without triangles."""
+        if not len(self.triangles):
+            return (0, 0, 0, 0)
+        columns, rows = np.moveaxis(self.triangles[..., :2], -1, 0)
+        huge = 2.0**30  # next to the source a projection may leave the integers
+        edges = np.array([rows.min(), rows.max(), columns.min(), columns.max()]).clip(-huge, huge)
+        first_row, end_row, first_column, end_column = np.ceil(edges).astype(int).tolist()
+        return (first_row, end_row, first_column, end_column)
+
+    def count(self, window: Window) -> Int32[np.ndarray, "rows columns"]:
+        """Count the crossings of each ray of a window."""
+        first_row, end_row, first_column, end_column = window
+        cells = np.zeros((end_row - first_row, end_column - first_column), dtype=np.int32)
+        self._scan(window, cells, np.empty(0), np.empty(0, dtype=np.int16))
+        return cells
+
+    def cross(
+        self, window: Window, counts: Int32[np.ndarray, "rows columns"]
+    ) -> tuple[Float64[np.ndarray, "crossings"], Int16[np.ndarray, "crossings"]]:
+        """Depth and signed rank of each crossing, ray by ray, unsorted within a ray.
+
+        ``counts``, contiguous, as :meth:`count` gave them, become the start of each ray's list.
+        """
+        ends = counts.reshape(-1)
+        np.cumsum(ends, out=ends)
+        total = int(ends[-1]) if len(ends) else 0
+        depths, crossed = np.empty(total), np.empty(total, dtype=np.int16)
+        self._scan(window, counts, depths, crossed)
+        return depths, crossed
+
+    def _scan(
+        self,
+        window: Window,
+        cells: Int32[np.ndarray, "rows columns"],
+        depths: Float64[np.ndarray, "crossings"],
+        crossed: Int16[np.ndarray, "crossings"],
+    ) -> None:
+        rows = self.triangles[:, :, kernels.ROW]
+        inside = (rows[:, 0] < window[1]) & (rows[:, 2] > window[0] - 1)
+        kernels.scan(
+            self.triangles[inside],
+            self.labels[inside],
+            self.inverse_depth,
+            window,
+            cells,
+            depths,
+            crossed,
+        )
+
+
+def _triangles(
+    mesh: trimesh.Trimesh, part: int, geometry: ViewGeometry
+) -> Float64[np.ndarray, "n 3 3"]:
+    """Column, row, and depth (cone: 1 / depth) of each vertex of each triangle."""
+    origin = geometry.pixel00_cm if geometry.source_cm is None else geometry.source_cm
+    x, y, z = (np.asarray(mesh.vertices, dtype=np.float64) - origin).T
+    # Summed term by term, not by BLAS: equal points must project to equal numbers wherever they
+    # stand in the array, or duplicate vertices would open a seam.
+    inverse = np.linalg.inv(geometry.matrix)
+    column, row, depth = (m[0] * x + m[1] * y + m[2] * z for m in inverse)
+    if geometry.source_cm is not None:
+        behind = int((depth[mesh.faces] <= 0).any(axis=1).sum())
+        if behind:
+            raise DataError(
+                f"part {part}: {behind} of {len(mesh.faces)} triangles reach behind the X-ray "
+                f"source at {geometry.source_cm.tolist()} cm"
+            )
+        depth = 1.0 / depth
+        column, row = column * depth, row * depth
+    corners = np.stack([column, row, depth], axis=1)[mesh.faces]
+    if not np.isfinite(corners).all():
+        raise DataError(f"part {part}: a vertex is not finite")
+    return corners
