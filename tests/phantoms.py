@@ -1,4 +1,4 @@
-"""Small objects made of boxes: mass, centre of mass, path lengths and voxel means in closed form."""
+"""Small objects made of boxes: mass, centre of mass, paths and voxel means in closed form."""
 
 from __future__ import annotations
 
