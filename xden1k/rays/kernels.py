@@ -172,6 +172,17 @@ def _close(
 
 @compiled
 @no_type_check
+def _cm_per_depth(frame: Float64[np.ndarray, "3 3"], row: int, column: int) -> float:
+    """Length of a ray's vector, as ``ViewGeometry.cm_per_depth`` gives it for whole arrays."""
+    square = 0.0
+    for axis in range(3):
+        along = column * frame[axis, 0] + row * frame[axis, 1] + frame[axis, 2]
+        square += along * along
+    return np.sqrt(square)
+
+
+@compiled
+@no_type_check
 def walk_lengths(
     corners: Int64[np.ndarray, "pixels 2"],
     subrays: int,
@@ -215,8 +226,7 @@ def walk_lengths(
             begin = flat[cell]
             end = flat[cell + 1] if cell + 1 < len(flat) else len(depths)
             _sort_by_depth(depths, crossed, begin, end)
-            along = frame[:, 2] + column * frame[:, 0] + row * frame[:, 1]
-            cm_per_depth = np.sqrt(along[0] ** 2 + along[1] ** 2 + along[2] ** 2)
+            cm_per_depth = _cm_per_depth(frame, row, column)
             owner, inside = len(order), 0
             for j in range(begin, end):
                 if inside > 0:
