@@ -17,13 +17,13 @@ __all__ = ["Rows"]
 
 
 class Rows(Parquet):  # type: ignore[misc]
-    """Reads shards as the Parquet builder does, and gives the array columns their feature type.
+    """Reads shards as the Parquet builder does, and makes the array columns decode.
 
-    Features the user passes are left as they are.
+    Where the user passes ``features=``, these hold and nothing is changed.
     """
 
     DEFAULT_WRITER_BATCH_SIZE = 8
-    """Rows of 10 MB: the library's 100 or 1000 in one batch would fill the memory."""
+    """Rows of some 10 MB: the library's 100 or 1000 in one batch would fill the memory."""
 
     def _split_generators(self, dl_manager: Any) -> Any:
         splits = super()._split_generators(dl_manager)
@@ -32,12 +32,14 @@ class Rows(Parquet):  # type: ignore[misc]
         return splits
 
     def _generate_tables(self, *files: Any, **more: Any) -> Iterator[Any]:
-        scan = self
-        if self.config.columns is not None and self.config.features is None:
-            scan = copy.copy(self)
-            scan.config = copy.copy(self.config)
-            scan.config.columns = scanned_columns(self.config.columns)
-        yield from super(Rows, scan)._generate_tables(*files, **more)
+        reader = self
+        if self.config.features is None and self.config.columns is not None:
+            reader = copy.copy(self)
+            reader.config = copy.copy(self.config)
+            reader.config.columns = scanned_columns(self.config.columns)
+        yield from super(Rows, reader)._generate_tables(*files, **more)
 
     def _cast_table(self, pa_table: Any) -> Any:
-        return super()._cast_table(pack(pa_table, self.info.features))
+        if self.config.features is None:
+            pa_table = pack(pa_table, self.info.features)
+        return super()._cast_table(pa_table)

@@ -1,0 +1,126 @@
+"""The name ``xden1k`` for ``datasets.load_dataset``.
+
+``import xden1k`` calls :func:`register`. It does not import ``datasets``: if that is not loaded
+yet, a finder waits for the import of ``datasets.load`` and patches it then. The library has no
+way to register a name, so private ones are touched: ``dataset_module_factory``, which turns a
+name into a module to load, and three fields of the ``DatasetModule`` it returns. Where they are
+missing a warning names :func:`xden1k.load_dataset`, which needs none of them.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import Any
+
+__all__ = ["NAME", "register"]
+
+NAME = "xden1k"
+"""What ``load_dataset`` is given, and the name of the dataset in its cache."""
+
+_MODULE = "datasets.load"
+_FACTORY = "dataset_module_factory"
+_FIELDS = {"module_path", "hash", "builder_kwargs"}
+
+
+def register() -> None:
+    """Make ``datasets.load_dataset("xden1k")`` work, now or as soon as ``datasets`` is imported.
+
+    Calling it again changes nothing.
+    """
+    if _MODULE in sys.modules:
+        _patch(sys.modules[_MODULE])
+    elif not any(isinstance(finder, _Finder) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _Finder())
+
+
+class _Finder:
+    """Finds ``datasets.load`` as the other finders do, and patches it once it has run."""
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if name != _MODULE:
+            return None
+        sys.meta_path.remove(self)
+        specs = (finder.find_spec(name, path, target) for finder in sys.meta_path)
+        spec = next((found for found in specs if found is not None), None)
+        if spec is not None and spec.loader is not None:
+            run = spec.loader.exec_module
+            # On the instance, so that the loader stays of its own class, with its own abilities.
+            vars(spec.loader)["exec_module"] = functools.partial(_run_and_patch, run)
+        return spec
+
+
+def _run_and_patch(run: Callable[[ModuleType], None], module: ModuleType) -> None:
+    run(module)
+    _patch(module)
+
+
+def _patch(load: ModuleType) -> None:
+    original = getattr(load, _FACTORY, None)
+    fields = getattr(getattr(load, "DatasetModule", None), "__dataclass_fields__", {})
+    if original is None or not fields.keys() >= _FIELDS:
+        warnings.warn(
+            f'load_dataset("{NAME}") is not available: this version of datasets has no '
+            f"{_FACTORY} of the known form; use xden1k.load_dataset() instead",
+            stacklevel=2,
+        )
+        return
+    import xden1k.features  # noqa: F401  (registers the array columns)
+
+    if not hasattr(original, "xden1k"):
+        factory = _with_alias(original)
+        setattr(load, _FACTORY, factory)
+        # This module copies the name; it is there if datasets was imported before xden1k.
+        if hasattr(inspect := sys.modules.get("datasets.inspect"), _FACTORY):
+            setattr(inspect, _FACTORY, factory)
+
+
+def _with_alias(original: Callable[..., Any]) -> Callable[..., Any]:
+    @functools.wraps(original)
+    def factory(path: str, *args: Any, **options: Any) -> Any:
+        if path != NAME:
+            return original(path, *args, **options)
+        return _resolve(original, *args, **options)
+
+    vars(factory)["xden1k"] = True
+    return factory
+
+
+def _resolve(
+    original: Callable[..., Any],
+    revision: object = None,
+    download_config: object = None,
+    download_mode: object = None,
+    data_dir: str | os.PathLike[str] | None = None,
+    **options: Any,
+) -> Any:
+    """Load the data root's folder, but under our name, by our builder, and never stale."""
+    from dataclasses import replace
+
+    from xden1k.hub import check_revision, data_root, folder_digest
+
+    absolute = data_dir is not None and os.path.isabs(data_dir)
+    root = data_root(data_dir if absolute else None)
+    inside = None if absolute else data_dir
+    check_revision(root, revision)
+    module = original(
+        str(root),
+        download_config=download_config,
+        download_mode=download_mode,
+        data_dir=inside,
+        **options,
+    )
+    is_parquet = module.module_path.endswith(".parquet")
+    return replace(
+        module,
+        module_path="xden1k.rows" if is_parquet else module.module_path,
+        hash=folder_digest(root),
+        builder_kwargs={**module.builder_kwargs, "dataset_name": NAME, "data_dir": inside},
+    )

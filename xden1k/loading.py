@@ -1,0 +1,93 @@
+"""``load_dataset`` without the alias: the same rows by the public interface of ``datasets``."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from datasets.info import DatasetInfosDict
+
+from xden1k.alias import NAME
+from xden1k.errors import DataError
+from xden1k.hub import check_revision, data_root, folder_digest, folder_version
+from xden1k.rows import Rows
+from xden1k.types import SPLITS
+
+__all__ = ["load_dataset"]
+
+_SHARDS = {"default": "data/{split}-*.parquet", "metadata": "metadata/{split}.parquet"}
+
+
+def load_dataset(
+    name: str | None = None,
+    split: str | None = None,
+    *,
+    root: str | os.PathLike[str] | None = None,
+    revision: str | None = None,
+    streaming: bool = False,
+    num_proc: int | None = None,
+    cache_dir: str | os.PathLike[str] | None = None,
+    **options: Any,
+) -> Any:
+    """Rows as ``datasets.load_dataset("xden1k", ...)`` gives them, array columns decoded.
+
+    Parameters
+    ----------
+    name
+        ``default`` (everything; also None) or ``metadata`` (the light columns).
+    split
+        ``train``, ``val``, ``test``, a slice or a sum of them; None = a dict of all there are.
+    root
+        A dataset folder; None = as :func:`xden1k.data_root` finds it.
+    revision
+        Raises where the folder holds another version.
+    streaming
+        Read the shards while iterating, without writing a cache.
+    num_proc
+        Processes that write the cache.
+    cache_dir
+        Where the cache lies; None = where ``datasets`` has it.
+    **options
+        Of the Parquet builder of ``datasets``: ``columns``, ``filters``, ``features`` ...
+
+    Returns
+    -------
+    datasets.Dataset or datasets.IterableDataset, or a dict of them
+
+    Raises
+    ------
+    DataError
+        If there is no such config, the folder is no dataset folder, or it holds another revision.
+    """
+    builder = _builder(name or "default", root, revision, cache_dir, options)
+    if streaming:
+        return builder.as_streaming_dataset(split=split)
+    builder.download_and_prepare(num_proc=num_proc)
+    return builder.as_dataset(split=split)
+
+
+def _builder(
+    name: str,
+    root: str | os.PathLike[str] | None,
+    revision: str | None,
+    cache_dir: str | os.PathLike[str] | None,
+    options: dict[str, Any],
+) -> Rows:
+    if name not in _SHARDS:
+        raise DataError(f"config must be one of {sorted(_SHARDS)}, got {name!r}")
+    folder = data_root(root)
+    check_revision(folder, revision)
+    patterns = {split: _SHARDS[name].format(split=split) for split in SPLITS}
+    return Rows(
+        cache_dir=cache_dir,
+        dataset_name=NAME,
+        config_name=name,
+        # With no options, share the cache of the alias.
+        config_id=None if options else name,
+        version=folder_version(folder).removeprefix("v"),
+        hash=folder_digest(folder),
+        base_path=str(folder),
+        info=DatasetInfosDict.from_directory(str(folder)).get(name),
+        data_files={split: each for split, each in patterns.items() if any(folder.glob(each))},
+        **options,
+    )
