@@ -1,0 +1,1 @@
+"""Reading a capture folder: what came off the scanner and the annotation desk."""

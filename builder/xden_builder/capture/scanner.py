@@ -1,0 +1,316 @@
+"""The scanner file: tube, detector and the geometry of each view.
+
+``read_scanner`` and ``write_scanner`` are each other's inverse, so that a simulator and the builder
+share one definition of the file.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any, Literal, cast, get_args
+
+from xden1k.errors import DataError
+from xden1k.settings import read_toml
+from xden1k.views import ViewGeometry
+from xden_builder.capture.dicom import spacing_note
+from xden_builder.capture.images import Polarity
+from xden_builder.capture.tables import TomlTable, is_number, is_positive, is_vector
+
+__all__ = [
+    "SCHEMA",
+    "Detector",
+    "Quantity",
+    "ScannerFile",
+    "Tube",
+    "ViewFile",
+    "read_scanner",
+    "write_scanner",
+]
+
+SCHEMA = "xden-scanner/1"
+Quantity = Literal["counts", "transmission", "attenuation"]
+
+_POSITIONS = ("pixel00_cm", "column_step_cm", "row_step_cm")
+_ABSENT: tuple[object, ...] = (None, "", {})
+_EMITTERS = {"cone": "source_cm", "parallel": "direction"}
+_CALIBRATION = ("polarity", "flat", "flat_value", "dark", "dark_value")
+_VIEW_KEYS = ("image", "quantity", *_CALIBRATION, "beam", *_EMITTERS.values(), *_POSITIONS, "shape")
+
+
+@dataclass(frozen=True)
+class Tube:
+    """The X-ray source: monochromatic (``energy_kev``) or a tube (``kv``).
+
+    Parameters
+    ----------
+    energy_kev
+        Photon energy of a monochromatic source.
+    kv, mas
+        Voltage and charge of a polychromatic tube.
+    filtration_cm
+        Thickness of each filter, by the name of its material.
+    """
+
+    energy_kev: float | None = None
+    kv: float | None = None
+    mas: float | None = None
+    filtration_cm: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Detector:
+    """The X-ray detector.
+
+    Parameters
+    ----------
+    scintillator
+        Its name; empty where it is not known.
+    bits
+        Of the converter; without it no pixel is called saturated.
+    """
+
+    scintillator: str = ""
+    bits: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ViewFile:
+    """How one view is stored and where it was taken from.
+
+    Parameters
+    ----------
+    image
+        File name, relative to the object's folder.
+    quantity
+        What a pixel holds: ``counts``, ``transmission`` (I / I0) or ``attenuation`` (-ln I / I0).
+    geometry
+        Where the image was taken from.
+    polarity
+        Counts only. ``linear``: more photons, larger value; ``inverted``: the contrary; None:
+        the DICOM header of the image says it.
+    flat
+        Counts only: the open field, an image relative to the capture folder or one value.
+    dark
+        Counts only: without beam, likewise; None where it was not taken.
+    """
+
+    image: str
+    quantity: Quantity
+    geometry: ViewGeometry
+    polarity: Polarity | None = None
+    flat: str | float | None = None
+    dark: str | float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ScannerFile:
+    """What a ``scanner.toml`` says.
+
+    Parameters
+    ----------
+    views
+        By name, in the order of the file; ``pa`` and ``lat`` are fitted, others audited.
+    tube
+        None where the source is not known: attenuation only, no density.
+    detector
+        All unknown by default.
+    """
+
+    views: Mapping[str, ViewFile]
+    tube: Tube | None = None
+    detector: Detector = Detector()
+
+
+def read_scanner(path: Path, object_folder: Path | None = None) -> ScannerFile:
+    """Read a ``scanner.toml``.
+
+    Parameters
+    ----------
+    path
+        The file.
+    object_folder
+        Where the images are. Only messages use it: what the header of a DICOM image offers where
+        the geometry is missing.
+
+    Raises
+    ------
+    DataError
+        If the file is missing or is no TOML, a key is unknown, missing or of a wrong kind, or the
+        geometry of a view is impossible; the message names the file and the key.
+    """
+    if not path.is_file():
+        raise DataError(f"{path}: no such file")
+    table = TomlTable(path, "", read_toml(path))
+    table.refuse_unknown(("schema", "frame", "tube", "detector", "views"))
+    table.choice("schema", (SCHEMA,))
+    table.choice("frame", ("object",))
+    views = table.table("views")
+    if not views.values:
+        raise table.error("views", "is missing, expected a table for each view")
+    return ScannerFile(
+        views={name: _read_view(views.table(name), object_folder) for name in views.values},
+        tube=_read_tube(table.table("tube")),
+        detector=_read_detector(table.table("detector")),
+    )
+
+
+def _read_tube(table: TomlTable) -> Tube | None:
+    table.refuse_unknown(("energy_kev", "kv", "mas", "filtration"))
+    if not table.values:
+        return None
+    if "energy_kev" in table and len(table.values) > 1:
+        raise table.error("energy_kev", "is a monochromatic source: no kv, mas or filtration")
+    if "energy_kev" in table:
+        return Tube(energy_kev=float(table.get("energy_kev", is_positive, "a positive number")))
+    mas = table.get_or_none("mas", is_positive, "a positive number")
+    filters = table.table("filtration")
+    return Tube(
+        kv=float(table.get("kv", is_positive, "a positive number (or energy_kev instead)")),
+        mas=None if mas is None else float(mas),
+        filtration_cm={
+            name: float(filters.get(name, is_positive, "a thickness in cm"))
+            for name in filters.values
+        },
+    )
+
+
+def _read_detector(table: TomlTable) -> Detector:
+    table.refuse_unknown(("scintillator", "bits"))
+    return Detector(
+        scintillator=table.get_or_none("scintillator", _is_text, "a name") or "",
+        bits=table.get_or_none("bits", _is_bits, "a whole number from 1 to 32"),
+    )
+
+
+def _read_view(table: TomlTable, object_folder: Path | None) -> ViewFile:
+    table.refuse_unknown(_VIEW_KEYS)
+    image = table.get("image", _is_inner_path, "a path inside the object's folder")
+    quantity = cast(Quantity, table.choice("quantity", get_args(Quantity)))
+    if quantity != "counts":
+        for key in _CALIBRATION:
+            if key in table:
+                raise table.error(key, f"goes with counts only, not with {quantity}")
+    geometry = _read_geometry(table, object_folder / image if object_folder else None)
+    if quantity != "counts":
+        return ViewFile(image, quantity, geometry)
+    flat = _read_calibration(table, "flat")
+    if flat is None:
+        raise table.error("flat", "is missing, expected flat (an image) or flat_value")
+    polarity, dark = _read_polarity(table, image), _read_calibration(table, "dark")
+    return ViewFile(image, quantity, geometry, polarity, flat, dark)
+
+
+def _read_polarity(table: TomlTable, image: str) -> Polarity | None:
+    """Return the polarity, which only a DICOM image may leave to its own header."""
+    if "polarity" not in table and image.lower().endswith(".dcm"):
+        return None
+    return cast(Polarity, table.choice("polarity", get_args(Polarity)))
+
+
+def _read_calibration(table: TomlTable, key: str) -> str | float | None:
+    """Return the image or the value that ``key`` or ``key_value`` gives."""
+    value_key = f"{key}_value"
+    if key in table and value_key in table:
+        raise table.error(key, f"and {value_key} exclude each other")
+    if value_key in table:
+        return float(table.get(value_key, is_number, "a number"))
+    path = table.get_or_none(key, _is_inner_path, "a path inside the capture folder")
+    return None if path is None else str(path)
+
+
+def _read_geometry(table: TomlTable, image: Path | None) -> ViewGeometry:
+    beam = table.choice("beam", tuple(_EMITTERS))
+    emitter = _EMITTERS[beam]
+    for other in _EMITTERS.values():
+        if other != emitter and other in table:
+            raise table.error(other, f"does not go with a {beam} beam, which needs {emitter}")
+    values: dict[str, Any] = {"beam": beam}
+    for key in (emitter, *_POSITIONS):
+        if key not in table and image is not None and image.suffix.lower() == ".dcm":
+            raise table.error(key, f"is missing; {spacing_note(image)}")
+        values[key] = table.get(key, is_vector, "three finite numbers")
+    values["shape"] = table.get("shape", _is_shape, "rows and columns, whole numbers from 1")
+    try:
+        return ViewGeometry.from_dict(values)
+    except DataError as err:
+        raise DataError(f"{table.file}: {table.prefix.rstrip('.')}: {err}") from err
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str)
+
+
+def _is_bits(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= 32
+
+
+def _is_shape(value: object) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(_is_size(size) for size in value)
+
+
+def _is_size(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 1
+
+
+def _is_inner_path(value: object) -> bool:
+    """Whether a relative path stays inside its folder: a capture is self-contained."""
+    if not isinstance(value, str) or not value or "\\" in value:
+        return False
+    path = PurePosixPath(value)
+    return not path.is_absolute() and ".." not in path.parts
+
+
+def write_scanner(scanner: ScannerFile, path: Path) -> None:
+    """Write a ``scanner.toml`` that :func:`read_scanner` reads back unchanged."""
+    blocks = [_block("", {"schema": SCHEMA, "frame": "object"})]
+    if scanner.tube is not None:
+        blocks.append(_block("tube", _tube_values(scanner.tube)))
+    blocks.append(_block("detector", vars(scanner.detector)))
+    blocks += [_block(f"views.{_key(name)}", _view_values(v)) for name, v in scanner.views.items()]
+    path.write_text("\n".join(blocks), encoding="utf-8")
+
+
+def _tube_values(tube: Tube) -> dict[str, Any]:
+    named = {"energy_kev": tube.energy_kev, "kv": tube.kv, "mas": tube.mas}
+    return {**named, "filtration": dict(tube.filtration_cm)}
+
+
+def _view_values(view: ViewFile) -> dict[str, Any]:
+    calibration = {
+        key if isinstance(value, str) else f"{key}_value": value
+        for key, value in (("flat", view.flat), ("dark", view.dark))
+    }
+    return {
+        "image": view.image,
+        "quantity": view.quantity,
+        "polarity": view.polarity,
+        **calibration,
+        **view.geometry.to_dict(),
+    }
+
+
+def _block(name: str, values: Mapping[str, Any]) -> str:
+    """One TOML table; what is None or empty is left out."""
+    lines = [f"[{name}]"] if name else []
+    lines += [f"{key} = {_toml(value)}" for key, value in values.items() if value not in _ABSENT]
+    return "\n".join(lines) + "\n"
+
+
+def _toml(value: object) -> str:
+    """One TOML value: text, a number, a list or an inline table."""
+    if isinstance(value, Mapping):
+        return (
+            "{ " + ", ".join(f"{_key(key)} = {_toml(item)}" for key, item in value.items()) + " }"
+        )
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    # JSON's text and numbers are TOML's, but for DEL, which TOML wants escaped
+    return json.dumps(value, ensure_ascii=False, allow_nan=False).replace("\x7f", "\\u007f")
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _toml(name)

@@ -1,0 +1,187 @@
+"""Tables of TOML and CSV files that know where they stand, so that every message can say it."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from xden1k.errors import DataError
+
+__all__ = ["CsvRow", "TomlTable", "is_number", "is_positive", "is_vector", "read_csv"]
+
+Check = Callable[[Any], bool]
+
+
+def is_number(value: object) -> bool:
+    """Whether a TOML value is a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def is_positive(value: Any) -> bool:
+    """Whether a TOML value is a finite number above zero."""
+    return is_number(value) and value > 0
+
+
+def is_vector(value: object) -> bool:
+    """Whether a TOML value is three finite numbers."""
+    return isinstance(value, list) and len(value) == 3 and all(map(is_number, value))
+
+
+@dataclass(frozen=True)
+class TomlTable:
+    """One table of a TOML file.
+
+    Parameters
+    ----------
+    file
+        The file it stands in.
+    prefix
+        Its dotted name with a last dot, such as ``views.pa.``; empty for the file itself.
+    values
+        Its keys and values.
+    """
+
+    file: Path
+    prefix: str
+    values: Mapping[str, Any]
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.values
+
+    def error(self, key: str, message: str) -> DataError:
+        """Return an error that names the file and the key."""
+        return DataError(f"{self.file}: {self.prefix}{key} {message}")
+
+    def refuse_unknown(self, known: Collection[str]) -> None:
+        """Raise DataError if the table holds a key that is not known."""
+        if unknown := sorted(self.values.keys() - set(known)):
+            raise self.error(unknown[0], f"is not a known key; known keys are {', '.join(known)}")
+
+    def get(self, key: str, check: Check, expected: str) -> Any:
+        """Return the value of a key that must be there.
+
+        Raises
+        ------
+        DataError
+            If the key is missing or its value fails the check.
+        """
+        if key not in self.values:
+            raise self.error(key, f"is missing, expected {expected}")
+        value = self.values[key]
+        if not check(value):
+            raise self.error(key, f"must be {expected}, got {value!r}")
+        return value
+
+    def get_or_none(self, key: str, check: Check, expected: str) -> Any:
+        """Return the value of a key, or None where it is absent."""
+        return self.get(key, check, expected) if key in self.values else None
+
+    def choice(self, key: str, options: Sequence[str]) -> str:
+        """Return the value of a key that must be one of a few words."""
+        return str(self.get(key, lambda value: value in options, " or ".join(options)))
+
+    def table(self, key: str) -> TomlTable:
+        """Return the table of that name, empty where it is absent."""
+        values = self.get_or_none(key, lambda value: isinstance(value, dict), "a table")
+        return TomlTable(self.file, f"{self.prefix}{key}.", values or {})
+
+
+@dataclass(frozen=True)
+class CsvRow:
+    """One row of a CSV file, as text.
+
+    Parameters
+    ----------
+    file
+        The file it stands in.
+    number
+        The row's number as a spreadsheet shows it: the header is row 1.
+    values
+        Column to text without surrounding blanks; every known column is there, empty where the
+        file has none.
+    """
+
+    file: Path
+    number: int
+    values: Mapping[str, str]
+
+    def __getitem__(self, column: str) -> str:
+        return self.values[column]
+
+    def error(self, column: str, message: str) -> DataError:
+        """Return an error that names file, row and column."""
+        return DataError(f"{self.file}: row {self.number}, {column}: {message}")
+
+    def choice(self, column: str, options: Sequence[str]) -> str:
+        """Return the text of a column that must be one of a few words."""
+        if self[column] not in options:
+            raise self.error(column, f"must be one of {', '.join(options)}, got {self[column]!r}")
+        return self[column]
+
+
+def read_csv(path: Path, required: Sequence[str], optional: Sequence[str]) -> list[CsvRow]:
+    """Read a CSV file of known columns; rows without any text are left out.
+
+    Parameters
+    ----------
+    path
+        UTF-8, comma-separated, with a header.
+    required, optional
+        The columns that must and may be there; a required one holds text in every row.
+
+    Raises
+    ------
+    DataError
+        If the file is missing or no CSV, lacks a required column, has an unknown one, a row is
+        longer than the header, or a required field is empty.
+    """
+    frame = _read_frame(path)
+    known = (*required, *optional)
+    for column in frame.columns:
+        if column not in known:
+            raise DataError(f"{path}: unknown column {column!r}; columns are {', '.join(known)}")
+    for column in required:
+        if column not in frame.columns:
+            raise DataError(f"{path}: column {column} is missing")
+    frame = frame.reindex(columns=list(known)).fillna("")
+    rows = [
+        CsvRow(path, number, {name: text.strip() for name, text in zip(known, texts, strict=True)})
+        for number, texts in enumerate(frame.itertuples(index=False, name=None), start=2)
+    ]
+    rows = [row for row in rows if any(row.values.values())]
+    for row in rows:
+        for column in required:
+            if not row[column]:
+                raise row.error(column, "must not be empty")
+    return rows
+
+
+def _read_frame(path: Path) -> pd.DataFrame:
+    """Read the table as text only: an object called NA or 007 stays what it is."""
+    if not path.is_file():
+        raise DataError(f"{path}: no such file")
+    try:
+        with warnings.catch_warnings():
+            # a first row longer than the header is only a warning to pandas
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            return pd.read_csv(
+                path,
+                dtype=str,
+                keep_default_na=False,
+                index_col=False,
+                skip_blank_lines=False,
+                encoding="utf-8-sig",  # spreadsheets begin a file with a byte-order mark
+            )
+    except (
+        pd.errors.ParserError,
+        pd.errors.EmptyDataError,
+        pd.errors.ParserWarning,
+        UnicodeDecodeError,
+    ) as err:
+        raise DataError(f"{path}: not a table of comma-separated values: {err}") from err
