@@ -1,0 +1,32 @@
+"""``preds.npz``: the one file a method hands to the benchmark.
+
+::
+
+    __meta__               0-d string, JSON: see SubmissionMeta
+    density/OBJECT_ID      (64, 64, 64) float32 or float16, voxel means on the object's field grid
+    part_density/OBJECT_ID (parts + 1,) float32, entry 0 = air; only where the inputs include parts
+
+An ordinary compressed ``.npz``, one of the two arrays for every object of the split, in g/cm³ or
+kg/m³ as the meta data declare. Baselines write it and the benchmark reads it; files come from
+strangers, so the reader trusts nothing in them.
+"""
+
+from xden1k.predictions.meta import SCHEMA, SubmissionMeta, Target, Units
+from xden1k.predictions.problems import CODES, Problem, listed, raise_errors
+from xden1k.predictions.reader import Predictions, open_predictions
+from xden1k.predictions.writer import PredictionsWriter, write_predictions
+
+__all__ = [
+    "CODES",
+    "SCHEMA",
+    "Predictions",
+    "PredictionsWriter",
+    "Problem",
+    "SubmissionMeta",
+    "Target",
+    "Units",
+    "listed",
+    "open_predictions",
+    "raise_errors",
+    "write_predictions",
+]

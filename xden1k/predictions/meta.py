@@ -1,0 +1,183 @@
+"""What a submission says about itself: the JSON in ``__meta__``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Literal, get_args
+
+from xden1k.modality import INPUTS, Modality, Track, track_of
+from xden1k.predictions.problems import Problem
+
+__all__ = ["SCHEMA", "SubmissionMeta", "Target", "Units", "parse_meta"]
+
+SCHEMA = "xden-submission/1"
+"""The only schema there is."""
+Units = Literal["g/cm3", "kg/m3"]
+Target = Literal["density", "apparent_density"]
+MAX_TEXT = 500
+"""Characters in any one text; a method's name has at most :data:`MAX_NAME`."""
+MAX_NAME = 80
+
+
+@dataclass(frozen=True, slots=True)
+class SubmissionMeta:
+    """What a submission says about itself.
+
+    Parameters
+    ----------
+    method
+        Display name, at most 80 characters.
+    dataset_revision, config, split
+        What was predicted: the manifest's version, ``default``, and one of its splits.
+    inputs
+        Any of ``mesh``, ``rgb``, ``parts``, ``text``, ``xray``: everything the method looked at.
+        They decide the track.
+    training_data
+        Every data set trained on; may be empty.
+    external_data
+        True if anything beyond this data set was used, pretrained weights included.
+    units
+        Of the arrays as stored; readers get g/cm³ in either case.
+    target
+        ``density``, or ``apparent_density`` (LAC / 0.17, the paper's).
+    code, paper, command, notes
+        Where the code and the paper are, the command that made the file, and what a reader of
+        the row must know; empty if nothing.
+    seconds_per_object
+        Run time, if measured.
+    seed
+        Of the method, if it draws random numbers.
+    """
+
+    method: str
+    dataset_revision: str
+    config: str
+    split: str
+    inputs: tuple[str, ...]
+    training_data: tuple[str, ...]
+    external_data: bool
+    units: Units = "g/cm3"
+    target: Target = "density"
+    code: str = ""
+    paper: str = ""
+    command: str = ""
+    notes: str = ""
+    seconds_per_object: float | None = None
+    seed: int | None = None
+    schema: str = SCHEMA
+
+    @property
+    def reads(self) -> Modality:
+        """The inputs as flags."""
+        return Modality.of_inputs(self.inputs)
+
+    @property
+    def track(self) -> Track:
+        """The track its inputs put it in."""
+        return track_of(self.reads)
+
+    def to_json(self) -> str:
+        """Return the text of ``__meta__``: keys sorted, nothing that is not set."""
+        values = {key: value for key, value in asdict(self).items() if value not in ("", None)}
+        return json.dumps(values, sort_keys=True, ensure_ascii=False)
+
+
+def parse_meta(text: str) -> tuple[SubmissionMeta | None, list[Problem]]:
+    """Read the text of ``__meta__``.
+
+    Returns
+    -------
+    meta, problems
+        None if there is any problem, and every problem found: E201 to E204.
+    """
+    try:
+        values = json.loads(text)
+    except (ValueError, RecursionError) as err:
+        return None, [Problem("E201", None, f"__meta__ is not JSON: {err}")]
+    if not isinstance(values, dict):
+        return None, [Problem("E201", None, "__meta__ must be a JSON object")]
+    if values.get("schema") != SCHEMA:
+        found = ascii(values.get("schema"))[:60]
+        return None, [Problem("E202", None, f"schema must be {SCHEMA!r}, got {found}")]
+    if problems := _field_problems(values):
+        return None, problems
+    lists = {key: tuple(values[key]) for key in ("inputs", "training_data")}
+    return SubmissionMeta(**{**values, **lists}), []
+
+
+def _field_problems(values: Mapping[str, Any]) -> list[Problem]:
+    """Every field that is missing, unknown or wrong."""
+    known = {field.name for field in fields(SubmissionMeta)}
+    problems = [
+        Problem("E203", None, f"unknown field {ascii(key)[:60]}; known are {sorted(known)}")
+        for key in sorted(values.keys() - known)
+    ]
+    for key, (code, expected, is_valid) in _RULES.items():
+        if key not in values:
+            if key in _REQUIRED:
+                problems.append(Problem(code, None, f"{key} is missing: it must be {expected}"))
+        elif not is_valid(values[key]):
+            found = ascii(values[key])
+            found = found if len(found) <= 60 else found[:60] + "..."
+            problems.append(Problem(code, None, f"{key} must be {expected}, got {found}"))
+    return problems
+
+
+def _is_text(value: object, most: int = MAX_TEXT) -> bool:
+    """One printable line. Lone surrogates and line breaks are not printable."""
+    return isinstance(value, str) and len(value) <= most and value.isprintable()
+
+
+def _is_name(value: object) -> bool:
+    return _is_text(value, MAX_NAME) and bool(str(value).strip())
+
+
+def _is_texts(value: object, most: int = 20) -> bool:
+    return isinstance(value, list) and len(value) <= most and all(map(_is_text, value))
+
+
+def _is_inputs(value: object) -> bool:
+    return _is_texts(value) and isinstance(value, list) and set(value) <= set(INPUTS)
+
+
+def _is_seconds(value: object) -> bool:
+    # false for nan as well, which JSON's reader lets through
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < 1e9
+
+
+def _is_seed(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**63
+
+
+_NAME = ("E203", f"one printable line of 1 to {MAX_NAME} characters", _is_name)
+_TEXT = ("E203", f"one printable line of at most {MAX_TEXT} characters", _is_text)
+_RULES: Mapping[str, tuple[str, str, Callable[[object], bool]]] = {
+    "method": _NAME,
+    "dataset_revision": _NAME,
+    "config": _NAME,
+    "split": _NAME,
+    "inputs": ("E203", f"a list of any of {INPUTS}", _is_inputs),
+    "training_data": ("E203", "a list of at most 20 lines of text", _is_texts),
+    "external_data": ("E203", "true or false", lambda value: isinstance(value, bool)),
+    "units": ("E204", f"one of {get_args(Units)}", lambda value: value in get_args(Units)),
+    "target": ("E203", f"one of {get_args(Target)}", lambda value: value in get_args(Target)),
+    "code": _TEXT,
+    "paper": _TEXT,
+    "command": _TEXT,
+    "notes": _TEXT,
+    "seconds_per_object": ("E203", "a number >= 0", _is_seconds),
+    "seed": ("E203", "an integer from 0 to 2**63 - 1", _is_seed),
+}
+_REQUIRED = frozenset(
+    {
+        "method",
+        "dataset_revision",
+        "config",
+        "split",
+        "inputs",
+        "training_data",
+        "external_data",
+    }
+)

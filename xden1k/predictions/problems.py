@@ -1,0 +1,94 @@
+"""What can be wrong with a submission: stable codes, one line for each finding."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from xden1k.errors import SubmissionError
+
+__all__ = ["CODES", "Problem", "listed", "raise_errors"]
+
+CODES = {
+    "E101": "not a readable .npz",
+    "E102": "declared size or compression ratio beyond what the grid allows",
+    "E103": "object array (a pickle, never loaded)",
+    "E104": "unknown key, or a member that is no .npy",
+    "E105": "duplicate member",
+    "E201": "__meta__ missing, not a 0-d string, or not JSON",
+    "E202": "schema not supported",
+    "E203": "field of __meta__ missing, unknown or of the wrong type",
+    "E204": "unknown units",
+    "E205": "revision, config, split, track or target is not what is being scored",
+    "E301": "objects missing",
+    "E302": "objects not in the split",
+    "E401": "dtype is not little-endian float32 or float16",
+    "E402": "shape is not (64, 64, 64), or (parts + 1,)",
+    "E403": "NaN or infinity",
+    "E404": "negative density",
+    "E405": "mass, but none of it inside the object",
+    "E406": "air, entry 0 of part_density, has a density",
+    "W501": "units look wrong",
+    "W502": "one constant for all objects",
+    "W503": "mass outside the object",
+    "W504": "identical to the reference",
+}
+"""Every code and its meaning. E: the file is refused. W: a footnote to the row."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One finding about a submission.
+
+    Parameters
+    ----------
+    code
+        A key of :data:`CODES`.
+    object_id
+        The object concerned; None if it is the file as a whole.
+    message
+        What was expected and what came, on one line.
+
+    Examples
+    --------
+    >>> str(Problem("E403", "mug-0001", "3 values are not finite, first at (0, 1, 2)"))
+    'E403 mug-0001: 3 values are not finite, first at (0, 1, 2)'
+    """
+
+    code: str
+    object_id: str | None
+    message: str
+
+    def __str__(self) -> str:
+        where = f" {self.object_id}" if self.object_id is not None else ""
+        return f"{self.code}{where}: {self.message}"
+
+    @property
+    def is_error(self) -> bool:
+        """True if the file is refused because of it."""
+        return self.code.startswith("E")
+
+
+def raise_errors(problems: Iterable[Problem]) -> None:
+    """Raise what is an error, all at once.
+
+    Raises
+    ------
+    SubmissionError
+        If there is an error among the problems.
+    """
+    if errors := [str(problem) for problem in problems if problem.is_error]:
+        raise SubmissionError(errors)
+
+
+def listed(names: Iterable[str], most: int = 5) -> str:
+    """Count and first few names, safe to print whatever they hold.
+
+    Examples
+    --------
+    >>> listed(["a", "b", "c"], most=2)
+    "3: 'a', 'b', ..."
+    """
+    every = sorted(names)
+    shown = [ascii(name if len(name) <= 60 else name[:60] + "...") for name in every[:most]]
+    return f"{len(every)}: " + ", ".join(shown + ["..."] * (len(every) > most))

@@ -1,0 +1,266 @@
+"""Reading ``preds.npz``: every problem collected, one object in memory at a time."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import zipfile
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from types import TracebackType
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float32
+
+from xden1k.errors import MissingObjectError
+from xden1k.predictions.meta import SubmissionMeta, parse_meta
+from xden1k.predictions.npz import BadArchiveError, Member, NpzReader
+from xden1k.predictions.problems import Problem, listed, raise_errors
+from xden1k.types import FIELD_SIZE, MAX_PARTS
+
+__all__ = ["Predictions", "open_predictions"]
+
+GRID_SHAPE: Final = (FIELD_SIZE,) * 3
+MAX_VALUE_BYTES: Final = 4 * FIELD_SIZE**3
+"""One float32 grid: the largest member there may be."""
+MAX_META_BYTES: Final = 256 << 10
+
+OBJECT_ID: Final = r"[A-Za-z0-9._-]{1,128}"
+_KEY: Final = re.compile(rf"(?P<kind>density|part_density)/(?P<id>{OBJECT_ID})\.npy")
+_META_NAME: Final = "__meta__.npy"
+
+
+class Predictions:
+    """An open submission. Opening reads the directory, the headers and the meta data only.
+
+    Use it as a context manager. :func:`open_predictions` is the same for files that must be
+    flawless.
+
+    Parameters
+    ----------
+    path
+        The ``preds.npz``.
+
+    Attributes
+    ----------
+    problems
+        Everything wrong that shows without reading an array.
+    meta
+        What the file says about itself; None if that is not readable.
+    ids
+        Objects whose arrays can be read, sorted.
+    named_ids
+        Every object the file names, readable or not.
+
+    Raises
+    ------
+    OSError
+        If there is no such file. Whatever is wrong inside it is a problem, not an error.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.meta: SubmissionMeta | None = None
+        self.named_ids: frozenset[str] = frozenset()
+        self._members: dict[str, Member] = {}
+        self._stream = path.open("rb")
+        try:
+            self._archive = NpzReader(self._stream)
+        except BadArchiveError as err:
+            self._stream.close()
+            self.problems: tuple[Problem, ...] = (Problem(err.code, None, str(err)),)
+        else:
+            self.problems = tuple(self._examine_directory())
+
+    def __enter__(self) -> Predictions:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._stream.close()
+
+    @property
+    def is_readable(self) -> bool:
+        """False if the file is no archive at all."""
+        return not self._stream.closed
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Objects whose arrays can be read, sorted."""
+        return tuple(sorted(self._members))
+
+    @cached_property
+    def sha256(self) -> str:
+        """Checksum of the file as it was opened."""
+        self._stream.seek(0)
+        return hashlib.file_digest(self._stream, "sha256").hexdigest()
+
+    def is_per_part(self, object_id: str) -> bool:
+        """Tell whether the prediction is one density for each part rather than a grid."""
+        return len(self._members[object_id].shape) == 1
+
+    def examine(self, object_id: str) -> tuple[Float32[np.ndarray, "..."] | None, list[Problem]]:
+        """Read one object and say what is wrong with its values.
+
+        Parameters
+        ----------
+        object_id
+            One of ``ids``.
+
+        Returns
+        -------
+        values, problems
+            g/cm³, shape (64, 64, 64) or (parts + 1,); None if there is a problem: E101, E403,
+            E404, E406.
+
+        Raises
+        ------
+        MissingObjectError
+            If the file has no readable prediction for it.
+        """
+        if object_id not in self._members:
+            raise MissingObjectError(f"{self.path}: no prediction for {object_id}")
+        try:
+            stored = self._archive.read(self._members[object_id])
+        except BadArchiveError as err:
+            return None, [Problem(err.code, object_id, str(err))]
+        with np.errstate(invalid="ignore"):  # a signalling nan; reported below
+            values = stored.astype(np.float32)
+        if problems := list(_value_problems(object_id, values)):
+            return None, problems
+        if self.meta is not None and self.meta.units == "kg/m3":
+            values *= np.float32(1e-3)
+        return values, []
+
+    def read(self, object_id: str) -> Float32[np.ndarray, "..."]:
+        """Read one object: g/cm³, shape (64, 64, 64) or (parts + 1,).
+
+        Raises
+        ------
+        MissingObjectError
+            If the file has no readable prediction for it.
+        SubmissionError
+            If its values are damaged, not finite or negative.
+        """
+        values, problems = self.examine(object_id)
+        raise_errors(problems)
+        assert values is not None
+        return values
+
+    def _examine_directory(self) -> Iterator[Problem]:
+        """Sort the members into meta data and objects; every problem on the way."""
+        seen: set[str | None] = set()  # None: the meta data
+        twice: list[str] = []
+        unknown: list[str] = []
+        for info in self._archive.entries:
+            name = info.orig_filename  # filename is cut at a NUL byte
+            found = _KEY.fullmatch(name)
+            key = found["id"] if found else None
+            if not found and name != _META_NAME:
+                unknown.append(name)
+            elif key in seen:
+                twice.append(name)
+            else:
+                seen.add(key)
+                yield from self._examine_member(info, found)
+        self.named_ids = frozenset(key for key in seen if key is not None)
+        if None not in seen:
+            yield Problem("E201", None, "__meta__ is missing: a 0-d string array holding JSON")
+        if unknown:
+            yield Problem(
+                "E104",
+                None,
+                f"keys must be __meta__, density/ID or part_density/ID; others {listed(unknown)}",
+            )
+        if twice:
+            yield Problem(
+                "E105", None, f"an object may come once; repeated members {listed(twice)}"
+            )
+
+    def _examine_member(
+        self, info: zipfile.ZipInfo, found: re.Match[str] | None
+    ) -> Iterator[Problem]:
+        """Take a member in by its header."""
+        if found is None:
+            yield from self._read_meta(info)
+            return
+        try:
+            member = self._archive.member(info, MAX_VALUE_BYTES)
+        except BadArchiveError as err:
+            yield Problem(err.code, found["id"], str(err))
+            return
+        problem = _header_problem(found["kind"], found["id"], member)
+        if problem:
+            yield problem
+        else:
+            self._members[found["id"]] = member
+
+    def _read_meta(self, info: zipfile.ZipInfo) -> list[Problem]:
+        try:
+            member = self._archive.member(info, MAX_META_BYTES)
+            values = self._archive.read(member)
+        except BadArchiveError as err:
+            code = "E201" if err.code == "E401" else err.code
+            return [Problem(code, None, f"__meta__: {err}")]
+        if member.shape != () or not member.dtype.startswith("<U"):
+            found = f"{member.dtype} {member.shape}"
+            return [Problem("E201", None, f"__meta__ must be a 0-d string array, got {found}")]
+        try:
+            text = values.tobytes().decode("utf-32-le").rstrip("\0")
+        except UnicodeDecodeError as err:
+            return [Problem("E201", None, f"__meta__ is not text: {err}")]
+        self.meta, problems = parse_meta(text)
+        return problems
+
+
+def open_predictions(path: Path) -> Predictions:
+    """Open a submission that must be flawless as far as its headers and meta data show.
+
+    Raises
+    ------
+    SubmissionError
+        With every problem found.
+    """
+    predictions = Predictions(path)
+    try:
+        raise_errors(predictions.problems)
+    except BaseException:
+        predictions.close()
+        raise
+    return predictions
+
+
+def _header_problem(kind: str, object_id: str, member: Member) -> Problem | None:
+    """Compare a member's dtype and shape with the format."""
+    if not member.dtype.startswith("<f"):
+        return Problem("E401", object_id, f"dtype must be '<f4' or '<f2', got {member.dtype!r}")
+    if kind == "density" and member.shape != GRID_SHAPE:
+        return Problem("E402", object_id, f"shape must be {GRID_SHAPE}, got {member.shape}")
+    if kind == "part_density" and not (
+        len(member.shape) == 1 and 2 <= member.shape[0] <= MAX_PARTS + 1
+    ):
+        return Problem("E402", object_id, f"shape must be (parts + 1,), got {member.shape}")
+    return None
+
+
+def _value_problems(object_id: str, values: Float32[np.ndarray, "..."]) -> Iterator[Problem]:
+    """Look for values that are no densities."""
+    for code, what, bad in (
+        ("E403", "not finite", ~np.isfinite(values)),
+        ("E404", "negative", values < 0),
+    ):
+        if bad.any():
+            first = tuple(int(index) for index in np.argwhere(bad)[0])
+            yield Problem(code, object_id, f"{bad.sum()} values are {what}, first at {first}")
+    if values.ndim == 1 and values[0] != 0:
+        yield Problem("E406", object_id, f"entry 0 is air and must be 0, got {values[0]}")

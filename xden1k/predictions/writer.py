@@ -1,0 +1,141 @@
+"""Writing ``preds.npz``: complete or not at all, and the same bytes for the same values."""
+
+from __future__ import annotations
+
+import os
+import re
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from xden1k.errors import DataError
+from xden1k.predictions.meta import SubmissionMeta, parse_meta
+from xden1k.predictions.npz import write_member
+from xden1k.predictions.problems import raise_errors
+from xden1k.predictions.reader import GRID_SHAPE, OBJECT_ID
+
+__all__ = ["PredictionsWriter", "write_predictions"]
+
+
+class PredictionsWriter:
+    """Writes a submission object by object. The file appears when :meth:`finish` is called.
+
+    Parameters
+    ----------
+    path
+        The ``preds.npz`` to write. One that is there is replaced.
+    dtype
+        Of the grids as stored. float16 keeps three digits, steps of 0.004 at 7.8 g/cm³.
+
+    Examples
+    --------
+    ::
+
+        with PredictionsWriter(Path("preds.npz")) as writer:
+            for object_id in ids:
+                writer.add(object_id, predict(object_id))
+            writer.finish(meta)
+    """
+
+    def __init__(self, path: Path, dtype: Literal["float32", "float16"] = "float32") -> None:
+        self._path = path
+        self._dtype = dtype
+        self._seen: set[str] = set()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+        self._archive = zipfile.ZipFile(self._partial, "w")
+
+    def __enter__(self) -> PredictionsWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._archive.close()
+        self._partial.unlink(missing_ok=True)
+
+    def add(self, object_id: str, values: Float[np.ndarray, "..."]) -> None:
+        """Append one object's prediction.
+
+        Parameters
+        ----------
+        object_id
+            As in the dataset.
+        values
+            Density in the units the meta data will declare: shape (64, 64, 64), voxel means on
+            the object's field grid; or shape (parts + 1,), entry 0 (air) being 0.
+
+        Raises
+        ------
+        DataError
+            If the shape is neither, a value is negative or not finite (float16 ends at 65,504),
+            the object came before, or its id has characters other than letters, digits, ``._-``.
+        """
+        if not re.fullmatch(OBJECT_ID, object_id):
+            raise DataError(f"{self._path}: object id {object_id!a} must match {OBJECT_ID}")
+        if object_id in self._seen:
+            raise DataError(f"{self._path}: {object_id} was predicted twice")
+        per_part = values.ndim == 1 and len(values) > 1
+        if values.shape != GRID_SHAPE and not per_part:
+            raise DataError(
+                f"{object_id}: shape must be {GRID_SHAPE} or (parts + 1,), got {values.shape}"
+            )
+        with np.errstate(over="ignore"):  # found as infinity in the next line
+            stored = values.astype("float32" if per_part else self._dtype)
+        if not (np.isfinite(stored).all() and (stored >= 0).all()):
+            raise DataError(f"{object_id}: values must be finite and >= 0 as {stored.dtype}")
+        self._seen.add(object_id)
+        kind = "part_density" if per_part else "density"
+        write_member(self._archive, f"{kind}/{object_id}", stored)
+
+    def finish(self, meta: SubmissionMeta) -> None:
+        """Write the meta data and put the file in its place.
+
+        Raises
+        ------
+        SubmissionError
+            If the meta data break the format.
+        """
+        text = meta.to_json()
+        raise_errors(parse_meta(text)[1])
+        write_member(self._archive, "__meta__", np.array(text))
+        self._archive.close()
+        self._partial.replace(self._path)
+
+
+def write_predictions(
+    path: Path,
+    meta: SubmissionMeta,
+    predictions: Iterable[tuple[str, Float[np.ndarray, "..."]]],
+    dtype: Literal["float32", "float16"] = "float32",
+) -> None:
+    """Write a submission, one object in memory at a time.
+
+    Parameters
+    ----------
+    path
+        The ``preds.npz`` to write.
+    meta
+        What it says about itself.
+    predictions
+        Pairs of object id and array, as in :meth:`PredictionsWriter.add`. The order is kept.
+    dtype
+        Of the grids as stored.
+
+    Raises
+    ------
+    DataError
+        If a prediction or the meta data break the format. Nothing is written then.
+    """
+    with PredictionsWriter(path, dtype) as writer:
+        for object_id, values in predictions:
+            writer.add(object_id, values)
+        writer.finish(meta)
