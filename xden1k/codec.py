@@ -73,9 +73,10 @@ def from_planes(data: Buffer, dtype: np.dtype[Any], shape: tuple[int, ...]) -> A
         If the number of bytes does not go with the type and the shape.
     """
     planes = np.frombuffer(data, dtype=np.uint8)
-    row_bytes = dtype.itemsize * abs(math.prod(shape))
-    fits = planes.size % row_bytes == 0 if -1 in shape else planes.size == row_bytes
-    if not row_bytes or not fits:
+    wanted = dtype.itemsize * abs(math.prod(shape))
+    # With -1 in the shape any multiple will do, and nothing of an empty row can be counted.
+    fits = bool(wanted) and planes.size % wanted == 0 if -1 in shape else planes.size == wanted
+    if not fits:
         raise DataError(f"{planes.size} bytes do not make {dtype.name} values of shape {shape}")
     planes = planes.reshape(dtype.itemsize, -1)
     words = planes[-1].astype(f"u{dtype.itemsize}")
