@@ -1,9 +1,34 @@
-"""Rays through part meshes: exact path lengths, who owns what, and voxels.
+"""Rays through part meshes: exact path lengths, who owns what, cuts, and voxels.
 
 Needs the extra ``build``.
 """
 
 from xden1k.rays.lengths import PathLengths, path_lengths
 from xden1k.rays.priority import ownership_order
+from xden1k.rays.regions import disjoint_regions, outer_surface
+from xden1k.rays.voxels import (
+    CUBE_MARGIN,
+    CubeGrid,
+    PartFill,
+    density_grid,
+    fill_grid,
+    object_cube,
+    part_fractions,
+    voxel_labels,
+)
 
-__all__ = ["PathLengths", "ownership_order", "path_lengths"]
+__all__ = [
+    "CUBE_MARGIN",
+    "CubeGrid",
+    "PartFill",
+    "PathLengths",
+    "density_grid",
+    "disjoint_regions",
+    "fill_grid",
+    "object_cube",
+    "outer_surface",
+    "ownership_order",
+    "part_fractions",
+    "path_lengths",
+    "voxel_labels",
+]

@@ -7,13 +7,15 @@ only. None uses fast math: two triangles that share an edge must compute the sam
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int16, Int32, Int64
+from jaxtyping import Bool, Float32, Float64, Int16, Int32, Int64, UInt8
 
 from xden1k.errors import require
 
 __all__ = [
     "order_vertices_by_row",
     "scan",
+    "walk_fill",
+    "walk_labels",
     "walk_lengths",
 ]
 
@@ -237,3 +239,126 @@ def walk_lengths(
                 owner, inside = _cross(windings, crossed[j], owner, inside)
             if not _close(windings, crossed, begin, end):
                 broken[i] = True
+
+
+@compiled
+@no_type_check
+def walk_fill(
+    window: Window,
+    subsamples: int,
+    voxel_size: float,
+    order: Int64[np.ndarray, "parts"],
+    boxes: Int64[np.ndarray, "parts 2 3"],
+    cells: Int32[np.ndarray, "rows columns"],
+    depths: Float64[np.ndarray, "crossings"],
+    crossed: Int16[np.ndarray, "crossings"],
+    fill: Float64[np.ndarray, "voxels"],
+) -> int:
+    """Add to each voxel the height its owner fills of it, summed over the rays along z.
+
+    Rays form a square lattice turned against the voxels (see ``voxels.part_fractions``): the ray
+    in row r, column c stands at x = (S c - r) / N, y = (c + S r) / N voxels, N = S² + 1.
+
+    Parameters
+    ----------
+    window, order, cells, depths, crossed
+        As for :func:`walk_lengths`.
+    subsamples
+        S.
+    voxel_size
+        What a voxel measures in units of depth.
+    boxes
+        First and end voxel of each part's crop.
+    fill
+        The parts' crops, one after the other, in C order; added to.
+
+    Returns
+    -------
+    int
+        Rays that left a part they never entered, or the contrary.
+    """
+    first_row, end_row, first_column, end_column = window
+    rays = subsamples * subsamples + 1
+    flat = cells.ravel()
+    windings = np.zeros(len(order), dtype=np.int32)
+    offsets = np.zeros(len(order), dtype=np.int64)
+    for part in range(1, len(order)):
+        x, y, z = boxes[part - 1, 1] - boxes[part - 1, 0]
+        offsets[part] = offsets[part - 1] + x * y * z
+    broken = 0
+    cell = -1
+    for row in range(first_row, end_row):
+        for column in range(first_column, end_column):
+            cell += 1
+            begin = flat[cell]
+            end = flat[cell + 1] if cell + 1 < len(flat) else len(depths)
+            x = (subsamples * column - row + rays // 2) // rays
+            y = (column + subsamples * row + rays // 2) // rays
+            _sort_by_depth(depths, crossed, begin, end)
+            owner, inside = len(order), 0
+            for j in range(begin, end):
+                if inside > 0:
+                    part = order[owner]
+                    low, high = depths[j - 1] / voxel_size, depths[j] / voxel_size
+                    _deposit(fill[offsets[part] :], boxes[part], x, y, low, high)
+                owner, inside = _cross(windings, crossed[j], owner, inside)
+            broken += not _close(windings, crossed, begin, end)
+    return broken
+
+
+@compiled
+@no_type_check
+def _deposit(
+    fill: Float64[np.ndarray, "voxels"],
+    box: Int64[np.ndarray, "2 3"],
+    x: int,
+    y: int,
+    low: float,
+    high: float,
+) -> None:
+    """Add the stretch from low to high (voxel k reaches from k - 1/2 to k + 1/2) to one column."""
+    if not (box[0, 0] <= x < box[1, 0] and box[0, 1] <= y < box[1, 1]):
+        return
+    height = box[1, 2] - box[0, 2]
+    base = ((x - box[0, 0]) * (box[1, 1] - box[0, 1]) + y - box[0, 1]) * height - box[0, 2]
+    start = max(int(np.floor(low + 0.5)), box[0, 2])
+    stop = min(int(np.ceil(high + 0.5)), box[1, 2])
+    for z in range(start, stop):
+        fill[base + z] += min(high, z + 0.5) - max(low, z - 0.5)
+
+
+@compiled
+@no_type_check
+def walk_labels(
+    window: Window,
+    voxel_size: float,
+    order: Int64[np.ndarray, "parts"],
+    cells: Int32[np.ndarray, "rows columns"],
+    depths: Float64[np.ndarray, "crossings"],
+    crossed: Int16[np.ndarray, "crossings"],
+    labels: UInt8[np.ndarray, "x y z"],
+) -> int:
+    """Label each voxel with the owner of its centre, from 1; the rays run along z through centres.
+
+    Parameters and return value as for :func:`walk_fill`; the window lies inside the grid.
+    """
+    first_row, end_row, first_column, end_column = window
+    flat = cells.ravel()
+    windings = np.zeros(len(order), dtype=np.int32)
+    broken = 0
+    cell = -1
+    for y in range(first_row, end_row):
+        for x in range(first_column, end_column):
+            cell += 1
+            begin = flat[cell]
+            end = flat[cell + 1] if cell + 1 < len(flat) else len(depths)
+            _sort_by_depth(depths, crossed, begin, end)
+            owner, inside = len(order), 0
+            for j in range(begin, end):
+                if inside > 0:
+                    start = max(int(np.ceil(depths[j - 1] / voxel_size)), 0)
+                    stop = min(int(np.ceil(depths[j] / voxel_size)), labels.shape[2])
+                    labels[x, y, start:stop] = order[owner] + 1
+                owner, inside = _cross(windings, crossed[j], owner, inside)
+            broken += not _close(windings, crossed, begin, end)
+    return broken

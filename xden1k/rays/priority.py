@@ -8,7 +8,7 @@ import trimesh
 
 from xden1k.errors import DataError
 
-__all__ = ["ownership_order"]
+__all__ = ["check_order", "ownership_order"]
 
 
 def ownership_order(
@@ -53,3 +53,15 @@ def ownership_order(
         if volume < 0:
             raise DataError(f"part {part} is wound inwards: its volume is {volume:.6g} cm³")
     return sorted(range(len(meshes)), key=lambda part: (-(given[part] or 0), volumes[part]))
+
+
+def check_order(order: Sequence[int], parts: int) -> None:
+    """Refuse an order that does not name each part once.
+
+    Raises
+    ------
+    DataError
+        If it does not.
+    """
+    if sorted(order) != list(range(parts)):
+        raise DataError(f"order must hold each of 0 to {parts - 1} once, got {list(order)}")

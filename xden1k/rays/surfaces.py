@@ -11,6 +11,7 @@ from jaxtyping import Float64, Int16, Int32
 
 from xden1k.errors import DataError
 from xden1k.rays import kernels
+from xden1k.rays.priority import check_order
 from xden1k.views import ViewGeometry
 
 __all__ = ["Surfaces", "Window"]
@@ -50,10 +51,7 @@ class Surfaces:
             If the order is not a permutation, a vertex is not finite, or one of a cone beam is
             not in front of the source.
         """
-        if sorted(order) != list(range(len(meshes))):
-            raise DataError(
-                f"order must hold each of 0 to {len(meshes) - 1} once, got {list(order)}"
-            )
+        check_order(order, len(meshes))
         parts = [_triangles(meshes[part], part, geometry) for part in order]
         triangles = np.concatenate([np.empty((0, 3, 3)), *parts])
         ranks = np.repeat(np.arange(1, len(parts) + 1), [len(part) for part in parts])
