@@ -6,11 +6,9 @@ everything else of JSON's types.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, BinaryIO, Self
+from typing import Any, BinaryIO
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -54,8 +52,7 @@ def _cell(row: Mapping[str, Any], name: str) -> Any:
 class ShardWriter:
     """Writes one Parquet file, row by row.
 
-    The same rows give the same bytes. On leaving the ``with`` block the file is on the disk, not
-    only in the system's cache.
+    The same rows give the same bytes. :meth:`close` completes the file.
 
     Parameters
     ----------
@@ -105,30 +102,17 @@ class ShardWriter:
         return self._file.tell()
 
     def _flush(self) -> None:
-        if self._waiting:
-            table = row_table(self._waiting, self._schema)
+        rows, self._waiting = self._waiting, []
+        if rows:
+            table = row_table(rows, self._schema)
             self.num_bytes += table.nbytes
             self._writer.write_table(table)
-            self._waiting.clear()
 
     def close(self) -> None:
-        """Write what waits, the footer, and wait for the disk."""
+        """Write what waits and the footer; closing again does nothing."""
         self._flush()
         self._writer.close()
-        self._file.flush()
-        os.fsync(self._file.fileno())
         self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
-    ) -> None:
-        if kind is None:
-            self.close()
-        else:
-            self._file.close()
 
 
 class ShardReader:
@@ -213,7 +197,7 @@ class ShardReader:
 
 
 def _value(name: str, cell: pa.Scalar) -> Any:
-    if isinstance(cell, pa.BinaryScalar):
+    if pa.types.is_binary(cell.type):
         return cell.as_buffer()
     value = cell.as_py()
     return value["bytes"] if name in PREVIEW_COLUMNS and value is not None else value

@@ -1,0 +1,6 @@
+"""A dataset folder: written whole or not at all, and read object by object."""
+
+from xden1k.folder.reader import DatasetFolder, open_folder
+from xden1k.folder.writer import SHARD_BYTES, write_folder, write_rows
+
+__all__ = ["SHARD_BYTES", "DatasetFolder", "open_folder", "write_folder", "write_rows"]

@@ -1,0 +1,139 @@
+"""Read a dataset folder, object by object."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from xden1k.errors import DataError, MissingObjectError
+from xden1k.manifest import DataFile, Manifest
+from xden1k.records import row_object
+from xden1k.shards import Row, ShardReader
+from xden1k.types import DensityObject
+
+__all__ = ["DatasetFolder", "open_folder"]
+
+
+def open_folder(root: str | Path) -> DatasetFolder:
+    """Open a dataset folder.
+
+    Raises
+    ------
+    DataError
+        If it is not one.
+    """
+    return DatasetFolder(Path(root))
+
+
+class DatasetFolder:
+    """Reads the objects of a dataset folder, each on its own.
+
+    Files are opened when they are needed, once in each process, and stay open; a copy sent to
+    another process opens its own.
+
+    Parameters
+    ----------
+    root
+        The folder.
+
+    Raises
+    ------
+    DataError
+        If it is not a dataset folder.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.manifest = Manifest.read(root)
+        self._readers: dict[str, ShardReader] = {}
+        self._process = os.getpid()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_readers": {}}
+
+    def ids(self, split: str | None = None) -> tuple[str, ...]:
+        """Ids of one split, or of all, each split in ascending order.
+
+        Raises
+        ------
+        DataError
+            If there is no such split, or a shard cannot be read.
+        """
+        if split is None:
+            return tuple(self._places)
+        if split not in self.manifest.splits:
+            raise DataError(
+                f"{self.root}: no split {split!r}; there are {list(self.manifest.splits)}"
+            )
+        return tuple(name for name, (file, _) in self._places.items() if file.split == split)
+
+    def row(self, object_id: str, columns: Sequence[str] | None = None) -> Row:
+        """Return the encoded row of one object; only the columns asked for are read.
+
+        Raises
+        ------
+        MissingObjectError
+            If there is no such object.
+        DataError
+            If its shard is damaged or has no such column.
+        """
+        if object_id not in self._places:
+            raise MissingObjectError(self._missing_message(object_id))
+        file, index = self._places[object_id]
+        return self._reader(file).row(index, columns)
+
+    def rows(self, split: str | None = None, columns: Sequence[str] | None = None) -> Iterator[Row]:
+        """Iterate over the encoded rows of one split, or of all."""
+        for object_id in self.ids(split):
+            yield self.row(object_id, columns)
+
+    def object(self, object_id: str) -> DensityObject:
+        """Return one object.
+
+        Raises
+        ------
+        MissingObjectError
+            If there is no such object.
+        DataError
+            If its row breaks the format.
+        """
+        return row_object(self.row(object_id))
+
+    def objects(self, split: str | None = None) -> Iterator[DensityObject]:
+        """Objects of one split, or of all."""
+        return map(self.object, self.ids(split))
+
+    @cached_property
+    def _places(self) -> dict[str, tuple[DataFile, int]]:
+        """Shard and row group of each object."""
+        return {
+            object_id: (file, index)
+            for split in self.manifest.splits
+            for file in self.manifest.shards(split=split)
+            for index, object_id in enumerate(self._reader(file).column("object_id"))
+        }
+
+    def _reader(self, file: DataFile) -> ShardReader:
+        if self._process != os.getpid():  # forked: the parent's handles are the parent's
+            self._readers, self._process = {}, os.getpid()
+        if file.path not in self._readers:
+            self._readers[file.path] = self._open(file)
+        return self._readers[file.path]
+
+    def _open(self, file: DataFile) -> ShardReader:
+        path = self.root / file.path
+        if path.is_file() and (size := path.stat().st_size) != file.bytes:
+            raise DataError(
+                f"{path}: {size} bytes, the manifest says {file.bytes}: cut short or changed; "
+                f"`xden verify {self.root}` lists every such file"
+            )
+        return ShardReader(path)
+
+    def _missing_message(self, object_id: str) -> str:
+        near = difflib.get_close_matches(object_id, self._places, n=3)
+        hint = f"; did you mean {' or '.join(near)}?" if near else ""
+        return f"{self.root}: no object {object_id!r} among {len(self._places)}{hint}"

@@ -1,0 +1,263 @@
+"""Write a dataset folder: whole, or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import tempfile
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from xden1k.card import citation_text, eval_text, readme_text
+from xden1k.croissant import croissant_text
+from xden1k.datasheet import DATASHEET_COLUMNS, datasheet_text
+from xden1k.errors import DataError
+from xden1k.manifest import MANIFEST_NAME, DataFile, Manifest
+from xden1k.records import object_row
+from xden1k.schema import DATA_SCHEMA, METADATA_SCHEMA
+from xden1k.shards import ShardWriter
+from xden1k.types import SPLITS, DensityObject
+
+__all__ = [
+    "CHECKSUMS_NAME",
+    "SHARD_BYTES",
+    "file_sha256",
+    "write_folder",
+    "write_rows",
+]
+
+SHARD_BYTES = 128 << 20
+"""A shard is closed by the row that makes it this large: about fifty objects of 2.5 MB."""
+METADATA_GROUP_ROWS = 64
+CHECKSUMS_NAME = "SHA256SUMS"
+
+
+def write_folder(
+    objects: Iterable[DensityObject],
+    out: Path,
+    *,
+    version: str,
+    builder: str,
+    config_sha256: str = "",
+    shard_bytes: int = SHARD_BYTES,
+) -> Manifest:
+    """Write objects as a dataset folder; see :func:`write_rows`."""
+    return write_rows(
+        map(object_row, objects),
+        out,
+        version=version,
+        builder=builder,
+        config_sha256=config_sha256,
+        shard_bytes=shard_bytes,
+    )
+
+
+def write_rows(
+    rows: Iterable[Mapping[str, Any]],
+    out: Path,
+    *,
+    version: str,
+    builder: str,
+    config_sha256: str = "",
+    shard_bytes: int = SHARD_BYTES,
+) -> Manifest:
+    """Write encoded rows as a dataset folder.
+
+    Rows are taken one at a time and go straight to the disk. The folder is built beside ``out``
+    and renamed when it is complete, so that ``out`` is there whole or not at all; an older
+    dataset folder is replaced as a whole. The same rows and arguments give the same bytes.
+
+    Parameters
+    ----------
+    rows
+        From :func:`xden1k.records.object_row`, in ascending order of ``object_id``.
+    out
+        The folder to make.
+    version
+        Of the data, ``MAJOR.MINOR.PATCH``.
+    builder
+        Name and version of the program that made the rows.
+    config_sha256
+        Checksum of its settings.
+    shard_bytes
+        A shard is closed by the row that makes it this large.
+
+    Returns
+    -------
+    Manifest
+        What was written.
+
+    Raises
+    ------
+    DataError
+        If there is no row, an id is not ascending or has other characters than
+        ``[A-Za-z0-9._-]``, a row breaks the format, the version is not of its form, or ``out``
+        is something else than a dataset folder.
+    """
+    if not re.fullmatch(r"\d+\.\d+\.\d+", version):
+        raise DataError(f"version must be MAJOR.MINOR.PATCH, got {version!r}")
+    out = out.resolve()
+    _refuse_to_replace_others(out)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as beside:
+        root = Path(beside) / "folder"
+        files = _write_shards(rows, root, shard_bytes)
+        table = _light_table(root, files)
+        rows_in = {file.split: file.rows for file in files if file.config == "metadata"}
+        manifest = Manifest(
+            version=version,
+            builder=builder,
+            config_sha256=config_sha256,
+            splits={split: rows_in[split] for split in SPLITS if split in rows_in},
+            sources=_counts(table["source"].to_pylist()),
+            density_sources=_counts(chain(*table["part_density_source"].to_pylist())),
+            files=files,
+        )
+        _write_documents(root, manifest, table)
+        _publish(root, out, old=Path(beside) / "old")
+    return manifest
+
+
+def _refuse_to_replace_others(out: Path) -> None:
+    ours = (out / MANIFEST_NAME).is_file()
+    if out.is_file() or (out.is_dir() and not ours and any(out.iterdir())):
+        raise DataError(f"{out} is not a dataset folder: remove it yourself, or choose another")
+
+
+class _SplitWriter:
+    """Shards and metadata of one split; the stack closes its files."""
+
+    def __init__(self, root: Path, split: str, shard_bytes: int, stack: ExitStack) -> None:
+        self._root, self._split, self._shard_bytes, self._stack = root, split, shard_bytes, stack
+        self._metadata = self._open(f"metadata/{split}", METADATA_SCHEMA, METADATA_GROUP_ROWS)
+        self._shards: list[ShardWriter] = []
+
+    def _open(self, stem: str, schema: pa.Schema, group_rows: int) -> ShardWriter:
+        writer = ShardWriter(self._root / f"{stem}.parquet", schema, group_rows)
+        self._stack.callback(writer.close)
+        return writer
+
+    def write(self, row: Mapping[str, Any]) -> None:
+        if not self._shards or self._shards[-1].file_bytes >= self._shard_bytes:
+            for full in self._shards[-1:]:
+                full.close()
+            # The name gets its "of n" when n is known.
+            stem = f"data/{self._split}-{len(self._shards):05d}"
+            self._shards.append(self._open(stem, DATA_SCHEMA, 1))
+        self._shards[-1].write(row)
+        self._metadata.write(row)
+
+    def files(self) -> Iterator[DataFile]:
+        for shard in self._shards:
+            path = shard.path.with_stem(f"{shard.path.stem}-of-{len(self._shards):05d}")
+            shard.path.rename(path)
+            yield self._file(shard, path, "default")
+        yield self._file(self._metadata, self._metadata.path, "metadata")
+
+    def _file(self, writer: ShardWriter, path: Path, config: str) -> DataFile:
+        return DataFile(
+            path=path.relative_to(self._root).as_posix(),
+            config=config,
+            split=self._split,
+            rows=writer.rows,
+            bytes=path.stat().st_size,
+            num_bytes=writer.num_bytes,
+            sha256=file_sha256(path),
+        )
+
+
+def _write_shards(
+    rows: Iterable[Mapping[str, Any]], root: Path, shard_bytes: int
+) -> tuple[DataFile, ...]:
+    for name in ("data", "metadata"):
+        (root / name).mkdir(parents=True)
+    writers: dict[str, _SplitWriter] = {}
+    with ExitStack() as stack:
+        for row in _ascending(rows):
+            split = row["split"]
+            if split not in writers:
+                writers[split] = _SplitWriter(root, split, shard_bytes, stack)
+            writers[split].write(row)
+    files = [file for writer in writers.values() for file in writer.files()]
+    return tuple(sorted(files, key=lambda file: file.path))
+
+
+def _ascending(rows: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
+    last = ""
+    for row in rows:
+        object_id, split = row["object_id"], row["split"]
+        if not re.fullmatch(r"[A-Za-z0-9._-]+", object_id):
+            raise DataError(f"object_id must be of A-Z a-z 0-9 . _ -, got {object_id!r}")
+        if object_id <= last:
+            raise DataError(f"object ids must be unique and ascending: {object_id} after {last}")
+        if split not in SPLITS:
+            raise DataError(f"{object_id}: split must be one of {SPLITS}, got {split!r}")
+        last = object_id
+        yield row
+    if not last:
+        raise DataError("no objects: nothing to write")
+
+
+def _light_table(root: Path, files: Iterable[DataFile]) -> pa.Table:
+    paths = [root / file.path for file in files if file.config == "metadata"]
+    return pa.concat_tables(pq.read_table(path, columns=list(DATASHEET_COLUMNS)) for path in paths)
+
+
+def _counts(values: Iterable[str]) -> dict[str, int]:
+    return dict(sorted(Counter(values).items()))
+
+
+def _write_documents(root: Path, manifest: Manifest, table: pa.Table) -> None:
+    documents = {
+        MANIFEST_NAME: manifest.to_json(),
+        "README.md": readme_text(manifest),
+        "DATASHEET.md": datasheet_text(manifest, table),
+        "CITATION.cff": citation_text(manifest),
+        "croissant.json": croissant_text(manifest),
+        "eval.yaml": eval_text(),
+    }
+    for name, text in documents.items():
+        (root / name).write_text(text, encoding="utf-8", newline="\n")
+    checksums = {name: file_sha256(root / name) for name in documents}
+    checksums |= {file.path: file.sha256 for file in manifest.files}
+    lines = [f"{digest}  {name}\n" for name, digest in sorted(checksums.items())]
+    (root / CHECKSUMS_NAME).write_text("".join(lines), encoding="utf-8", newline="\n")
+
+
+def _publish(root: Path, out: Path, old: Path) -> None:
+    """Wait for the disk, then put the folder in its place."""
+    for path in (root, *root.rglob("*")):
+        _sync(path)
+    if out.exists():
+        out.rename(old)
+    try:
+        root.rename(out)
+    except OSError:
+        if old.exists():
+            old.rename(out)
+        raise
+    _sync(out.parent)
+
+
+def _sync(path: Path) -> None:
+    if os.name == "nt" and path.is_dir():  # folders cannot be opened there
+        return
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def file_sha256(path: Path) -> str:
+    """Checksum of a file, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,123 @@
+"""The manifest of a dataset folder: what it holds, made by what, and the checksum of each file."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from xden1k.errors import DataError
+
+__all__ = ["MANIFEST_NAME", "SCHEMA", "DataFile", "Manifest"]
+
+SCHEMA = "xden-dataset/1"
+MANIFEST_NAME = "manifest.json"
+
+
+@dataclass(frozen=True, slots=True)
+class DataFile:
+    """One Parquet file.
+
+    Parameters
+    ----------
+    path
+        Relative to the folder, with slashes.
+    config
+        ``default`` (``data/``) or ``metadata`` (``metadata/``).
+    split
+        ``train``, ``val`` or ``test``.
+    rows
+        Number of rows, one per object.
+    bytes
+        Size of the file.
+    num_bytes
+        Size of the rows in Arrow memory.
+    sha256
+        Checksum of the file, hexadecimal.
+    """
+
+    path: str
+    config: str
+    split: str
+    rows: int
+    bytes: int
+    num_bytes: int
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """What a dataset folder holds.
+
+    Parameters
+    ----------
+    version
+        Of the data, ``MAJOR.MINOR.PATCH``.
+    builder
+        Name and version of the program that made it.
+    config_sha256
+        Checksum of the settings it was made with; empty where there were none.
+    splits
+        Objects in each split.
+    sources
+        Objects from each source: ``scan``, ``phantom``, ``ct``.
+    density_sources
+        Parts with each source of density: ``xray``, ``prior``, ``weighed``, ``truth``, ``none``.
+    files
+        The Parquet files, sorted by path.
+    """
+
+    version: str
+    builder: str
+    config_sha256: str
+    splits: dict[str, int]
+    sources: dict[str, int]
+    density_sources: dict[str, int]
+    files: tuple[DataFile, ...]
+
+    @property
+    def objects(self) -> int:
+        """Number of objects."""
+        return sum(self.splits.values())
+
+    @property
+    def simulated(self) -> bool:
+        """Whether no object was ever on a scanner."""
+        return self.sources.keys() <= {"phantom"}
+
+    def shards(self, config: str = "default", split: str | None = None) -> tuple[DataFile, ...]:
+        """Files of one config, of one split or of all."""
+        return tuple(
+            file for file in self.files if file.config == config and split in (None, file.split)
+        )
+
+    def to_json(self) -> str:
+        """Text of ``manifest.json``."""
+        values = {"schema": SCHEMA, "name": "xden1k", "objects": self.objects} | asdict(self)
+        return json.dumps(values, indent=2, ensure_ascii=False) + "\n"
+
+    @classmethod
+    def read(cls, root: Path) -> Manifest:
+        """Read the manifest of a dataset folder.
+
+        Raises
+        ------
+        DataError
+            If there is none, or it is not one of ours.
+        """
+        path = root / MANIFEST_NAME
+        try:
+            return cls._from_dict(json.loads(path.read_text(encoding="utf-8")))
+        except FileNotFoundError as err:
+            raise DataError(f"{root}: not a dataset folder: no {MANIFEST_NAME}") from err
+        except (ValueError, TypeError, KeyError) as err:
+            raise DataError(f"{path}: not a manifest of schema {SCHEMA}: {err!r}") from err
+
+    @classmethod
+    def _from_dict(cls, values: dict[str, Any]) -> Manifest:
+        if values["schema"] != SCHEMA:
+            raise ValueError(f"schema is {values['schema']}")
+        names = ("version", "builder", "config_sha256", "splits", "sources", "density_sources")
+        files = tuple(DataFile(**file) for file in values["files"])
+        return cls(**{name: values[name] for name in names}, files=files)
