@@ -101,11 +101,20 @@ def mass_of_grid(density_g_cm3: Grid, origin_cm: Vec3, voxel_size_cm: float) -> 
         start + voxel_size_cm * np.arange(size)
         for start, size in zip(origin_cm, density_g_cm3.shape, strict=True)
     ]
-    occupied = np.nonzero(density_g_cm3)
-    masses = density_g_cm3[occupied].astype(np.float64) * voxel_size_cm**3
-    points = np.stack([axis[index] for axis, index in zip(axes, occupied, strict=True)], axis=1)
-    own = np.eye(3) * masses.sum() * voxel_size_cm**2 / 6  # a cube about its own centre
-    return _joined(masses, points, own)
+    # Every moment up to the second is one of the three projections along an axis.
+    values = density_g_cm3.astype(np.promote_types(density_g_cm3.dtype, np.float32), copy=False)
+    yz, xz, xy = (values.sum(axis, dtype=np.float64) * voxel_size_cm**3 for axis in range(3))
+    profiles = (xy.sum(1), xy.sum(0), xz.sum(0))
+    mass_g = float(profiles[0].sum())
+    if mass_g == 0.0:
+        return MassProperties(0.0, np.full(3, np.nan), np.zeros((3, 3)))
+    com = np.array([profile @ axis for profile, axis in zip(profiles, axes, strict=True)]) / mass_g
+    x, y, z = (axis - middle for axis, middle in zip(axes, com, strict=True))
+    second = np.diag([profile @ arm**2 for profile, arm in zip(profiles, (x, y, z), strict=True)])
+    second[0, 1], second[0, 2], second[1, 2] = x @ xy @ y, x @ xz @ z, y @ yz @ z
+    second += np.triu(second, 1).T
+    own = np.eye(3) * mass_g * voxel_size_cm**2 / 6  # a cube about its own centre
+    return MassProperties(mass_g, com, own + np.trace(second) * np.eye(3) - second)
 
 
 def _joined(
