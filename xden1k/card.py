@@ -187,8 +187,8 @@ _DENSITIES = {
     "xray": "measured by X-ray",
     "prior": "assumed from the material alone",
     "weighed": "corrected by a scale",
-    "truth": "known as the simulator's truth",
-    "none": "unknown, attenuation only",
+    "truth": "the simulator's truth",
+    "none": "unknown (attenuation only)",
 }
 
 

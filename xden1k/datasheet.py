@@ -85,16 +85,15 @@ def _composition(table: pa.Table) -> str:
     parts = [len(names) for names in table["part_names"].to_pylist()]
     weighed = len(table) - table["weighed_mass_g"].null_count
     lines = [
-        f"{len(table)} objects of {len(set(table['category'].to_pylist()))} categories.",
-        f"{min(parts)} to {max(parts)} parts an object, {sum(parts)} in all.",
-        f"{weighed} objects were weighed on a scale.",
+        f"- {len(table)} objects, {len(set(table['category'].to_pylist()))} categories",
+        f"- {sum(parts)} parts, {min(parts)} to {max(parts)} an object",
+        f"- weighed on a scale: {weighed}",
+        f"- without a mass, as the density of a part is unknown: {len(masses) - len(known)}",
     ]
     if len(known):
         low, middle, high = np.quantile(known, (0, 0.5, 1))
-        lines.append(f"Masses {low:.3g} to {high:.3g} g, median {middle:.3g} g.")
-    if missing := len(masses) - len(known):
-        lines.append(f"{missing} objects have no mass, as the density of a part is unknown.")
-    return " ".join(lines)
+        lines.append(f"- masses {low:.3g} to {high:.3g} g, median {middle:.3g} g")
+    return "\n".join(lines)
 
 
 def _categories(table: pa.Table) -> str:

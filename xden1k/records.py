@@ -24,18 +24,26 @@ from xden1k.codec import (
 )
 from xden1k.errors import DataError
 from xden1k.mass import MassProperties, mass_of_meshes
-from xden1k.schema import ARRAY_COLUMNS
+from xden1k.schema import ARRAY_COLUMNS, LIGHT_COLUMNS
 from xden1k.shards import Row
 from xden1k.types import FIELD_SIZE, LABEL_SIZE, DensityField, DensityObject, Part
 from xden1k.views import ViewGeometry, XRayView
 
-__all__ = ["decode_array", "object_row", "preview_png", "row_object", "split_meshes"]
+__all__ = [
+    "decode_array",
+    "mass_columns",
+    "object_row",
+    "preview_png",
+    "row_object",
+    "split_meshes",
+]
 
 PREVIEW_SIZE = 160
 """Longest edge of a preview, pixels."""
 OPAQUE = 1e-3
 """Transmission below which a preview makes no difference."""
 _FIGURES = ("lac_per_cm", "apparent_density_g_cm3", "density_g_cm3", "density_sd_g_cm3")
+_PART_LISTS = tuple(name for name in LIGHT_COLUMNS if name.startswith("part_"))
 
 
 def object_row(obj: DensityObject) -> Row:
@@ -67,7 +75,7 @@ def _row(obj: DensityObject) -> Row:
         "source": obj.source,
         "flags": list(obj.flags),
         "weighed_mass_g": obj.weighed_mass_g,
-        **_mass_columns(mass),
+        **mass_columns(mass),
         "grid_origin_cm": obj.origin_cm.tolist(),
         "voxel_size_cm": float(obj.voxel_size_cm),
         **_part_columns(obj.parts),
@@ -107,7 +115,8 @@ def _mesh_as_stored(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     return trimesh.Trimesh(vertices, mesh.faces, process=False)
 
 
-def _mass_columns(mass: MassProperties) -> Row:
+def mass_columns(mass: MassProperties) -> Row:
+    """Return the columns of mass, centre of mass and inertia."""
     inertia = mass.inertia_g_cm2
     pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     return {
@@ -235,8 +244,7 @@ def row_object(row: Mapping[str, Any]) -> DensityObject:
     DataError
         If the row breaks the format.
     """
-    meta = json.loads(row["meta_json"])
-    geometries = meta.pop("views")
+    meta, views = _views(row)
     origin, voxel_size = np.array(row["grid_origin_cm"]), row["voxel_size_cm"]
 
     def field(name: str) -> DensityField:
@@ -247,7 +255,7 @@ def row_object(row: Mapping[str, Any]) -> DensityObject:
         category=row["category"],
         split=row["split"],
         source=row["source"],
-        views=(_view(row, "pa", geometries), _view(row, "lat", geometries)),
+        views=views,
         parts=_parts(row),
         labels=decode_array(row, "labels"),
         occupancy=decode_array(row, "occupancy"),
@@ -262,13 +270,29 @@ def row_object(row: Mapping[str, Any]) -> DensityObject:
     )
 
 
-def _view(row: Mapping[str, Any], name: str, geometries: Mapping[str, Any]) -> XRayView:
+def _views(row: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[XRayView, XRayView]]:
+    """Return the rest of the meta data, and the radiographs."""
+    try:
+        meta: dict[str, Any] = json.loads(row["meta_json"])
+        places = {name: ViewGeometry.from_dict(view) for name, view in meta.pop("views").items()}
+        return meta, (_view(row, "pa", places["pa"]), _view(row, "lat", places["lat"]))
+    except DataError:
+        raise
+    except (ValueError, KeyError, TypeError, AttributeError) as err:
+        raise DataError(
+            f"{row['object_id']}: meta_json must be JSON with the geometry of pa and lat: {err!r}"
+        ) from err
+
+
+def _view(row: Mapping[str, Any], name: str, geometry: ViewGeometry) -> XRayView:
     transmission = decode_array(row, f"xray_{name}")
-    geometry = ViewGeometry.from_dict(geometries[name])
     return XRayView(name, transmission, transmission > 0, geometry)
 
 
 def _parts(row: Mapping[str, Any]) -> tuple[Part, ...]:
+    counts = {name: len(row[name]) for name in _PART_LISTS}
+    if len(set(counts.values())) > 1:
+        raise DataError(f"{row['object_id']}: one entry for each part is wanted, got {counts}")
     meshes = split_meshes(row)
     return tuple(
         Part(

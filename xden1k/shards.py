@@ -6,7 +6,7 @@ everything else of JSON's types.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -143,7 +143,7 @@ class ShardReader:
 
     @property
     def row_groups(self) -> int:
-        """Number of row groups."""
+        """Number of row groups, which is that of rows in ``data``."""
         return int(self._file.num_row_groups)
 
     @property
@@ -182,18 +182,30 @@ class ShardReader:
         DataError
             If the file is damaged or has no such column.
         """
+        return _row(self._group(index, columns), 0)
+
+    def __iter__(self) -> Iterator[Row]:
+        for index in range(self.row_groups):
+            table = self._group(index, None)
+            for position in range(table.num_rows):
+                yield _row(table, position)
+
+    def _group(self, index: int, columns: Sequence[str] | None) -> pa.Table:
         if columns is not None:
             self._check_columns(columns)
         try:
-            table = self._file.read_row_group(index, columns=columns, use_threads=False)
+            return self._file.read_row_group(index, columns=columns, use_threads=False)
         except (pa.ArrowException, OSError) as err:
-            raise DataError(f"{self.path}: cannot read row {index}: {err}") from err
-        return {name: _value(name, table.column(name)[0]) for name in table.column_names}
+            raise DataError(f"{self.path}: cannot read row group {index}: {err}") from err
 
     def _check_columns(self, names: Sequence[str]) -> None:
         known = self.schema.names
         if missing := [name for name in names if name not in known]:
             raise DataError(f"{self.path}: no column {missing}; columns are {known}")
+
+
+def _row(table: pa.Table, position: int) -> Row:
+    return {name: _value(name, table.column(name)[position]) for name in table.column_names}
 
 
 def _value(name: str, cell: pa.Scalar) -> Any:

@@ -1,6 +1,13 @@
 """A dataset folder: written whole or not at all, and read object by object."""
 
 from xden1k.folder.reader import DatasetFolder, open_folder
-from xden1k.folder.writer import SHARD_BYTES, write_folder, write_rows
+from xden1k.folder.writer import SHARD_BYTES, file_sha256, write_folder, write_rows
 
-__all__ = ["SHARD_BYTES", "DatasetFolder", "open_folder", "write_folder", "write_rows"]
+__all__ = [
+    "SHARD_BYTES",
+    "DatasetFolder",
+    "file_sha256",
+    "open_folder",
+    "write_folder",
+    "write_rows",
+]

@@ -28,6 +28,7 @@ from xden1k.types import SPLITS, DensityObject
 
 __all__ = [
     "CHECKSUMS_NAME",
+    "OBJECT_ID",
     "SHARD_BYTES",
     "file_sha256",
     "write_folder",
@@ -38,6 +39,7 @@ SHARD_BYTES = 128 << 20
 """A shard is closed by the row that makes it this large: about fifty objects of 2.5 MB."""
 METADATA_GROUP_ROWS = 64
 CHECKSUMS_NAME = "SHA256SUMS"
+OBJECT_ID = re.compile(r"[A-Za-z0-9._-]+")
 
 
 def write_folder(
@@ -194,7 +196,7 @@ def _ascending(rows: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]
     last = ""
     for row in rows:
         object_id, split = row["object_id"], row["split"]
-        if not re.fullmatch(r"[A-Za-z0-9._-]+", object_id):
+        if not OBJECT_ID.fullmatch(object_id):
             raise DataError(f"object_id must be of A-Z a-z 0-9 . _ -, got {object_id!r}")
         if object_id <= last:
             raise DataError(f"object ids must be unique and ascending: {object_id} after {last}")
