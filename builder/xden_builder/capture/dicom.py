@@ -25,7 +25,8 @@ def read_dicom(path: Path) -> ImageFile:
     RescaleSlope and RescaleIntercept are applied. The polarity is PixelIntensityRelationshipSign
     where the header has it (DICOM PS3.3, C.8.11.3.1.2), else it follows from
     PhotometricInterpretation: MONOCHROME1 shows low values bright, hence ``inverted``. That is a
-    rule of display; what the scanner file says, and what flat and dark show, stands above it.
+    rule of display, and many a MONOCHROME1 radiograph stores more for more photons, so that bone
+    is shown white; a polarity in the scanner file stands above both.
 
     Raises
     ------

@@ -118,11 +118,12 @@ class CsvRow:
         """Return an error that names file, row and column."""
         return DataError(f"{self.file}: row {self.number}, {column}: {message}")
 
-    def choice(self, column: str, options: Sequence[str]) -> str:
-        """Return the text of a column that must be one of a few words."""
-        if self[column] not in options:
-            raise self.error(column, f"must be one of {', '.join(options)}, got {self[column]!r}")
-        return self[column]
+    def choice(self, column: str, options: Sequence[str], default: str = "") -> str:
+        """Return the text of a column that must be one of a few words, if there is any."""
+        text = self[column] or default
+        if text not in options:
+            raise self.error(column, f"must be one of {', '.join(options)}, got {text!r}")
+        return text
 
 
 def read_csv(path: Path, required: Sequence[str], optional: Sequence[str]) -> list[CsvRow]:
@@ -149,7 +150,7 @@ def read_csv(path: Path, required: Sequence[str], optional: Sequence[str]) -> li
     for column in required:
         if column not in frame.columns:
             raise DataError(f"{path}: column {column} is missing")
-    frame = frame.reindex(columns=list(known)).fillna("")
+    frame = frame.reindex(columns=list(known), fill_value="").fillna("")
     rows = [
         CsvRow(path, number, {name: text.strip() for name, text in zip(known, texts, strict=True)})
         for number, texts in enumerate(frame.itertuples(index=False, name=None), start=2)

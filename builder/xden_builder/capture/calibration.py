@@ -1,0 +1,228 @@
+"""Raw images into transmission: dark and open field, polarity, dead and saturated pixels.
+
+T = (value - dark) / (flat - dark) stays the same when all three are turned over. The polarity only
+decides which end of the range is saturation, on which side of the dark the open field must lie, and
+what the dark would hold where none was taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from xden1k.arrays import Mask
+from xden1k.errors import DataError
+from xden1k.views import XRayView
+from xden_builder.capture.formats import read_image
+from xden_builder.capture.images import ImageFile, Polarity
+from xden_builder.capture.scanner import Detector, ViewFile
+
+__all__ = ["CalibratedView", "calibrate"]
+
+MOST_INVALID_SHARE = 0.5
+"""An image with a larger share of saturated and dead pixels is refused."""
+LEAST_OPEN_FIELD = 0.01
+"""A pixel whose open field is a smaller share of the median one is dead or collimated."""
+FLAGGED_DEAD_SHARE = 0.01
+"""Every detector has some dead pixels; a larger share is flagged."""
+MOST_MEDIAN_TRANSMISSION = 2.0
+"""Air is about 1: a larger median is a wrong quantity, polarity or open field."""
+FLOOR_SIGMAS = 3.0
+"""No transmission above so many standard deviations of the noise: the image is empty."""
+
+Field = Float[np.ndarray, "rows columns"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibratedView:
+    """A radiograph as transmission, and what was noticed on the way.
+
+    Parameters
+    ----------
+    view
+        Transmission, not a number where a pixel is not valid.
+    flags
+        ``VIEW:saturated`` where a pixel is, ``VIEW:dead_pixels`` where over 1 % have no open field,
+        ``VIEW:polarity_not_as_dicom`` where the scanner file says the contrary of the image's
+        header.
+    noise_sd
+        Standard deviation of the transmission behind something opaque: the spread of the dark
+        image, rounding of integers included, over the median open field. A fixed pattern of the
+        detector adds to it, averaging many dark frames hides some. None without a dark image.
+    """
+
+    view: XRayView
+    flags: tuple[str, ...]
+    noise_sd: float | None
+
+
+def calibrate(
+    name: str, stored: ViewFile, object_folder: Path, captures: Path, detector: Detector
+) -> CalibratedView:
+    """Read one view as transmission.
+
+    Parameters
+    ----------
+    name
+        Of the view.
+    stored
+        What the scanner file says of it.
+    object_folder, captures
+        What the path of the image, and those of flat and dark, are relative to.
+    detector
+        Without its ``bits`` no pixel is called saturated.
+
+    Raises
+    ------
+    DataError
+        If a file is missing or damaged, a shape differs from the scanner file's, or the image is
+        empty, mostly saturated or dead, or not what ``quantity`` and ``polarity`` say.
+    MissingExtraError
+        If a package that decoding needs is not installed.
+    """
+    image = _read_sized(object_folder / stored.image, stored)
+    values = image.pixels.astype(np.float64)
+    if values.min() == values.max():
+        raise DataError(f"{image.path}: the image is empty: every pixel holds {values[0, 0]:g}")
+    if stored.quantity == "counts":
+        return _from_counts(name, image, stored, captures, detector.bits)
+    if image.pixels.dtype.kind != "f":
+        raise DataError(
+            f"{image.path}: {stored.quantity} needs floating-point pixels, got "
+            f"{image.pixels.dtype}: integers are counts"
+        )
+    with np.errstate(over="ignore"):  # infinity is refused as a transmission below
+        transmission = values if stored.quantity == "transmission" else np.exp(-values)
+    return _checked(name, image.path, stored, transmission, None, ())
+
+
+def _from_counts(
+    name: str, image: ImageFile, stored: ViewFile, captures: Path, bits: int | None
+) -> CalibratedView:
+    if image.intensity_relation in ("LOG", "DISP"):
+        raise DataError(
+            f"{image.path}: counts must be linear in photons, but the header says "
+            f"PixelIntensityRelationship {image.intensity_relation}"
+        )
+    polarity = stored.polarity or image.polarity
+    assert polarity is not None  # read_scanner leaves it to DICOM images only
+    assert stored.flat is not None  # and demands a flat of counts
+    flat = _level(stored.flat, captures, stored)
+    if stored.dark is None:
+        dark = np.full_like(flat, _dark_end(image, polarity, bits))
+    else:
+        dark = _level(stored.dark, captures, stored)
+    open_field = flat - dark
+    light = open_field if polarity == "linear" else -open_field
+    usual_light = float(np.median(light))
+    if usual_light <= 0:
+        raise DataError(
+            f"{image.path}: polarity is {polarity}, but most of the open field holds "
+            f"{'less' if polarity == 'linear' else 'more'} than the dark: expected another flat, "
+            f"dark or polarity in scanner.toml, views.{name}"
+        )
+    dead = light <= LEAST_OPEN_FIELD * usual_light
+    saturated = _saturated(image, flat, polarity, bits)
+    usable = _usable(image.path, saturated, dead)
+    transmission = np.full_like(flat, np.nan)
+    np.divide(image.pixels - dark, open_field, out=transmission, where=usable)
+    noise_sd = None
+    if isinstance(stored.dark, str):
+        noise_sd = _noise_counts(image, dark) / usual_light
+    raised = {
+        f"{name}:saturated": saturated.any(),
+        f"{name}:dead_pixels": dead.mean() > FLAGGED_DEAD_SHARE,
+        f"{name}:polarity_not_as_dicom": image.polarity not in (None, polarity),
+    }
+    flags = tuple(flag for flag, is_raised in raised.items() if is_raised)
+    return _checked(name, image.path, stored, transmission, noise_sd, flags)
+
+
+def _usable(path: Path, saturated: Mask, dead: Mask) -> Mask:
+    usable = ~(saturated | dead)
+    if usable.mean() < 1 - MOST_INVALID_SHARE:
+        raise DataError(
+            f"{path}: {saturated.mean():.0%} of the pixels are saturated and {dead.mean():.0%} are "
+            "dead (their open field is as dark as the dark image), expected at most "
+            f"{MOST_INVALID_SHARE:.0%} in all"
+        )
+    return np.asarray(usable)
+
+
+def _checked(
+    name: str,
+    path: Path,
+    stored: ViewFile,
+    transmission: Field,
+    noise_sd: float | None,
+    flags: tuple[str, ...],
+) -> CalibratedView:
+    """Refuse what no radiograph of an object looks like."""
+    valid = ~np.isnan(transmission)
+    median, brightest = np.quantile(transmission[valid], (0.5, 0.99))
+    if brightest <= FLOOR_SIGMAS * (noise_sd or 0.0):
+        raise DataError(
+            f"{path}: the image is empty: its brightest transmission is {brightest:.2g}"
+        )
+    if median > MOST_MEDIAN_TRANSMISSION:
+        raise DataError(
+            f"{path}: the median transmission is {median:.3g}, but air is about 1: expected "
+            f"another quantity, polarity or open field in scanner.toml, views.{name}"
+        )
+    with np.errstate(over="ignore"):  # XRayView refuses infinity
+        view = XRayView(name, transmission.astype(np.float32), valid, stored.geometry)
+    return CalibratedView(view, flags, noise_sd)
+
+
+def _read_sized(path: Path, stored: ViewFile) -> ImageFile:
+    """Read an image that must have the shape of the scanner file."""
+    image = read_image(path)
+    if image.pixels.shape != stored.geometry.shape:
+        expected, got = (
+            f"{rows} x {columns}" for rows, columns in (stored.geometry.shape, image.pixels.shape)
+        )
+        raise DataError(f"{path}: expected {expected} pixels (shape in scanner.toml), got {got}")
+    return image
+
+
+def _level(source: str | float, captures: Path, stored: ViewFile) -> Field:
+    """Return an open field or a dark as an image, whether it is one or a single value."""
+    if isinstance(source, str):
+        return _read_sized(captures / source, stored).pixels.astype(np.float64)
+    return np.full(stored.geometry.shape, source)
+
+
+def _dark_end(image: ImageFile, polarity: Polarity, bits: int | None) -> float:
+    """Return what a converter without offset holds in the dark."""
+    bits = bits or image.bits
+    if polarity == "linear":
+        return image.converter_range(bits or 1)[0]
+    if bits is None:
+        raise DataError(f"{image.path}: inverted counts need a dark image, dark_value or bits")
+    return image.converter_range(bits)[1]
+
+
+def _saturated(image: ImageFile, flat: Field, polarity: Polarity, bits: int | None) -> Mask:
+    """Return where the image or its open field is at the bright end of the converter."""
+    if bits is None:
+        return np.zeros(flat.shape, dtype=np.bool_)
+    low, high = image.converter_range(bits)
+    if image.pixels.min() < low or image.pixels.max() > high:
+        raise DataError(
+            f"{image.path}: {bits} bits hold {low:g} to {high:g}, but the pixels are "
+            f"{image.pixels.min():g} to {image.pixels.max():g}"
+        )
+    if polarity == "linear":
+        return np.asarray((image.pixels >= high) | (flat >= high))
+    return np.asarray((image.pixels <= low) | (flat <= low))
+
+
+def _noise_counts(image: ImageFile, dark: Field) -> float:
+    """Return the spread of the dark between neighbours, which leaves slow shading out."""
+    steps = np.abs(np.diff(dark, axis=1))
+    spread = float(np.median(steps)) * 1.4826 / np.sqrt(2) if steps.size else 0.0
+    rounding = 1 / 12 if image.pixels.dtype.kind in "iu" else 0.0
+    return float(np.sqrt(spread**2 + rounding))

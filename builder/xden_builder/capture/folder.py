@@ -1,0 +1,286 @@
+"""A capture folder: which objects there are, and each of them as one value."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import cast, get_args
+
+from xden1k.errors import DataError, MissingObjectError
+from xden1k.types import SPLITS, Source, Split
+from xden1k.views import XRayView
+from xden_builder.capture.calibration import CalibratedView, calibrate
+from xden_builder.capture.ct import CTReference, read_ct
+from xden_builder.capture.meshes import MESH_SUFFIXES
+from xden_builder.capture.parts import CM_PER_UNIT, CapturePart, read_parts
+from xden_builder.capture.scanner import Detector, ScannerFile, Tube, read_scanner
+from xden_builder.capture.tables import CsvRow, read_csv
+
+__all__ = ["Capture", "CaptureFolder", "ObjectRow"]
+
+FITTED_VIEWS = ("pa", "lat")
+_REQUIRED = ("object_id", "category")
+_OPTIONAL = ("mesh_units", "mass_g", "split", "source", "notes")
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectRow:
+    """One row of ``objects.csv``.
+
+    Parameters
+    ----------
+    object_id, category
+        Its name and its class.
+    mesh_units
+        ``cm``, ``mm``, ``m`` or ``in``.
+    weighed_mass_g
+        From a scale; None if it never was on one.
+    split
+        None where the builder may choose.
+    source
+        ``scan`` where the file does not say.
+    notes
+        Free text.
+    """
+
+    object_id: str
+    category: str
+    mesh_units: str = "cm"
+    weighed_mass_g: float | None = None
+    split: Split | None = None
+    source: Source = "scan"
+    notes: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Capture:
+    """What came off the scanner and the annotation desk for one object.
+
+    Parameters
+    ----------
+    object_id, category, split, source, weighed_mass_g, notes
+        As in ``objects.csv``; see :class:`ObjectRow`.
+    tube
+        None where the source is not known: attenuation only, no density.
+    detector
+        Scintillator and bits, where known.
+    views
+        The radiographs ``pa`` and ``lat``, in this order.
+    audit_views
+        Further radiographs, never fitted.
+    parts
+        Sorted by name; they may overlap.
+    flags
+        What was noticed on reading, as ``VIEW:flag`` and ``PART:flag``.
+    noise_sd
+        By view, where a dark image was taken: standard deviation of the transmission behind
+        something opaque.
+    """
+
+    object_id: str
+    category: str
+    split: Split | None
+    source: Source
+    weighed_mass_g: float | None
+    notes: str
+    tube: Tube | None
+    detector: Detector
+    views: tuple[XRayView, XRayView]
+    audit_views: tuple[XRayView, ...]
+    parts: tuple[CapturePart, ...]
+    flags: tuple[str, ...]
+    noise_sd: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class CaptureFolder:
+    """A capture folder.
+
+    A wrong ``objects.csv`` is an error of the folder, everything else of its object alone.
+
+    Parameters
+    ----------
+    root
+        Holds ``objects.csv``.
+    parts_root
+        Another folder of ``OBJECT_ID/parts/NAME.ply`` (or ``OBJECT_ID/mesh.glb``), in the same
+        units, in place of the annotated meshes. ``OBJECT_ID/parts.csv`` there, if any, replaces the
+        annotated one; without it a part keeps what the annotated one says of its name.
+
+    Raises
+    ------
+    DataError
+        If ``objects.csv`` is missing or wrong; the message names row and column.
+    """
+
+    root: Path
+    parts_root: Path | None = None
+
+    def __post_init__(self) -> None:
+        _ = self.rows  # a folder that cannot be read must not come into being
+
+    @cached_property
+    def rows(self) -> Mapping[str, ObjectRow]:
+        """The rows of ``objects.csv`` by object id, in their order."""
+        rows: dict[str, ObjectRow] = {}
+        lines: dict[str, int] = {}
+        for row in read_csv(self.root / "objects.csv", _REQUIRED, _OPTIONAL):
+            parsed = _object_row(row)
+            if (before := lines.setdefault(parsed.object_id, row.number)) != row.number:
+                raise row.error("object_id", f"{parsed.object_id!r} stands in row {before} too")
+            rows[parsed.object_id] = parsed
+        if not rows:
+            raise DataError(f"{self.root / 'objects.csv'}: no objects")
+        return rows
+
+    @property
+    def object_ids(self) -> tuple[str, ...]:
+        """The objects, in the order of ``objects.csv``."""
+        return tuple(self.rows)
+
+    def read(self, object_id: str) -> Capture:
+        """Read one object.
+
+        Raises
+        ------
+        MissingObjectError
+            If ``objects.csv`` has no such object.
+        DataError
+            If anything of it is missing or wrong; one line that names the file and the key.
+        MissingExtraError
+            If a package that decoding needs is not installed.
+        """
+        row = self._row(object_id)
+        scanner = self._scanner(object_id)
+        views = {view.view.name: view for view in self._views(object_id, scanner)}
+        pa, lat = (views[name].view for name in FITTED_VIEWS)
+        meshes, table, strict = self._part_files(object_id)
+        parts, part_flags = read_parts(meshes, table, row.mesh_units, strict)
+        return Capture(
+            object_id=row.object_id,
+            category=row.category,
+            split=row.split,
+            source=row.source,
+            weighed_mass_g=row.weighed_mass_g,
+            notes=row.notes,
+            tube=scanner.tube,
+            detector=scanner.detector,
+            views=(pa, lat),
+            audit_views=tuple(v.view for name, v in views.items() if name not in FITTED_VIEWS),
+            parts=parts,
+            flags=tuple(flag for view in views.values() for flag in view.flags) + part_flags,
+            noise_sd={
+                name: view.noise_sd for name, view in views.items() if view.noise_sd is not None
+            },
+        )
+
+    def ct(self, object_id: str) -> CTReference | None:
+        """Read the CT reference of an object, None where it has none.
+
+        Raises
+        ------
+        MissingObjectError
+            If ``objects.csv`` has no such object.
+        DataError
+            If ``ct.npz`` breaks the format.
+        """
+        path = self.root / self._row(object_id).object_id / "ct.npz"
+        return read_ct(path) if path.is_file() else None
+
+    def digest(self, object_id: str) -> str:
+        """Return the SHA-256 over names and contents of everything :meth:`read` looks at.
+
+        Raises
+        ------
+        MissingObjectError
+            If ``objects.csv`` has no such object.
+        DataError
+            If its ``scanner.toml``, which says what else is read, is wrong.
+        """
+        digest = hashlib.sha256(repr(self._row(object_id)).encode())
+        for name, path in sorted(self._inputs(object_id)):
+            if path.is_file():
+                with path.open("rb") as stream:
+                    content = hashlib.file_digest(stream, "sha256").hexdigest()
+                digest.update(json.dumps([name, content]).encode())
+        return digest.hexdigest()
+
+    def _row(self, object_id: str) -> ObjectRow:
+        if object_id not in self.rows:
+            raise MissingObjectError(f"{self.root / 'objects.csv'}: no object {object_id!r}")
+        return self.rows[object_id]
+
+    def _scanner_path(self, object_id: str) -> Path:
+        own = self.root / object_id / "scanner.toml"
+        return own if own.is_file() else self.root / "scanner.toml"
+
+    def _scanner(self, object_id: str) -> ScannerFile:
+        return read_scanner(self._scanner_path(object_id), self.root / object_id)
+
+    def _views(self, object_id: str, scanner: ScannerFile) -> Iterator[CalibratedView]:
+        """Yield pa and lat, then the audit views the object has an image of."""
+        folder = self.root / object_id
+        for name in FITTED_VIEWS:
+            if name not in scanner.views:
+                raise DataError(f"{self._scanner_path(object_id)}: views.{name} is missing")
+        extra = [name for name in scanner.views if name not in FITTED_VIEWS]
+        for name in (*FITTED_VIEWS, *extra):
+            stored = scanner.views[name]
+            if name in FITTED_VIEWS or (folder / stored.image).is_file():
+                yield calibrate(name, stored, folder, self.root, scanner.detector)
+
+    def _part_files(self, object_id: str) -> tuple[Path, Path, bool]:
+        """Return folder of the meshes, table of the parts, and whether each row needs a mesh."""
+        annotated = self.root / object_id
+        if self.parts_root is None:
+            return annotated, annotated / "parts.csv", True
+        other = self.parts_root / object_id
+        own_table = (other / "parts.csv").is_file()
+        return other, (other if own_table else annotated) / "parts.csv", own_table
+
+    def _inputs(self, object_id: str) -> Iterator[tuple[str, Path]]:
+        """Yield every file that reading may open, under a name that does not tell the root."""
+        folder = self.root / object_id
+        yield "scanner.toml", self._scanner_path(object_id)
+        for name, stored in self._scanner(object_id).views.items():
+            yield f"views.{name}.image", folder / stored.image
+            for key, source in (("flat", stored.flat), ("dark", stored.dark)):
+                if isinstance(source, str):
+                    yield f"views.{name}.{key}", self.root / source
+        meshes, table, _ = self._part_files(object_id)
+        yield "parts.csv", table
+        yield "mesh.glb", meshes / "mesh.glb"
+        for path in (meshes / "parts").glob("*"):
+            if path.suffix.lower() in MESH_SUFFIXES:
+                yield f"parts/{path.name}", path
+
+
+def _object_row(row: CsvRow) -> ObjectRow:
+    object_id = row["object_id"]
+    if not re.fullmatch(r"[A-Za-z0-9._-]+", object_id) or object_id in (".", ".."):
+        raise row.error("object_id", f"must be of A-Z a-z 0-9 . _ -, got {object_id!r}")
+    return ObjectRow(
+        object_id=object_id,
+        category=row["category"],
+        mesh_units=row.choice("mesh_units", tuple(CM_PER_UNIT), default="cm"),
+        weighed_mass_g=_mass_g(row) if row["mass_g"] else None,
+        split=cast(Split, row.choice("split", SPLITS)) if row["split"] else None,
+        source=cast(Source, row.choice("source", get_args(Source), default="scan")),
+        notes=row["notes"],
+    )
+
+
+def _mass_g(row: CsvRow) -> float:
+    try:
+        mass_g = float(row["mass_g"])
+    except ValueError:
+        mass_g = math.nan
+    if not 0 < mass_g < math.inf:
+        raise row.error("mass_g", f"must be a positive number of grams, got {row['mass_g']!r}")
+    return mass_g

@@ -1,0 +1,135 @@
+"""What makes a mesh a solid: closed, wound outwards, every point inside it exactly once."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from xden1k.arrays import Faces, Vec3
+from xden1k.errors import DataError
+
+__all__ = ["closed_mesh"]
+
+Triangles = Float[np.ndarray, "faces 3 3"]
+
+
+def closed_mesh(
+    mesh: trimesh.Trimesh, cm_per_unit: float, where: str
+) -> tuple[trimesh.Trimesh, bool]:
+    """Bring a mesh to cm, merge its vertices and prove that it bounds a solid.
+
+    Parameters
+    ----------
+    mesh
+        Triangles in any unit.
+    cm_per_unit
+        Of that unit.
+    where
+        File and part, for messages.
+
+    Returns
+    -------
+    mesh
+        In cm, closed, consistently wound outwards. Its cavities are closed pieces of their own,
+        wound the other way.
+    inverted
+        Whether it was inside out as a whole, which is set right.
+
+    Raises
+    ------
+    DataError
+        If there are no triangles, a vertex is not finite, the mesh is not closed, neighbouring
+        triangles are wound against each other, it has no volume, or one of several pieces is
+        wound against its place.
+    """
+    if len(mesh.faces) == 0:
+        raise DataError(f"{where}: the mesh has no triangles")
+    if not np.isfinite(mesh.vertices).all():
+        raise DataError(f"{where}: the mesh has vertices that are not finite")
+    solid = trimesh.Trimesh(mesh.vertices * cm_per_unit, mesh.faces, process=False)
+    solid.merge_vertices()
+    first, second, third = solid.faces.T
+    solid.update_faces((first != second) & (second != third) & (third != first))
+    solid.remove_unreferenced_vertices()
+    _check_closed(np.asarray(solid.faces), where)
+    inverted = bool(solid.volume < 0)
+    if inverted:
+        solid.invert()
+    if not solid.volume > 1e-9 * float(np.prod(solid.extents)):
+        raise DataError(f"{where}: the mesh encloses no volume")
+    _check_pieces(solid, where)
+    return solid, inverted
+
+
+def _check_closed(faces: Faces, where: str) -> None:
+    """Refuse an edge that an odd number of triangles meet in, or all in one direction."""
+    edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
+    keys = edges.min(axis=1) * (int(faces.max(initial=0)) + 1) + edges.max(axis=1)
+    _, edge, count = np.unique(keys, return_inverse=True, return_counts=True)
+    if n_open := int((count % 2).sum()):
+        raise DataError(f"{where}: the mesh is not closed: {n_open} open edges")
+    turns = np.bincount(edge, weights=np.sign(edges[:, 1] - edges[:, 0]))
+    if n_twisted := int((turns != 0).sum()):
+        raise DataError(
+            f"{where}: triangles are wound against each other at {n_twisted} edges: expected all "
+            "counter-clockwise seen from outside"
+        )
+
+
+def _check_pieces(solid: trimesh.Trimesh, where: str) -> None:
+    """Refuse a mesh of several pieces in which some space would count twice, or negatively.
+
+    A piece outside all others must bound a solid, one inside a solid must bound a cavity.
+    """
+    pieces = _closed_pieces(solid)
+    for index, piece in enumerate(pieces):
+        others = pieces[:index] + pieces[index + 1 :]
+        if _windings_around(piece, others) != (0 if _volume(piece) > 0 else 1):
+            place = np.round(piece[0, 0], 3).tolist()
+            raise DataError(
+                f"{where}: one of the mesh's {len(pieces)} closed pieces, at {place} cm, is wound "
+                "wrongly: expected outwards for a solid outside the others, inwards for a cavity"
+            )
+
+
+def _closed_pieces(solid: trimesh.Trimesh) -> list[Triangles]:
+    """Return the triangles of each set of faces that hang together."""
+    count, faces = len(solid.vertices), solid.faces
+    ends = faces[:, [0, 1, 1, 2]].reshape(-1, 2).T
+    links = coo_array((np.ones(ends.shape[1], dtype=np.bool_), tuple(ends)), shape=(count, count))
+    piece = connected_components(links, directed=False)[1][faces[:, 0]]
+    order = np.argsort(piece, kind="stable")
+    starts = np.flatnonzero(np.diff(piece[order], prepend=-1, append=-1))
+    triangles = solid.triangles.view(np.ndarray)[order]
+    return [triangles[start:stop] for start, stop in pairwise(starts)]
+
+
+def _volume(triangles: Triangles) -> float:
+    return float(np.linalg.det(triangles - triangles[0, 0]).sum() / 6)
+
+
+def _windings_around(piece: Triangles, others: list[Triangles]) -> int:
+    """How often the other pieces wind around this one, seen where it touches none of them."""
+    points = (piece[0, 0], piece[len(piece) // 2, 1], piece[-1, 2])
+    windings = [sum(_winding_number(other, point) for other in others) for point in points]
+    return round(min(windings, key=lambda winding: abs(winding - round(winding))))
+
+
+def _winding_number(triangles: Triangles, point: Vec3) -> float:
+    """Solid angle of a closed surface over 4 pi: 1 inside, 0 outside, between on it.
+
+    Van Oosterom and Strackee, 1983, doi:10.1109/TBME.1983.325207.
+    """
+    corners = triangles - point
+    if (corners.min(axis=(0, 1)) > 0).any() or (corners.max(axis=(0, 1)) < 0).any():
+        return 0.0
+    a, b, c = corners.transpose(1, 0, 2)
+    la, lb, lc = np.linalg.norm(corners, axis=2).T
+    ab, bc, ca = ((u * v).sum(axis=1) for u, v in ((a, b), (b, c), (c, a)))
+    angles = np.arctan2(np.linalg.det(corners), la * lb * lc + ab * lc + bc * la + ca * lb)
+    return float(angles.sum() / (2 * np.pi))
