@@ -3,6 +3,7 @@
 Needs the extra ``build``.
 """
 
+from xden1k.rays.grids import ObjectGrids, object_grids
 from xden1k.rays.lengths import PathLengths, path_lengths
 from xden1k.rays.priority import ownership_order
 from xden1k.rays.regions import disjoint_regions, outer_surface
@@ -20,12 +21,14 @@ from xden1k.rays.voxels import (
 __all__ = [
     "CUBE_MARGIN",
     "CubeGrid",
+    "ObjectGrids",
     "PartFill",
     "PathLengths",
     "density_grid",
     "disjoint_regions",
     "fill_grid",
     "object_cube",
+    "object_grids",
     "outer_surface",
     "ownership_order",
     "part_fractions",
