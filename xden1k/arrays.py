@@ -17,5 +17,5 @@ Mask = Bool[np.ndarray, "rows columns"]
 """True where a pixel is meant."""
 Grid = Float[np.ndarray, "x y z"]
 """One value for each voxel, axes in the order x, y, z."""
-Labels = UInt8[np.ndarray, "x y z"]
-"""0 = air, k = part k."""
+Labels = UInt8[np.ndarray, "label_x label_y label_z"]
+"""0 = air, k = part k; finer than the grids of the same object."""
