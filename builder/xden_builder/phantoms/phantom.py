@@ -1,0 +1,217 @@
+"""One simulated object: what it is, what it is made of, where it rests.
+
+Every object has random numbers of its own, drawn from the seed and its id alone: it is the same
+whatever the count, the order or the number of processes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import trimesh
+
+from xden1k.errors import DataError
+from xden1k.mass import MassProperties, mass_of_meshes
+from xden1k.materials import load_materials
+from xden1k.types import Split
+from xden_builder.phantoms.appearance import draw_color
+from xden_builder.phantoms.archetypes import ARCHETYPES
+from xden_builder.phantoms.catalogue import CATALOGUE, Category
+from xden_builder.phantoms.pieces import Piece, disjoint, moved
+from xden_builder.phantoms.shapes import to_mesh
+
+__all__ = ["Phantom", "PhantomPart", "Plan", "make_phantom", "plan_objects"]
+
+_SPLITS: tuple[Split, ...] = (
+    *("train", "train", "test", "train", "val"),
+    *("train", "train", "test", "train", "train"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Which object to make.
+
+    Parameters
+    ----------
+    seed
+        Of the whole set.
+    place
+        Index of the category in the catalogue.
+    ordinal
+        Number of the object in its category, from 0.
+
+    Raises
+    ------
+    DataError
+        If the seed is negative.
+    """
+
+    seed: int
+    place: int
+    ordinal: int
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise DataError(f"the seed must not be negative, got {self.seed}")
+
+    @property
+    def category(self) -> Category:
+        """Its kind."""
+        return CATALOGUE[self.place]
+
+    @property
+    def object_id(self) -> str:
+        """Category and number, such as ``hammer-0003``."""
+        return f"{self.category.name}-{self.ordinal:04d}"
+
+    @property
+    def split(self) -> Split:
+        """70 % train, 10 % val, 20 % test, over the first objects and within each category."""
+        return _SPLITS[(self.place + 3 * self.ordinal) % len(_SPLITS)]
+
+    def rng(self, purpose: str) -> np.random.Generator:
+        """Return random numbers of this object for one purpose, independent of all others."""
+        key = f"{self.object_id}/{purpose}".encode()
+        return np.random.default_rng(np.random.SeedSequence([self.seed, *key]))
+
+
+def plan_objects(count: int, seed: int, categories: Sequence[str] = ()) -> list[Plan]:
+    """List the objects of a set: each category in turn, over and over.
+
+    Parameters
+    ----------
+    count
+        How many.
+    seed
+        Not negative.
+    categories
+        Only these; all if empty.
+
+    Raises
+    ------
+    DataError
+        If the count is not positive, the seed is negative or a category unknown.
+
+    Examples
+    --------
+    >>> [plan.object_id for plan in plan_objects(3, seed=0, categories=["mug", "hammer"])]
+    ['hammer-0000', 'mug-0000', 'hammer-0001']
+    """
+    if count < 1:
+        raise DataError(f"the number of objects must be positive, got {count}")
+    names = [category.name for category in CATALOGUE]
+    if unknown := sorted(set(categories) - set(names)):
+        raise DataError(f"unknown categories {unknown}; known are {sorted(names)}")
+    places = [place for place, name in enumerate(names) if not categories or name in categories]
+    return [Plan(seed, places[i % len(places)], i // len(places)) for i in range(count)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhantomPart:
+    """One part of a simulated object.
+
+    Parameters
+    ----------
+    name
+        Unique in its object.
+    role
+        What it is for.
+    mesh
+        Closed, outward-wound, cm, object frame; disjoint from all other parts.
+    material
+        A name of the material library.
+    density_g_cm3
+        Within the material's range.
+    color_rgb
+        Base colour, three values from 0 to 1.
+    """
+
+    name: str
+    role: str
+    mesh: trimesh.Trimesh
+    material: str
+    density_g_cm3: float
+    color_rgb: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Phantom:
+    """A simulated object whose inside is known everywhere.
+
+    Parameters
+    ----------
+    plan
+        Which one it is.
+    parts
+        Sorted by name, disjoint.
+    """
+
+    plan: Plan
+    parts: tuple[PhantomPart, ...]
+
+    @cached_property
+    def mass_properties(self) -> MassProperties:
+        """Exact mass, centre of mass and inertia."""
+        return mass_of_meshes(
+            [part.mesh for part in self.parts], [part.density_g_cm3 for part in self.parts]
+        )
+
+
+def make_phantom(plan: Plan) -> Phantom:
+    """Build an object: shape, pose, materials.
+
+    It rests as on a table, turned at random about the vertical z axis, the centre of its bounding
+    box at the origin. What is long lies across both views' directions, as an operator would put
+    it, so that neither looks along it.
+    """
+    shape = plan.rng("shape")
+    size_cm = float(shape.uniform(*plan.category.size_cm))
+    pieces = disjoint(ARCHETYPES[plan.category.archetype](shape, size_cm))
+    parts = _draw_materials(_placed(pieces, plan.rng("pose")), plan)
+    return Phantom(plan, tuple(sorted(parts, key=lambda part: part.name)))
+
+
+def _placed(pieces: Sequence[Piece], rng: np.random.Generator) -> list[Piece]:
+    low, high = _bounds(pieces)
+    long, wide, _ = high - low
+    if long > 2 * wide:
+        yaw = 45.0 + 90.0 * rng.integers(4) + rng.uniform(-20.0, 20.0)
+    else:
+        yaw = rng.uniform(0.0, 360.0)
+    turned = moved(pieces, lambda solid: solid.rotate((0.0, 0.0, float(yaw))))
+    middle = np.mean(_bounds(turned), axis=0)
+    shift = (-float(middle[0]), -float(middle[1]), -float(middle[2]))
+    return moved(turned, lambda solid: solid.translate(shift))
+
+
+def _bounds(pieces: Sequence[Piece]) -> np.ndarray:
+    """Lowest and highest corner of all pieces, shape (2, 3)."""
+    boxes = np.array([piece.solid.bounding_box() for piece in pieces])
+    return np.stack([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
+
+
+def _draw_materials(pieces: Sequence[Piece], plan: Plan) -> list[PhantomPart]:
+    """Parts of one role are of one batch: the same material, density and colour."""
+    rng, choices = plan.rng("materials"), plan.category.materials
+    batches: dict[str, tuple[str, float, tuple[float, float, float]]] = {}
+    for role in dict.fromkeys(piece.role for piece in pieces):
+        material = str(rng.choice(choices[role].split()))
+        batches[role] = (material, _draw_density(rng, material), draw_color(rng, material))
+    return [
+        PhantomPart(piece.name, piece.role, to_mesh(piece.solid), *batches[piece.role])
+        for piece in pieces
+    ]
+
+
+def _draw_density(rng: np.random.Generator, material: str) -> float:
+    """Draw a density of the material's range, most likely near its usual value."""
+    known = load_materials()[material]
+    return float(
+        rng.triangular(
+            known.density_low_g_cm3, known.density_nominal_g_cm3, known.density_high_g_cm3
+        )
+    )
