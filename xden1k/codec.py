@@ -142,8 +142,9 @@ def encode_transmission(transmission: Image, valid: Mask) -> UInt16[np.ndarray, 
     >>> encode_transmission(image, np.isfinite(image)).tolist()
     [[65535, 1, 1, 0]]
     """
-    codes = np.where(valid, transmission, 0.0) * np.float64(65535 / MAX_TRANSMISSION)
-    return np.where(valid, np.rint(codes).clip(1, 65535), 0).astype(np.uint16)
+    steps = np.where(valid, transmission, np.float32(0)) * np.float32(65535 / MAX_TRANSMISSION)
+    codes: UInt16[np.ndarray, "rows columns"] = np.rint(steps).clip(1, 65535).astype(np.uint16)
+    return codes * valid
 
 
 def encode_share(share: Grid) -> UInt8[np.ndarray, "x y z"]:

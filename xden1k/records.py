@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 import io
 import itertools
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import trimesh
-from jaxtyping import UInt8
+from jaxtyping import Shaped, UInt16
 
 from xden1k.arrays import Image
 from xden1k.codec import (
@@ -65,7 +65,7 @@ def object_row(obj: DensityObject) -> Row:
 
 def _row(obj: DensityObject) -> Row:
     _check_grids(obj)
-    views = [_view_as_stored(view) for view in obj.views]
+    codes = {view.name: encode_transmission(view.transmission, view.valid) for view in obj.views}
     meshes = [_mesh_as_stored(part.mesh) for part in obj.parts]
     mass = mass_of_meshes(meshes, [part.density_g_cm3 for part in obj.parts])
     return {
@@ -79,8 +79,9 @@ def _row(obj: DensityObject) -> Row:
         "grid_origin_cm": obj.origin_cm.tolist(),
         "voxel_size_cm": float(obj.voxel_size_cm),
         **_part_columns(obj.parts),
-        **{f"preview_{view.name}": preview_png(view) for view in views},
-        **_view_columns(views),
+        **{f"preview_{name}": preview_png(image) for name, image in codes.items()},
+        **{f"xray_{name}": to_planes(image) for name, image in codes.items()},
+        **{f"xray_{name}_shape": list(image.shape) for name, image in codes.items()},
         **_grid_columns(obj),
         **_mesh_columns(meshes),
         "meta_json": _meta_json(obj),
@@ -102,12 +103,6 @@ def _check_grids(obj: DensityObject) -> None:
             raise DataError(f"{name} must have shape {shape}, got {grid.shape}")
     if (highest := int(obj.labels.max())) > len(obj.parts):
         raise DataError(f"labels reach {highest}, but there are {len(obj.parts)} parts")
-
-
-def _view_as_stored(view: XRayView) -> XRayView:
-    """Round the transmission to its codes, so that a preview is that of the stored radiograph."""
-    codes = encode_transmission(view.transmission, view.valid)
-    return replace(view, transmission=codes * np.float32(MAX_TRANSMISSION / 65535))
 
 
 def _mesh_as_stored(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
@@ -135,15 +130,6 @@ def _part_columns(parts: Sequence[Part]) -> Row:
         "part_flags": [list(part.flags) for part in parts],
         "part_color_rgb": [[float(value) for value in part.color_rgb] for part in parts],
     }
-
-
-def _view_columns(views: Sequence[XRayView]) -> Row:
-    codes = {
-        f"xray_{view.name}": to_planes(encode_transmission(view.transmission, view.valid))
-        for view in views
-    }
-    shapes = {f"xray_{view.name}_shape": list(view.transmission.shape) for view in views}
-    return codes | shapes
 
 
 def _grid_columns(obj: DensityObject) -> Row:
@@ -185,31 +171,31 @@ def _meta_json(obj: DensityObject) -> str:
         raise DataError(f"meta must be of JSON's types: {err}") from err
 
 
-def preview_png(view: XRayView) -> bytes:
-    """Reduced 8-bit picture of a radiograph: air black, the most attenuated pixel white.
+def preview_png(codes: UInt16[np.ndarray, "rows columns"]) -> bytes:
+    """Reduced 8-bit picture of a stored radiograph: air black, the most attenuated pixel white.
 
-    Grey is the attenuation -ln T of the mean transmission over a block of pixels; invalid pixels
-    do not count, and a block without a valid one is black.
+    Grey is the attenuation -ln T of the mean transmission over a block of pixels; invalid pixels,
+    of code 0, do not count, and a block without a valid one is black.
     """
     from PIL import Image as PILImage
 
-    factor = -(-max(view.transmission.shape) // PREVIEW_SIZE)
-    weight = _block_sums(view.valid.astype(np.float32), factor)
-    signal = _block_sums(np.where(view.valid, view.transmission, np.float32(0)), factor)
+    factor = -(-max(codes.shape) // PREVIEW_SIZE)
+    weight = _block_sums(codes > 0, factor)
+    signal = _block_sums(codes, factor) * np.float32(MAX_TRANSMISSION / 65535)
     mean = np.divide(signal, weight, out=np.ones_like(signal), where=weight > 0)
     attenuation = -np.log(mean.clip(OPAQUE, 1.0))
-    grey: UInt8[np.ndarray, "rows columns"] = np.rint(
-        attenuation * (255 / max(float(attenuation.max()), 1e-6))
-    ).astype(np.uint8)
+    grey = np.rint(attenuation * (255 / max(float(attenuation.max()), 1e-6)))
     file = io.BytesIO()
-    PILImage.fromarray(grey).save(file, format="png", optimize=True)
+    PILImage.fromarray(grey.astype(np.uint8)).save(file, format="png")
     return file.getvalue()
 
 
-def _block_sums(image: Image, factor: int) -> Image:
+def _block_sums(image: Shaped[np.ndarray, "rows columns"], factor: int) -> Image:
     """Sum blocks of factor x factor pixels; the last ones may be smaller."""
-    rows = np.add.reduceat(image, np.arange(0, image.shape[0], factor), axis=0)
-    return np.add.reduceat(rows, np.arange(0, image.shape[1], factor), axis=1)
+    padding = [(0, -length % factor) for length in image.shape]
+    padded = np.pad(image.astype(np.float32), padding)
+    rows = functools.reduce(np.add, (padded[start::factor] for start in range(factor)))
+    return functools.reduce(np.add, (rows[:, start::factor] for start in range(factor)))
 
 
 def decode_array(row: Mapping[str, Any], name: str) -> np.ndarray:
