@@ -1,12 +1,18 @@
 """Path lengths against half-space clipping and ray/triangle sums, and the laws they obey."""
 
+import importlib
+import sys
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from xden1k.rays import PathLengths, path_lengths
+from xden1k.errors import DataError, MissingExtraError
+from xden1k.rays import PathLengths, kernels, path_lengths
+from xden1k.rays import lengths as lengths_module
 from xden1k.views import ViewGeometry
 
 SIZE = 48
@@ -55,8 +61,8 @@ def rays(geometry):
     return starts, along / np.linalg.norm(along, axis=1, keepdims=True)
 
 
-def length_in_convex(mesh, geometry):
-    """Clip each ray by the half-space of each face."""
+def span_in_convex(mesh, geometry):
+    """Where each ray enters and leaves, clipped by the half-space of each face."""
     starts, along = rays(geometry)
     enter, leave = np.full(len(starts), -np.inf), np.full(len(starts), np.inf)
     for a, b, c in mesh.triangles:
@@ -66,23 +72,50 @@ def length_in_convex(mesh, geometry):
             meet = height / slope
         enter = np.where(slope < 0, np.maximum(enter, meet), enter)
         leave = np.where(slope > 0, np.minimum(leave, meet), leave)
-    return np.clip(leave - enter, 0, None).reshape(geometry.shape)
+    return enter, np.maximum(enter, leave)
+
+
+def length_in_convex(mesh, geometry):
+    enter, leave = span_in_convex(mesh, geometry)
+    return (leave - enter).reshape(geometry.shape)
+
+
+def crossing(triangle, starts, along):
+    """Which rays cross a triangle, and how far away; positive on leaving (Moeller, Trumbore)."""
+    a, b, c = triangle
+    across = np.cross(along, c - a)
+    volume = across @ (b - a)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = ((starts - a) * across).sum(axis=1) / volume
+        q = np.cross(starts - a, b - a)
+        v = (along * q).sum(axis=1) / volume
+        hit = (u >= 0) & (v >= 0) & (u + v <= 1)
+        return hit, -np.sign(volume) * (q @ (c - a)) / volume
 
 
 def length_by_triangle_sums(mesh, geometry):
-    """Sum of signed distances over all triangles hit (Moeller and Trumbore, 1997)."""
-    starts, along = rays(geometry)
-    total = np.zeros(len(starts))
-    for a, b, c in mesh.triangles:
-        across = np.cross(along, c - a)
-        volume = across @ (b - a)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            u = ((starts - a) * across).sum(axis=1) / volume
-            q = np.cross(starts - a, b - a)
-            v = (along * q).sum(axis=1) / volume
-            hit = (u >= 0) & (v >= 0) & (u + v <= 1)
-            total += np.where(hit, -np.sign(volume) * (q @ (c - a)) / volume, 0)
+    """Sum of signed distances over all triangles hit."""
+    total = np.zeros(geometry.shape).ravel()
+    for triangle in mesh.triangles:
+        hit, distance = crossing(triangle, *rays(geometry))
+        total[hit] += distance[hit]
     return total.reshape(geometry.shape)
+
+
+def owned_lengths(meshes, order, geometry):
+    """Cut each ray at all surfaces of convex parts; ask for each piece's middle who is there."""
+    spans = [span_in_convex(mesh, geometry) for mesh in meshes]
+    cuts = np.sort(np.concatenate([np.stack(span) for span in spans]), axis=0)
+    owned, shared = np.zeros((len(meshes), cuts.shape[1])), np.zeros(cuts.shape[1])
+    for start, stop in pairwise(cuts):
+        middle = (start + stop) / 2
+        there = [(enter < middle) & (middle < leave) for enter, leave in spans]
+        shared += np.where(np.sum(there, axis=0) > 1, stop - start, 0)
+        free = np.ones(len(middle), dtype=bool)
+        for part in order:
+            owned[part] += np.where(free & there[part], stop - start, 0)
+            free &= ~there[part]
+    return owned.reshape(-1, *geometry.shape), shared.reshape(geometry.shape)
 
 
 def frame(lengths: PathLengths, part=0):
@@ -127,3 +160,198 @@ def test_bodies_with_holes_agree_with_triangle_sums(beam):
             length_by_triangle_sums(posed, geometry),
             atol=2e-6,
         )
+
+
+def test_every_subray_is_the_ray_of_the_refined_detector():
+    geometry, mesh = view(tilt=0.2), turned(SOLIDS["box"], seed=3)
+    lengths = path_lengths([mesh], [0], geometry, subrays=3)
+    wanted = length_in_convex(mesh, geometry.refined(3))
+    by_pixel = wanted.reshape(SIZE, 3, SIZE, 3).swapaxes(1, 2).reshape(SIZE * SIZE, 9)
+    assert lengths.lengths_cm.shape[1:] == (9, 1)
+    np.testing.assert_allclose(lengths.lengths_cm[:, :, 0], by_pixel[lengths.pixels], atol=2e-6)
+    np.testing.assert_array_equal(lengths.pixels, np.flatnonzero(by_pixel.any(axis=1)))
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=seeds, beam=beams, order=st.permutations(range(4)))
+def test_nested_and_crossing_parts_belong_to_the_strongest(seed, beam, order):
+    geometry = view(beam, size=24)
+    scales = {"box": 1.0, "polygonal cylinder": 1.0, "cone": 0.4, "faceted sphere": 0.3}
+    shapes = [SOLIDS[name].copy().apply_scale(scale) for name, scale in scales.items()]
+    meshes = [turned(shape, seed + part) for part, shape in enumerate(shapes)]
+    lengths = path_lengths(meshes, order, geometry)
+    owned, shared = owned_lengths(meshes, order, geometry)
+    for part in range(4):
+        np.testing.assert_allclose(frame(lengths, part), owned[part], atol=4e-6)
+    np.testing.assert_allclose(lengths.shared_cm, shared.flat[lengths.pixels], atol=4e-6)
+    assert not lengths.broken.any()
+
+
+def test_overlapping_shells_of_one_part_count_once():
+    shells = [turned(SOLIDS["box"], seed) for seed in (1, 2)]
+    geometry = view()
+    both = path_lengths([trimesh.util.concatenate(shells)], [0], geometry)
+    apart = path_lengths(shells, [0, 1], geometry)
+    np.testing.assert_allclose(frame(both), frame(apart, 0) + frame(apart, 1), atol=2e-6)
+    assert not both.shared_cm.any()
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=seeds, beam=beams)
+def test_moving_scanner_and_object_together_changes_nothing(seed, beam):
+    geometry, mesh = view(beam), turned(SOLIDS["faceted sphere"], seed)
+    offset = np.random.default_rng(seed).uniform(-50, 50, 3)
+    moved = mesh.copy().apply_translation(offset)
+    there = path_lengths([moved], [0], geometry.moved(offset))
+    np.testing.assert_allclose(frame(there), frame(path_lengths([mesh], [0], geometry)), atol=2e-6)
+
+
+def test_a_cone_tends_to_a_parallel_beam_as_its_source_recedes():
+    mesh, flat = turned(SOLIDS["faceted sphere"], seed=5), view("parallel")
+    wanted = frame(path_lengths([mesh], [0], flat))
+    errors = []
+    for distance in (1e3, 1e4, 1e5):
+        source = flat.pixel_centres_cm(*np.array([[SIZE / 2.0], [SIZE / 2.0]]))[0]
+        far = ViewGeometry(
+            beam="cone",
+            pixel00_cm=flat.pixel00_cm,
+            column_step_cm=flat.column_step_cm,
+            row_step_cm=flat.row_step_cm,
+            shape=flat.shape,
+            source_cm=source - distance * flat.matrix[:, 2],
+        )
+        errors.append(np.abs(frame(path_lengths([mesh], [0], far)) - wanted).mean())
+    assert errors[0] > 5 * errors[1] > 25 * errors[2]
+    assert errors[2] < 1e-3
+
+
+@pytest.mark.parametrize("beam", ["cone", "parallel"])
+def test_rays_along_edges_and_through_vertices_leave_closed_meshes_closed(beam):
+    # faces of the box lie in planes of rays, and pixel centres on its corners
+    box = trimesh.creation.box((4.0, 2.0, 6.0))
+    emitter = (
+        {"source_cm": np.array([2.0, -50.0, 3.0])}
+        if beam == "cone"
+        else {"direction": np.array([0.0, 1.0, 0.0])}
+    )
+    geometry = ViewGeometry(
+        beam=beam,
+        pixel00_cm=np.array([-8.0, 1.0, 8.0]),
+        column_step_cm=np.array([1.0, 0.0, 0.0]),
+        row_step_cm=np.array([0.0, 0.0, -1.0]),
+        shape=(17, 17),
+        **emitter,
+    )
+    lengths = path_lengths([box], [0], geometry)
+    assert not lengths.broken.any()
+    assert lengths.lengths_cm.min() >= 0
+    if beam == "parallel":  # each ray on the rim belongs to one side: 4 x 6 squares of 1 cm
+        assert len(lengths.pixels) == 24
+        np.testing.assert_allclose(lengths.lengths_cm, 2.0, atol=1e-12)
+
+
+def test_unmerged_vertices_open_no_seam():
+    mesh = turned(SOLIDS["faceted sphere"], seed=9)
+    soup = trimesh.Trimesh(**trimesh.triangles.to_kwargs(mesh.triangles), process=False)
+    whole, torn = (path_lengths([each], [0], view(), subrays=2) for each in (mesh, soup))
+    np.testing.assert_array_equal(torn.lengths_cm, whole.lengths_cm)
+    assert not torn.broken.any()
+
+
+def test_a_dropped_face_is_flagged_just_where_it_is_missing():
+    mesh, geometry = turned(SOLIDS["faceted sphere"], seed=2), view(size=128)
+    open_mesh = trimesh.Trimesh(mesh.vertices, np.delete(mesh.faces, 17, axis=0), process=False)
+    lengths = path_lengths([open_mesh], [0], geometry)
+    shadow = crossing(mesh.triangles[17], *rays(geometry))[0].reshape(geometry.shape)
+    flagged = np.zeros(geometry.shape, dtype=bool)
+    flagged.flat[lengths.pixels[lengths.broken]] = True
+    assert flagged.sum() > 3
+    np.testing.assert_array_equal(flagged, shadow)
+    np.testing.assert_allclose(
+        frame(lengths)[~flagged], length_in_convex(mesh, geometry)[~flagged], atol=2e-6
+    )
+
+
+def test_subrays_average_intensity_towards_the_share_of_the_pixel_covered():
+    plate = trimesh.creation.box((0.6, 2.0, 1.0))  # covers .43 by .39 of the only pixel
+    pixel = ViewGeometry(
+        beam="parallel",
+        pixel00_cm=np.array([0.37, 5.0, 0.61]),
+        column_step_cm=np.array([1.0, 0.0, 0.0]),
+        row_step_cm=np.array([0.0, 0.0, -1.0]),
+        shape=(1, 1),
+        direction=np.array([0.0, 1.0, 0.0]),
+    )
+    wanted = 1 - 0.43 * 0.39 * (1 - np.exp(-3.0 * 2.0))
+    for subrays in (2, 3, 10, 100):
+        lengths = path_lengths([plate], [0], pixel, subrays)
+        error = abs(float(lengths.transmission(np.array([3.0]))[0]) - wanted)
+        assert error < 1 / subrays
+    averaged_lengths = np.exp(-3.0 * float(lengths.lengths_cm.mean()))
+    assert abs(averaged_lengths - wanted) > 0.4
+
+
+def test_transmission_multiplies_parts_and_the_image_shows_gain_in_air():
+    meshes = [turned(SOLIDS["box"], 1), turned(SOLIDS["cone"], 2)]
+    lac, lengths = np.array([0.2, 0.7]), path_lengths(meshes, [1, 0], view())
+    wanted = 1.1 * np.exp(-(0.2 * frame(lengths, 0) + 0.7 * frame(lengths, 1)))
+    image = lengths.image(lac, gain=1.1)
+    assert image.dtype == np.float32
+    np.testing.assert_allclose(image, wanted, rtol=1e-6)
+    np.testing.assert_allclose(lengths.transmission(lac, 1.1), wanted.flat[lengths.pixels])
+
+
+def test_cutting_the_work_into_bands_changes_nothing(monkeypatch):
+    meshes = [turned(SOLIDS["box"], 1), turned(SOLIDS["cone"], 2)]
+    whole = path_lengths(meshes, [1, 0], view(), subrays=2)
+    monkeypatch.setattr(lengths_module, "CROSSINGS_AT_ONCE", 500)
+    cut = path_lengths(meshes, [1, 0], view(), subrays=2)
+    for name in ("pixels", "lengths_cm", "shared_cm", "broken"):
+        np.testing.assert_array_equal(getattr(cut, name), getattr(whole, name))
+
+
+def test_what_leaves_the_detector_is_cut_off_there():
+    mesh, geometry = SOLIDS["box"].copy().apply_translation([7.0, 0, -7.0]), view()
+    lengths = path_lengths([mesh], [0], geometry, subrays=2)
+    rows, columns = np.divmod(lengths.pixels, SIZE)
+    assert rows.max() == columns.max() == SIZE - 1
+    np.testing.assert_allclose(
+        frame(path_lengths([mesh], [0], geometry)), length_in_convex(mesh, geometry), atol=2e-6
+    )
+
+
+@pytest.mark.parametrize("offset", [[50.0, 0, 0], [-50.0, 0, 0], [0, 0, 50.0], [0, 0, -50.0]])
+def test_nothing_in_view_gives_no_pixels(offset):
+    away = SOLIDS["box"].copy().apply_translation(offset)
+    for meshes in ([], [trimesh.Trimesh()], [away]):
+        lengths = path_lengths(meshes, range(len(meshes)), view(), subrays=3)
+        assert lengths.lengths_cm.shape == (0, 9, len(meshes))
+        assert (lengths.image(np.ones(len(meshes))) == 1).all()
+
+
+def test_an_empty_mesh_among_others_is_met_by_no_ray():
+    meshes = [trimesh.Trimesh(), turned(SOLIDS["box"], 1)]
+    lengths = path_lengths(meshes, [0, 1], view())
+    assert not lengths.lengths_cm[:, :, 0].any()
+    np.testing.assert_allclose(frame(lengths, 1), length_in_convex(meshes[1], view()), atol=2e-6)
+
+
+def test_bad_input_is_refused_with_its_part_and_place():
+    box = SOLIDS["box"]
+    behind = box.copy().apply_translation([0.0, -100.0, 0.0])
+    with pytest.raises(DataError, match=r"part 1: \d+ of 12 triangles .* source at \[0.3, -100.0"):
+        path_lengths([box, behind], [0, 1], view())
+    with pytest.raises(DataError, match=r"each of 0 to 1 once, got \[0, 0\]"):
+        path_lengths([box, box], [0, 0], view())
+    with pytest.raises(DataError, match=r"subrays must be at least 1, got 0"):
+        path_lengths([box], [0], view(), subrays=0)
+    far = np.where(box.vertices > 2, np.inf, box.vertices)
+    lost = trimesh.Trimesh(far, box.faces, process=False)
+    with pytest.raises(DataError, match=r"part 0: a vertex is not finite"):
+        path_lengths([lost], [0], view("parallel"))
+
+
+def test_without_numba_the_pip_command_is_given(monkeypatch):
+    monkeypatch.setitem(sys.modules, "numba", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'xden1k\[build\]'"):
+        importlib.reload(kernels)

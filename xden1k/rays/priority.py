@@ -48,7 +48,8 @@ def ownership_order(
     given = [None] * len(meshes) if priorities is None else list(priorities)
     if len(given) != len(meshes):
         raise DataError(f"{len(meshes)} meshes need as many priorities, got {len(given)}")
-    volumes = [float(mesh.volume) for mesh in meshes]
+    # trimesh warns when it divides by the volume of an empty mesh
+    volumes = [float(mesh.volume) if len(mesh.faces) else 0.0 for mesh in meshes]
     for part, volume in enumerate(volumes):
         if volume < 0:
             raise DataError(f"part {part} is wound inwards: its volume is {volume:.6g} cm³")

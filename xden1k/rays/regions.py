@@ -21,7 +21,7 @@ else:
 
 __all__ = ["disjoint_regions", "outer_surface"]
 
-ROUNDING = 1e-9
+ROUNDING = 1e-6
 """Parts share space if they share more than this of the smaller one's volume."""
 SEAL = 1e-6
 """How far parts are grown before they are joined, as a share of the object's diagonal."""
@@ -83,7 +83,7 @@ def outer_surface(meshes: Sequence[trimesh.Trimesh]) -> trimesh.Trimesh:
     Examples
     --------
     >>> hole = trimesh.creation.box((1, 1, 1))
-    >>> hole.invert()
+    >>> _ = hole.invert()
     >>> hollow = trimesh.util.concatenate([trimesh.creation.box((2, 2, 2)), hole])
     >>> float(hollow.volume), float(outer_surface([hollow]).volume)
     (7.0, 8.0)

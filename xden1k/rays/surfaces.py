@@ -102,6 +102,8 @@ def _triangles(
     mesh: trimesh.Trimesh, part: int, geometry: ViewGeometry
 ) -> Float64[np.ndarray, "n 3 3"]:
     """Column, row, and depth (cone: 1 / depth) of each vertex of each triangle."""
+    if not np.isfinite(mesh.vertices).all():
+        raise DataError(f"part {part}: a vertex is not finite")
     origin = geometry.pixel00_cm if geometry.source_cm is None else geometry.source_cm
     x, y, z = (np.asarray(mesh.vertices, dtype=np.float64) - origin).T
     # Summed term by term, not by BLAS: equal points must project to equal numbers wherever they
@@ -117,7 +119,4 @@ def _triangles(
             )
         depth = 1.0 / depth
         column, row = column * depth, row * depth
-    corners = np.stack([column, row, depth], axis=1)[mesh.faces]
-    if not np.isfinite(corners).all():
-        raise DataError(f"part {part}: a vertex is not finite")
-    return corners
+    return np.asarray(np.stack([column, row, depth], axis=1)[mesh.faces])

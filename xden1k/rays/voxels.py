@@ -265,7 +265,7 @@ def _touched_voxels(mesh: trimesh.Trimesh, grid: CubeGrid) -> Int64[np.ndarray, 
     limits = np.stack([corners.min(axis=0), corners.max(axis=0)])
     touched = np.floor((limits - grid.origin_cm) / grid.voxel_size_cm + 0.5).astype(np.int64)
     touched[1] += 1
-    return np.clip(touched, 0, grid.size)
+    return np.asarray(touched.clip(0, grid.size))
 
 
 def _refuse_open(broken: int) -> None:
