@@ -7,7 +7,6 @@ The first of these that is there: the ``root`` argument, the environment variabl
 from __future__ import annotations
 
 import hashlib
-import json
 import logging
 import os
 import shutil
@@ -17,6 +16,7 @@ from functools import cache
 from pathlib import Path
 
 from xden1k.errors import DataError
+from xden1k.manifest import MANIFEST_NAME, Manifest
 
 __all__ = [
     "REPO_ID",
@@ -27,7 +27,6 @@ __all__ = [
     "data_root",
     "download",
     "folder_digest",
-    "folder_version",
 ]
 
 REPO_ID = "zhangjxx/XDen-1K"
@@ -37,7 +36,6 @@ ROOT_VARIABLE = "XDEN1K_ROOT"
 SAMPLE = Path(__file__).parent / "sample"
 """The dataset folder of a few simulated objects that ships in the package."""
 
-_MANIFEST = "manifest.json"
 _CURRENT = "current"
 
 logger = logging.getLogger(__name__)
@@ -69,9 +67,9 @@ def data_root(root: str | os.PathLike[str] | None = None) -> Path:
 
 def _checked(folder: Path, named_by: str) -> Path:
     folder = folder.expanduser().absolute()
-    if not (folder / _MANIFEST).is_file():
+    if not (folder / MANIFEST_NAME).is_file():
         raise DataError(
-            f"{folder} (from {named_by}) is not a dataset folder: it has no {_MANIFEST}"
+            f"{folder} (from {named_by}) is not a dataset folder: it has no {MANIFEST_NAME}"
         )
     return folder
 
@@ -97,21 +95,6 @@ def cache_folder() -> Path:
     return Path(base).expanduser() / "xden1k"
 
 
-def folder_version(folder: Path) -> str:
-    """Version of the data in a dataset folder, as its manifest gives it.
-
-    Raises
-    ------
-    DataError
-        If the manifest is not JSON or gives no version.
-    """
-    manifest = folder / _MANIFEST
-    try:
-        return str(json.loads(manifest.read_text(encoding="utf-8"))["version"])
-    except (ValueError, KeyError, TypeError) as err:
-        raise DataError(f"{manifest}: no JSON object with a version ({err!r})") from err
-
-
 def check_revision(folder: Path, revision: object) -> None:
     """Refuse a revision other than the one that lies here; None is any.
 
@@ -120,8 +103,8 @@ def check_revision(folder: Path, revision: object) -> None:
     DataError
         If ``revision`` is not the folder's version, with or without a leading ``v``.
     """
-    here = folder_version(folder)
-    if revision is not None and str(revision).removeprefix("v") != here.removeprefix("v"):
+    here = Manifest.read(folder).version
+    if revision is not None and str(revision).removeprefix("v") != here:
         raise DataError(
             f"revision {revision} was asked for, but {folder} holds {here}: "
             f"get another by `xden download --revision {revision}`"
@@ -131,13 +114,11 @@ def check_revision(folder: Path, revision: object) -> None:
 def folder_digest(folder: Path) -> str:
     """Return what changes whenever the card, the manifest or a shard does; reads no shard."""
     digest = hashlib.sha256()
-    for name in (_MANIFEST, "README.md"):
-        if (path := folder / name).is_file():
-            digest.update(path.read_bytes())
-    for shard in sorted(folder.glob("*/*.parquet")):
-        stat = shard.stat()
-        line = (shard.relative_to(folder).as_posix(), stat.st_size, stat.st_mtime_ns)
-        digest.update(repr(line).encode())
+    for path in (folder / MANIFEST_NAME, folder / "README.md"):
+        digest.update(path.read_bytes())
+    for file in Manifest.read(folder).files:
+        stat = (folder / file.path).stat()
+        digest.update(f"{file.path} {stat.st_size} {stat.st_mtime_ns}\n".encode())
     return digest.hexdigest()[:32]
 
 
@@ -201,12 +182,12 @@ def _download(repo_id: str, revision: str | None) -> Path:
 
 
 def _check_layout(repo_id: str, files: list[str]) -> None:
-    if _MANIFEST not in files:
+    if MANIFEST_NAME not in files:
         shown = ", ".join(sorted(files)[:5]) or "nothing"
         raise DataError(
-            f"the Hub repository {repo_id} is not a dataset folder of this project: no {_MANIFEST} "
-            f"among its {len(files)} files ({shown}, ...); convert a copy of it by "
-            "`xden import FOLDER --map F.toml --out R`"
+            f"the Hub repository {repo_id} is not laid out as this project's dataset folders: no "
+            f"{MANIFEST_NAME} among its {len(files)} files ({shown} ...); get a copy of it and "
+            "convert that by `xden import FOLDER --map F.toml --out R`"
         )
 
 
@@ -214,11 +195,9 @@ def _verify_or_remove(folder: Path) -> None:
     from xden1k.verify import verify_folder
 
     shutil.rmtree(folder / ".cache", ignore_errors=True)  # where the Hub's client keeps its notes
-    try:
-        verify_folder(folder)
-    except DataError:
+    if problems := verify_folder(folder):
         shutil.rmtree(folder)  # resuming would trust the damaged file
-        raise
+        raise DataError(f"the download has {len(problems)} problems; the first: {problems[0]}")
 
 
 def _make_current(folder: Path) -> None:

@@ -9,13 +9,13 @@ from datasets.info import DatasetInfosDict
 
 from xden1k.alias import NAME
 from xden1k.errors import DataError
-from xden1k.hub import check_revision, data_root, folder_digest, folder_version
+from xden1k.hub import check_revision, data_root, folder_digest
+from xden1k.manifest import Manifest
 from xden1k.rows import Rows
-from xden1k.types import SPLITS
 
 __all__ = ["load_dataset"]
 
-_SHARDS = {"default": "data/{split}-*.parquet", "metadata": "metadata/{split}.parquet"}
+_CONFIGS = ("default", "metadata")
 
 
 def load_dataset(
@@ -73,21 +73,23 @@ def _builder(
     cache_dir: str | os.PathLike[str] | None,
     options: dict[str, Any],
 ) -> Rows:
-    if name not in _SHARDS:
-        raise DataError(f"config must be one of {sorted(_SHARDS)}, got {name!r}")
+    if name not in _CONFIGS:
+        raise DataError(f"config must be one of {_CONFIGS}, got {name!r}")
     folder = data_root(root)
     check_revision(folder, revision)
-    patterns = {split: _SHARDS[name].format(split=split) for split in SPLITS}
+    manifest = Manifest.read(folder)
     return Rows(
         cache_dir=cache_dir,
         dataset_name=NAME,
         config_name=name,
         # With no options, share the cache of the alias.
         config_id=None if options else name,
-        version=folder_version(folder).removeprefix("v"),
+        version=manifest.version,
         hash=folder_digest(folder),
         base_path=str(folder),
         info=DatasetInfosDict.from_directory(str(folder)).get(name),
-        data_files={split: each for split, each in patterns.items() if any(folder.glob(each))},
+        data_files={
+            split: [file.path for file in manifest.shards(name, split)] for split in manifest.splits
+        },
         **options,
     )

@@ -1,0 +1,46 @@
+"""The public names: sorted, importable, documented, the same for people and type checkers."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+import xden1k
+
+
+def test_all_is_sorted_and_listed() -> None:
+    assert xden1k.__all__ == sorted(xden1k.__all__)
+    assert set(xden1k.__all__) <= set(dir(xden1k))
+
+
+@pytest.mark.parametrize("name", [name for name in xden1k.__all__ if name != "__version__"])
+def test_each_public_name_is_importable_and_documented(name: str) -> None:
+    value = getattr(xden1k, name)
+    assert inspect.getdoc(value)
+    assert name in inspect.getmodule(value).__all__
+
+
+def test_what_type_checkers_see_is_what_is_loaded() -> None:
+    tree = ast.parse(Path(xden1k.__file__).read_text(encoding="utf-8"))
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    seen = {
+        alias.name: node.module.removeprefix("xden1k.")
+        for node in imports
+        for alias in node.names
+        if node.module.startswith("xden1k.")
+    }
+    assert seen == xden1k._MODULE_OF
+    assert sorted([*seen, "__version__"]) == xden1k.__all__
+
+
+def test_the_version_is_the_packages() -> None:
+    assert xden1k.__version__ == version("xden1k")
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="module 'xden1k' has no attribute 'nothing'"):
+        xden1k.nothing  # noqa: B018

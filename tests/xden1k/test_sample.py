@@ -1,0 +1,82 @@
+"""The packaged sample: the same rows from every folder, with and without ``import xden1k``."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from xden1k import hub
+
+REPOSITORY = hub.SAMPLE.parents[1]
+
+SCRIPT = """
+import hashlib, json, warnings
+
+{imports}
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    splits = datasets.load_dataset("xden1k")
+    datasets.load_dataset("xden1k", streaming=True)
+
+from xden1k.records import decode_array
+from xden1k.schema import ARRAY_COLUMNS
+
+def light(row):
+    names = [name for name in row if name not in ARRAY_COLUMNS and not name.startswith("preview")]
+    return repr([(name, row[name]) for name in names])
+
+def array(row, name):
+    value = decode_array(row, name) if isinstance(row[name], bytes) else row[name]
+    return hashlib.sha256(value.tobytes()).hexdigest()
+
+print(json.dumps({{
+    "warnings": sum("simulated sample" in str(each.message) for each in caught),
+    "decoded": not isinstance(next(iter(splits.values()))[0]["labels"], bytes),
+    "light": [light(row) for rows in splits.values() for row in rows],
+    "arrays": [
+        array(row, name)
+        for rows in splits.values()
+        for row in rows
+        for name in sorted(ARRAY_COLUMNS)
+    ],
+}}))
+"""
+
+
+def answer(imports: str, folder: Path, home: Path) -> dict:
+    """Rows as a fresh process with its own caches sees them."""
+    environment = {name: value for name, value in os.environ.items() if name != hub.ROOT_VARIABLE}
+    environment |= {
+        "HF_HOME": str(home / "hf"),
+        "XDG_CACHE_HOME": str(home / "cache"),
+        "HF_HUB_OFFLINE": "1",
+        "PYTHONPATH": str(REPOSITORY),
+    }
+    ran = subprocess.run(  # noqa: S603
+        [sys.executable, "-c", SCRIPT.format(imports=imports)],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+    assert ran.returncode == 0, ran.stderr
+    return json.loads(ran.stdout)
+
+
+def test_sample_loads_from_root_empty_folder_and_anywhere(tmp_path: Path) -> None:
+    folders = {name: tmp_path / name for name in ("empty", "home")}
+    for folder in folders.values():
+        folder.mkdir()
+    from_empty = answer("import xden1k, datasets", folders["empty"], folders["home"])
+    from_root = answer("import xden1k, datasets", REPOSITORY, folders["home"])
+    without_import = answer("import datasets", REPOSITORY, folders["home"])
+    assert from_empty["light"]
+    assert from_empty["decoded"]
+    assert from_empty["warnings"] == 1
+    assert from_root == from_empty
+    assert not without_import["decoded"]
+    for part in ("light", "arrays"):
+        assert without_import[part] == from_empty[part]
