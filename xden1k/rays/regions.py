@@ -100,9 +100,9 @@ def outer_surface(meshes: Sequence[trimesh.Trimesh]) -> trimesh.Trimesh:
 
 
 def _solid(mesh: trimesh.Trimesh, part: int) -> manifold3d.Manifold:
-    buffers = manifold3d.Mesh64(
-        np.ascontiguousarray(mesh.vertices, dtype=np.float64),
-        np.ascontiguousarray(mesh.faces, dtype=np.uint64),
+    buffers = manifold3d.Mesh64(  # copies, since it wants to be able to write
+        np.array(mesh.vertices, dtype=np.float64, order="C"),
+        np.array(mesh.faces, dtype=np.uint64, order="C"),
     )
     buffers.merge()
     solid = manifold3d.Manifold(buffers)
