@@ -29,8 +29,10 @@ def light(row):
     return repr([(name, row[name]) for name in names])
 
 def array(row, name):
-    value = decode_array(row, name) if isinstance(row[name], bytes) else row[name]
-    return hashlib.sha256(value.tobytes()).hexdigest()
+    value = row[name]
+    if isinstance(value, bytes):
+        value = decode_array(row, name)
+    return value is not None and hashlib.sha256(value.tobytes()).hexdigest()
 
 print(json.dumps({{
     "warnings": sum("simulated sample" in str(each.message) for each in caught),
