@@ -105,6 +105,9 @@ class Predictions:
         self._stream.seek(0)
         return hashlib.file_digest(self._stream, "sha256").hexdigest()
 
+    def __contains__(self, object_id: object) -> bool:
+        return object_id in self._members
+
     def is_per_part(self, object_id: str) -> bool:
         """Tell whether the prediction is one density for each part rather than a grid."""
         return len(self._members[object_id].shape) == 1

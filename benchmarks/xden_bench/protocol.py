@@ -1,0 +1,97 @@
+"""The rules of scoring, read from a file that never changes once released."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Final
+
+from xden1k.errors import DataError
+from xden1k.settings import load_settings
+from xden_bench.metrics import METRICS
+
+__all__ = ["PROTOCOLS", "Protocol", "load_protocol"]
+
+PROTOCOLS: Final = ("v1",)
+"""Every protocol there is, the newest last."""
+
+
+@dataclass(frozen=True, slots=True)
+class Protocol:
+    """How submissions are scored.
+
+    Parameters
+    ----------
+    name
+        Printed with every number.
+    config
+        Of the dataset.
+    targets
+        What a submission may predict.
+    metrics
+        Names from :data:`xden_bench.metrics.METRICS`, in the order of the tables.
+    rank_by
+        One of them.
+    mass_ratio_limit
+        ``mass_alde`` ends at the logarithm of it.
+    bootstrap_resamples, bootstrap_seed
+        Of the intervals.
+    size_edges_cm
+        Ascending borders between the classes of the table by size.
+    max_density_g_cm3
+        A higher value gets the footnote W501.
+    max_outside_share
+        More of the mass outside the object gets the footnote W503.
+    unranked
+        Names of methods that are printed without a rank.
+
+    Raises
+    ------
+    DataError
+        If a metric is unknown, the ranking is by none of them, or the borders do not ascend.
+    """
+
+    name: str
+    config: str
+    targets: Sequence[str]
+    metrics: Sequence[str]
+    rank_by: str
+    mass_ratio_limit: float
+    bootstrap_resamples: int
+    bootstrap_seed: int
+    size_edges_cm: Sequence[float]
+    max_density_g_cm3: float
+    max_outside_share: float
+    unranked: Sequence[str]
+
+    def __post_init__(self) -> None:
+        if unknown := sorted(set(self.metrics) - METRICS.keys()):
+            raise DataError(
+                f"protocol {self.name}: unknown metrics {unknown}; known: {list(METRICS)}"
+            )
+        if self.rank_by not in self.metrics:
+            raise DataError(f"protocol {self.name}: rank_by {self.rank_by!r} is not in metrics")
+        if list(self.size_edges_cm) != sorted(set(self.size_edges_cm)):
+            raise DataError(f"protocol {self.name}: size_edges_cm must ascend")
+
+
+def load_protocol(name: str = PROTOCOLS[-1]) -> Protocol:
+    """Return a protocol by name.
+
+    Raises
+    ------
+    DataError
+        If there is none of that name.
+
+    Examples
+    --------
+    >>> load_protocol("v1").rank_by
+    'density_mae_g_cm3'
+    """
+    if name not in PROTOCOLS:
+        raise DataError(f"no protocol {name!r}; there are {list(PROTOCOLS)}")
+    file = resources.files("xden_bench") / f"protocol-{name}.toml"
+    with resources.as_file(file) as path:
+        return load_settings(Protocol, Path(path))
