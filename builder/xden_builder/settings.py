@@ -23,10 +23,11 @@ class BuildSettings:
     ----------
     model
         ``lac``: one attenuation coefficient per part by Levenberg-Marquardt, with a gain per
-        view. ``paper``: the paper's own way (Adam on full frames, no gain), kept as a reference.
+        view. ``paper``: the paper's own way (Adam on full frames, no gain, one ray a pixel), kept
+        as a reference.
     subrays
-        Rays along each side of a pixel whose intensities are averaged. One ray a pixel reads a
-        frame of thin bars 2 % low, and the error of its edges is 0.01 in transmission.
+        Rays along each side of a pixel whose intensities are averaged (``lac`` only). One ray a
+        pixel reads a frame of thin bars 2 % low, and errs by 0.014 in transmission.
     column_samples
         Columns along each side of a density voxel, in x and y; along z the fill is exact.
 

@@ -1,0 +1,188 @@
+"""One capture into one density object."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from xden1k.errors import DataError
+from xden1k.physics import apparent_density_g_cm3
+from xden1k.rays import (
+    PathLengths,
+    disjoint_regions,
+    object_grids,
+    ownership_order,
+    path_lengths,
+)
+from xden1k.types import SPLITS, DensityObject, Part, Split
+from xden_builder.capture import Capture, CapturePart
+from xden_builder.density import PartDensity, part_densities
+from xden_builder.fit import LacFit, fit_lac, fit_lac_adam
+from xden_builder.settings import BuildSettings
+
+__all__ = ["default_split", "reconstruct"]
+
+DEFAULT = BuildSettings()
+SPLIT_SHARES = (0.7, 0.1, 0.2)
+"""Of train, val and test, where a capture names no split."""
+
+
+def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityObject:
+    """Rebuild one object: path lengths, fit, density, voxels.
+
+    Parameters
+    ----------
+    capture
+        What came off the scanner and the annotation desk.
+    settings
+        How to rebuild.
+
+    Returns
+    -------
+    DensityObject
+        Its parts are the annotated ones less what stronger parts own. ``density`` is None where a
+        part has no density that can be told; a part that no ray met adds nothing to
+        ``apparent_density``.
+
+    Raises
+    ------
+    DataError
+        If stronger parts leave nothing of one, or a part reaches behind the source.
+    """
+    meshes = [part.mesh for part in capture.parts]
+    order = ownership_order(meshes, [part.priority for part in capture.parts])
+    regions = disjoint_regions(meshes, order)
+    _refuse_empty(capture.parts, regions)
+    subrays = 1 if settings.model == "paper" else settings.subrays
+    lengths = [path_lengths(meshes, order, view.geometry, subrays) for view in capture.views]
+    fit = _fit(capture, lengths, settings)
+    densities = part_densities(fit, capture.parts, capture.tube)
+    parts = [
+        _part(*of_part)
+        for of_part in zip(
+            capture.parts,
+            regions,
+            fit.lac_per_cm.tolist(),
+            densities,
+            _geometry_flags(lengths),
+            strict=True,
+        )
+    ]
+    grids = object_grids(regions, range(len(regions)), settings.column_samples)
+    known = [part.density_g_cm3 for part in parts]
+    return DensityObject(
+        object_id=capture.object_id,
+        category=capture.category,
+        split=capture.split or default_split(capture.object_id),
+        source=capture.source,
+        views=capture.views,
+        parts=tuple(parts),
+        labels=grids.labels,
+        occupancy=grids.occupancy,
+        envelope=grids.envelope,
+        density=None if np.isnan(known).any() else grids.density(known),
+        apparent_density=grids.density(
+            np.nan_to_num([part.apparent_density_g_cm3 for part in parts]).tolist()
+        ),
+        origin_cm=grids.field.origin_cm,
+        voxel_size_cm=grids.field.voxel_size_cm,
+        weighed_mass_g=capture.weighed_mass_g,
+        flags=_object_flags(capture),
+        meta=_meta(capture, lengths, fit, settings),
+    )
+
+
+def default_split(object_id: str) -> Split:
+    """Split of an object whose capture names none: by its id alone, 70 : 10 : 20.
+
+    Examples
+    --------
+    >>> default_split("tooth"), default_split("tetra")
+    ('train', 'train')
+    """
+    draw = int.from_bytes(hashlib.sha256(object_id.encode()).digest()[:8]) / 2**64
+    edges = np.cumsum(SPLIT_SHARES)[:-1]
+    return SPLITS[int(np.searchsorted(edges, draw, side="right"))]
+
+
+def _refuse_empty(parts: Sequence[CapturePart], regions: Sequence[trimesh.Trimesh]) -> None:
+    for part, region in zip(parts, regions, strict=True):
+        if not len(region.faces):
+            raise DataError(
+                f"part {part.name}: other parts own all of its space; see priority in parts.csv"
+            )
+
+
+def _fit(capture: Capture, lengths: Sequence[PathLengths], settings: BuildSettings) -> LacFit:
+    views = list(zip(lengths, capture.views, strict=True))
+    if settings.model == "paper":
+        return fit_lac_adam(views)
+    return fit_lac(views, dark_sd=capture.noise_sd)
+
+
+def _geometry_flags(lengths: Sequence[PathLengths]) -> list[tuple[str, ...]]:
+    """``partly_unseen`` for each part that one of the views does not show."""
+    met = [view.lengths_cm.any(axis=(0, 1)) for view in lengths]
+    some, every = np.any(met, axis=0), np.all(met, axis=0)
+    return [("partly_unseen",) if flag else () for flag in (some & ~every).tolist()]
+
+
+def _part(
+    part: CapturePart,
+    region: trimesh.Trimesh,
+    lac_per_cm: float,
+    density: PartDensity,
+    more_flags: tuple[str, ...],
+) -> Part:
+    return Part(
+        name=part.name,
+        mesh=region,
+        material=part.material,
+        lac_per_cm=lac_per_cm,
+        apparent_density_g_cm3=apparent_density_g_cm3(lac_per_cm),
+        density_g_cm3=density.density_g_cm3,
+        density_sd_g_cm3=density.sd_g_cm3,
+        density_source=density.source,
+        flags=(*density.flags, *more_flags),
+    )
+
+
+def _object_flags(capture: Capture) -> tuple[str, ...]:
+    return capture.flags if capture.tube else (*capture.flags, "attenuation_only")
+
+
+def _meta(
+    capture: Capture, lengths: Sequence[PathLengths], fit: LacFit, settings: BuildSettings
+) -> dict[str, Any]:
+    """Fit report and provenance: nothing of the machine or the hour, so that bytes repeat."""
+    names = [view.name for view in capture.views]
+    return {
+        "model": settings.model,
+        "settings": asdict(settings),
+        "tube": None if capture.tube is None else asdict(capture.tube),
+        "fit": {
+            **fit.report,
+            "loss": fit.loss,
+            "lac_sd_per_cm": {
+                part.name: sd
+                for part, sd in zip(capture.parts, fit.lac_sd_per_cm.tolist(), strict=True)
+            },
+            "gain": dict(zip(names, fit.gain.tolist(), strict=True)),
+        },
+        "overlap_share": {
+            name: _overlap_share(view) for name, view in zip(names, lengths, strict=True)
+        },
+        "priorities": {part.name: part.priority for part in capture.parts},
+        "notes": capture.notes,
+    }
+
+
+def _overlap_share(lengths: PathLengths) -> float:
+    """Share of the way through the object that two or more annotated parts claim."""
+    total = float(lengths.lengths_cm.sum(dtype=np.float64)) / lengths.lengths_cm.shape[1]
+    return float(lengths.shared_cm.sum(dtype=np.float64)) / total if total else 0.0
