@@ -345,6 +345,8 @@ def test_bad_input_is_refused_with_its_part_and_place():
         path_lengths([box, box], [0, 0], view())
     with pytest.raises(DataError, match=r"subrays must be at least 1, got 0"):
         path_lengths([box], [0], view(), subrays=0)
+    with pytest.raises(DataError, match=r"1 parts need as many coefficients, got 2"):
+        path_lengths([box], [0], view()).transmission(np.ones(2))
     far = np.where(box.vertices > 2, np.inf, box.vertices)
     lost = trimesh.Trimesh(far, box.faces, process=False)
     with pytest.raises(DataError, match=r"part 0: a vertex is not finite"):

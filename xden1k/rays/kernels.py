@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float32, Float64, Int16, Int32, Int64, UInt8
 from xden1k.errors import require
 
 __all__ = [
+    "mean_transmission",
     "order_vertices_by_row",
     "scan",
     "walk_fill",
@@ -239,6 +240,23 @@ def walk_lengths(
                 owner, inside = _cross(windings, crossed[j], owner, inside)
             if not _close(windings, crossed, begin, end):
                 broken[i] = True
+
+
+@compiled
+@no_type_check
+def mean_transmission(
+    lengths: Float32[np.ndarray, "pixels rays parts"], lac_per_cm: Float64[np.ndarray, "parts"]
+) -> Float64[np.ndarray, "pixels"]:
+    """Mean over each pixel's rays of exp(-sum of LAC * length)."""
+    pixels, rays, parts = lengths.shape
+    means = np.zeros(pixels)
+    for i in range(pixels):
+        for ray in range(rays):
+            attenuation = 0.0
+            for part in range(parts):
+                attenuation += lac_per_cm[part] * lengths[i, ray, part]
+            means[i] += np.exp(-attenuation) / rays
+    return means
 
 
 @compiled

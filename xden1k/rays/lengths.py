@@ -62,12 +62,21 @@ class PathLengths:
         """Transmission of each listed pixel, monochromatic: Eq. 6 averaged over the pixel's rays.
 
         Intensities are averaged, not lengths, as a pixel does.
+
+        Raises
+        ------
+        DataError
+            If there is not one coefficient for each part.
         """
-        attenuation = np.einsum("nsk,k->ns", self.lengths_cm, lac_per_cm.astype(np.float64))
-        return np.asarray(gain * np.exp(-attenuation).mean(axis=1))
+        if lac_per_cm.shape != self.lengths_cm.shape[2:]:
+            raise DataError(
+                f"{self.lengths_cm.shape[2]} parts need as many coefficients, got {len(lac_per_cm)}"
+            )
+        lac = np.ascontiguousarray(lac_per_cm, dtype=np.float64)
+        return np.asarray(gain * kernels.mean_transmission(self.lengths_cm, lac))
 
     def image(self, lac_per_cm: Float[np.ndarray, "k"], gain: float = 1.0) -> Image:
-        """Transmission of the whole view; ``gain`` where no part is hit."""
+        """:meth:`transmission` of the whole view; ``gain`` where no part is hit."""
         image = np.full(self.shape, gain, dtype=np.float32)
         image.flat[self.pixels] = self.transmission(lac_per_cm, gain)
         return image
