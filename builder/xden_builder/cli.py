@@ -1,0 +1,239 @@
+"""``xden-build``: simulate captures, rebuild them, audit the result, measure the speed."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from xden1k.commands import DONE_IN_PART, Group, json_option, print_json
+
+if TYPE_CHECKING:
+    from xden_builder.audit import ObjectAudit
+    from xden_builder.run import BuildReport
+
+__all__ = ["cli"]
+
+FOLDER = click.Path(path_type=Path, file_okay=False)
+
+workers_option = click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    default=lambda: len(os.sched_getaffinity(0)),
+    show_default="one per core",
+    help="Processes.",
+)
+
+
+@click.group(cls=Group)
+@click.version_option(package_name="xden1k", prog_name="xden-build")
+def cli() -> None:
+    """Rebuild density from radiographs and part meshes; simulate captures to try it on."""
+    logging.basicConfig(format="%(levelname)s: %(message)s")
+
+
+@cli.command(epilog="Example: xden-build phantoms captures --count 24 --seed 1")
+@click.argument("out", type=FOLDER)
+@click.option("--count", type=click.IntRange(min=1), required=True, help="Objects to make.")
+@click.option("--seed", type=click.IntRange(min=0), required=True, help="Which objects.")
+@click.option(
+    "--size", type=click.IntRange(min=16), default=512, show_default=True, help="Pixels a side."
+)
+@click.option("--categories", default="", help="Only these, separated by commas.")
+@click.option("--ideal", is_flag=True, help="No noise, no exposure error, no rounding.")
+@click.option("--as-dataset", is_flag=True, help="Write the truth as a dataset folder instead.")
+@workers_option
+@json_option
+def phantoms(
+    out: Path,
+    count: int,
+    seed: int,
+    size: int,
+    categories: str,
+    ideal: bool,
+    as_dataset: bool,
+    workers: int,
+    as_json: bool,
+) -> None:
+    """Simulate objects of known density on a simulated scanner, as a capture folder."""
+    from xden_builder.phantoms import write_captures, write_truth_dataset
+
+    write = write_truth_dataset if as_dataset else write_captures
+    with _bar(count) as advance:
+        write(
+            out,
+            count,
+            seed,
+            size=size,
+            ideal=ideal,
+            workers=workers,
+            progress=lambda _: advance(),
+            categories=[name for name in categories.split(",") if name],
+        )
+    kind = "dataset" if as_dataset else "captures"
+    if as_json:
+        print_json({"out": str(out), "kind": kind, "count": count, "seed": seed, "size": size})
+    else:
+        click.echo(f"{out}: {kind} of {count} phantoms, seed {seed}, {size} x {size} pixels")
+
+
+@cli.command(epilog="Example: xden-build run captures --out dataset")
+@click.argument("captures", type=FOLDER)
+@click.option("--out", type=FOLDER, required=True, help="Dataset folder to write.")
+@click.option(
+    "--model",
+    type=click.Choice(["lac", "paper"]),
+    default="lac",
+    show_default=True,
+    help="lac: Levenberg-Marquardt with a gain per view; paper: Adam on full frames.",
+)
+@click.option("--parts", type=FOLDER, help="Other part meshes in place of the annotated ones.")
+@workers_option
+@json_option
+def run(
+    captures: Path, out: Path, model: Any, parts: Path | None, workers: int, as_json: bool
+) -> None:
+    """Rebuild every object of a capture folder into a dataset folder.
+
+    Can be stopped and started again: finished objects are kept in OUT.work. Exits with 3 if some
+    objects failed; they are listed, and in OUT.work/build_report.json.
+    """
+    from xden_builder.capture import CaptureFolder
+    from xden_builder.run import build
+    from xden_builder.settings import BuildSettings
+
+    count = len(CaptureFolder(captures).object_ids)
+    with _bar(count) as advance:
+        settings = BuildSettings(model=model)
+        report = build(
+            captures, out, settings, workers=workers, parts=parts, on_done=lambda _: advance()
+        )
+    if as_json:
+        print_json(report.to_dict())
+    else:
+        _echo_report(report, out)
+    if report.failures:
+        raise SystemExit(DONE_IN_PART)
+
+
+@cli.command(epilog="Example: xden-build audit dataset --captures captures")
+@click.argument("root", type=FOLDER)
+@click.option("--captures", type=FOLDER, required=True, help="What the dataset was made from.")
+@json_option
+def audit(root: Path, captures: Path, as_json: bool) -> None:
+    """Reproject a dataset and compare it with its radiographs, and with a CT where there is one.
+
+    Exits with 3 if a view does not show its object's parts (correlation below 0.9).
+    """
+    from xden1k.folder import open_folder
+    from xden_builder.audit import audit_object
+    from xden_builder.capture import CaptureFolder
+
+    folder, source = open_folder(root), CaptureFolder(captures)
+    audits = []
+    with _bar(len(folder.ids())) as advance:
+        for object_id in folder.ids():
+            audits.append(
+                audit_object(folder.object(object_id), source.read(object_id), source.ct(object_id))
+            )
+            advance()
+    if as_json:
+        print_json([one.to_dict() for one in audits])
+    else:
+        _echo_audits(audits)
+    if not all(one.good for one in audits):
+        raise SystemExit(DONE_IN_PART)
+
+
+@cli.command(epilog="Example: xden-build gallery gallery.png")
+@click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@json_option
+def gallery(out: Path, seed: int, as_json: bool) -> None:
+    """Draw one phantom of each category: a shaded view, PA and LAT."""
+    from xden_builder.phantoms import gallery as draw
+
+    draw(out, seed)
+    if as_json:
+        print_json({"out": str(out), "seed": seed})
+    else:
+        click.echo(out)
+
+
+@cli.command(epilog="Example: xden-build speed --size 1024")
+@click.option(
+    "--size", type=click.IntRange(min=64), default=1024, show_default=True, help="Pixels a side."
+)
+@json_option
+def speed(size: int, as_json: bool) -> None:
+    """Measure our fit and path lengths against other ways, as ratios in one run."""
+    from tabulate import tabulate
+
+    from xden_builder.speed import comparisons
+
+    rows = list(comparisons(size))
+    if as_json:
+        print_json([row.to_dict() for row in rows])
+        return
+    for row in rows:
+        table = [
+            ("ours: " + row.ours, f"{row.ours_s:.4f}", f"{row.ours_error:.1e}"),
+            (row.other, f"{row.other_s:.4f}", f"{row.other_error:.1e}"),
+        ]
+        click.echo(f"\n{row.task}: {row.ratio:.0f} times the processor time")
+        click.echo(tabulate(table, [row.task, "CPU s", row.error], disable_numparse=True))
+
+
+@contextmanager
+def _bar(total: int) -> Iterator[Any]:
+    """Progress bar on a terminal; gives the function that advances it."""
+    from tqdm import tqdm
+
+    with tqdm(total=total, unit="object", disable=None) as bar:
+        yield bar.update
+
+
+def _echo_report(report: BuildReport, out: Path) -> None:
+    from xden_builder.run import work_folder
+
+    for outcome in report.failures:
+        click.echo(f"failed: {outcome.object_id}: {outcome.message}", err=True)
+    for outcome in report.outcomes:
+        if outcome.flags:
+            click.echo(f"flagged: {outcome.object_id}: {', '.join(outcome.flags)}")
+    counts = ", ".join(f"{report.count(s)} {s}" for s in ("built", "kept", "failed"))
+    click.echo(f"{out}: {counts}; report in {work_folder(out) / 'build_report.json'}")
+
+
+def _echo_audits(audits: Sequence[ObjectAudit]) -> None:
+    from tabulate import tabulate
+
+    headers = ["object", "view", "T MAE", "T corr", "p MAE", "p corr", "T MAE beside", "verdict"]
+    rows = [
+        (
+            one.object_id,
+            view.name if view.fitted else f"{view.name} (unseen)",
+            f"{view.transmission_mae:.2g}",
+            f"{view.transmission_corr:.5f}",
+            f"{view.attenuation_mae:.2g}",
+            f"{view.attenuation_corr:.5f}",
+            f"{view.background_transmission_mae:.2g}",
+            "good" if view.good else "BAD",
+        )
+        for one in audits
+        for view in one.views
+    ]
+    click.echo(tabulate(rows, headers, disable_numparse=True))
+    for one in audits:
+        if one.ct:
+            click.echo(
+                f"{one.object_id} against its CT: voxel MAE {one.ct.voxel_mae_per_cm:.3g}/cm "
+                f"({one.ct.voxel_mae_rel:.1%}), mass ratio {one.ct.mass_ratio:.4f}, "
+                f"centre of mass off by {one.ct.com_l1_cm:.2g} cm (L1)"
+            )
+    click.echo("T = transmission, p = -ln T, on pixels whose ray meets the object; beside = air")
