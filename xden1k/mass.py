@@ -70,7 +70,7 @@ def mass_of_meshes(
             np.asarray(mesh.moment_inertia) / mesh.density * density,
         )
         for mesh, density in zip(meshes, densities_g_cm3, strict=True)
-        if float(mesh.volume) != 0.0
+        if len(mesh.faces) and float(mesh.volume) != 0.0  # an empty mesh makes trimesh divide by 0
     ]
     return _joined(
         np.array([mass for mass, _, _ in bodies]),
