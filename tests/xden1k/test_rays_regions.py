@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from xden1k.errors import DataError
+from xden1k.mass import mass_of_meshes
 from xden1k.rays import disjoint_regions, outer_surface, ownership_order, path_lengths
 from xden1k.views import ViewGeometry
 
@@ -144,6 +145,7 @@ def test_a_part_wholly_covered_leaves_an_empty_mesh():
     kept, *gone = disjoint_regions([box, inner, same], [0, 1, 2])
     assert kept is box
     assert [len(mesh.faces) for mesh in gone] == [0, 0]
+    assert mass_of_meshes([kept, *gone], [1.0, 2.0, 3.0]).mass_g == pytest.approx(8)
 
 
 def test_only_the_weaker_part_is_cut():

@@ -167,6 +167,9 @@ def test_what_lies_outside_the_grid_is_left_out():
     share = fill_grid([box], grid)
     assert share.sum() == pytest.approx(5.0 * 5.5 * 4.5, rel=1e-2)
     assert (voxel_labels([box], [0], grid) == 1).sum() == 5 * 6 * 5
+    corner = trimesh.creation.box(bounds=[[-1e4] * 3, [1e4] * 3])  # every voxel is reached
+    assert (fill_grid([corner], grid) == 1).all()
+    assert (voxel_labels([corner], [0], grid) == 1).all()
     far = box.copy().apply_translation([100.0, 0, 0])
     assert not fill_grid([far], grid).any()
     assert not voxel_labels([far, trimesh.Trimesh()], [0, 1], grid).any()

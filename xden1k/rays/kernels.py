@@ -81,7 +81,8 @@ def scan(
     triangles
         Column, row and depth of each vertex; depth must be affine in column and row.
     labels
-        Rank of the part, from 1; negative where an even order of vertices faces the source.
+        Rank of the part, from 1, negative after an odd number of swaps; the contrary on a detector
+        that is mirrored.
     inverse_depth
         Whether the third coordinate is 1 / depth, as perspective asks for.
     window

@@ -16,7 +16,7 @@ from jaxtyping import Float32, Float64, Int64
 from xden1k.arrays import Labels, Vec3
 from xden1k.errors import DataError
 from xden1k.rays import kernels
-from xden1k.rays.surfaces import Surfaces
+from xden1k.rays.surfaces import Surfaces, Window
 from xden1k.types import FIELD_SIZE, LABEL_SIZE, MAX_PARTS
 from xden1k.views import ViewGeometry
 
@@ -160,7 +160,10 @@ def part_fractions(
             step * np.array([-1.0, subsamples, 0.0]),
         ),
     )
-    window = surfaces.bounds()
+    # the grid, seen in the lattice's turned frame, lies within these rows and columns
+    rows = (-grid.size - subsamples, subsamples * grid.size)
+    columns = (-subsamples, (subsamples + 1) * grid.size)
+    window = _cut(surfaces.bounds(), rows, columns)
     starts = surfaces.count(window)
     depths, crossed = surfaces.cross(window, starts)
     boxes = np.array([_touched_voxels(mesh, grid) for mesh in meshes]).reshape(-1, 2, 3)
@@ -199,8 +202,7 @@ def voxel_labels(meshes: Sequence[trimesh.Trimesh], order: Sequence[int], grid: 
     step = grid.voxel_size_cm
     across, up = np.array([step, 0.0, 0.0]), np.array([0.0, step, 0.0])
     surfaces = Surfaces.seen(meshes, order, _along_z(grid.origin_cm, across, up))
-    first_row, end_row, first_column, end_column = np.clip(surfaces.bounds(), 0, grid.size).tolist()
-    window = (first_row, end_row, first_column, end_column)
+    window = _cut(surfaces.bounds(), (0, grid.size), (0, grid.size))
     starts = surfaces.count(window)
     depths, crossed = surfaces.cross(window, starts)
     labels = np.zeros((grid.size,) * 3, dtype=np.uint8)
@@ -243,6 +245,13 @@ def fill_grid(
     """
     fills = part_fractions(meshes, range(len(meshes)), grid, subsamples)
     return density_grid(fills, [1.0] * len(fills), grid)
+
+
+def _cut(window: Window, rows: tuple[int, int], columns: tuple[int, int]) -> Window:
+    """Cut a window to some rows and columns."""
+    first_row, end_row = np.clip(window[:2], *rows).tolist()
+    first_column, end_column = np.clip(window[2:], *columns).tolist()
+    return (first_row, end_row, first_column, end_column)
 
 
 def _along_z(origin_cm: Vec3, column_step_cm: Vec3, row_step_cm: Vec3) -> ViewGeometry:
