@@ -1,0 +1,84 @@
+"""Levenberg-Marquardt against Adam on full frames, to the same loss."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from xden1k.rays import PathLengths
+from xden1k.views import XRayView
+from xden_builder.fit.adam import DEFAULT_ADAM, AdamSettings, fit_lac_adam
+from xden_builder.fit.lac import fit_lac
+from xden_builder.fit.values import PAPER_OBJECTIVE, LacFit
+
+__all__ = ["SolverComparison", "compare_solvers"]
+
+
+@dataclass(frozen=True, slots=True)
+class SolverComparison:
+    """Processor time of both solvers for the same loss.
+
+    Parameters
+    ----------
+    lm_cpu_seconds, adam_cpu_seconds
+        Time of the process, all threads, from path lengths and images to the finished fit.
+    lm_loss, adam_loss
+        Sum of squared residuals of transmission over both whole frames, computed alike.
+    lm_iterations, adam_steps
+        Steps each took.
+    """
+
+    lm_cpu_seconds: float
+    adam_cpu_seconds: float
+    lm_loss: float
+    adam_loss: float
+    lm_iterations: int
+    adam_steps: int
+
+    @property
+    def ratio(self) -> float:
+        """How many times the processor time Adam needs."""
+        return self.adam_cpu_seconds / self.lm_cpu_seconds
+
+
+def compare_solvers(
+    views: Sequence[tuple[PathLengths, XRayView]],
+    adam: AdamSettings = DEFAULT_ADAM,
+    loss_rtol: float = 1e-3,
+    repeats: int = 5,
+) -> SolverComparison:
+    """Time both solvers on the paper's objective: whole frames, no weights, no gain.
+
+    Levenberg-Marquardt runs to convergence, Adam until its loss is within ``loss_rtol`` of that.
+
+    Parameters
+    ----------
+    views
+        Path lengths, of one ray a pixel, and image of each view.
+    adam
+        Its settings; the target loss is set here.
+    loss_rtol
+        How much more than the least loss Adam may leave.
+    repeats
+        Levenberg-Marquardt takes milliseconds: the mean of so many runs.
+    """
+    best = fit_lac(views, PAPER_OBJECTIVE)  # also compiles
+    lm_seconds, _ = _timed(lambda: [fit_lac(views, PAPER_OBJECTIVE) for _ in range(repeats)][-1])
+    target = replace(adam, target_loss=best.loss * (1 + loss_rtol))
+    fit_lac_adam(views, replace(target, max_steps=1))  # loads and warms up torch
+    adam_seconds, slow = _timed(lambda: fit_lac_adam(views, target))
+    return SolverComparison(
+        lm_cpu_seconds=lm_seconds / repeats,
+        adam_cpu_seconds=adam_seconds,
+        lm_loss=best.loss,
+        adam_loss=slow.loss,
+        lm_iterations=best.iterations,
+        adam_steps=slow.iterations,
+    )
+
+
+def _timed(run: Callable[[], LacFit]) -> tuple[float, LacFit]:
+    begin = time.process_time()
+    result = run()
+    return time.process_time() - begin, result

@@ -1,0 +1,93 @@
+"""One attenuation coefficient per part from both views, by Levenberg-Marquardt."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64
+
+from xden1k.rays import PathLengths
+from xden1k.views import XRayView
+from xden_builder.fit.diagnostics import finish
+from xden_builder.fit.levenberg import Minimum, minimise
+from xden_builder.fit.problem import Problem, Weighting
+from xden_builder.fit.start import starting_point
+from xden_builder.fit.values import DEFAULT, FitSettings, LacFit
+from xden_builder.fit.weighting import uniform, variances, weights_of
+
+__all__ = ["fit_lac"]
+
+NOT_KNOWN: Final[Mapping[str, float]] = MappingProxyType({})
+
+
+def fit_lac(
+    views: Sequence[tuple[PathLengths, XRayView]],
+    settings: FitSettings = DEFAULT,
+    dark_sd: Mapping[str, float] = NOT_KNOWN,
+) -> LacFit:
+    """Fit one linear attenuation coefficient for each part to all views at once.
+
+    The objective is Eq. 7 with weights and gains, ``sum w (g_v T_p - I_p)²``, on transmission
+    (its logarithm would give the darkest pixels, which know nothing, the largest say).
+
+    Parameters
+    ----------
+    views
+        Path lengths and image of each view, all of the same parts.
+    settings
+        Gains, weights, bounds.
+    dark_sd
+        Noise at transmission 0 by the name of the view, where it was measured.
+
+    Raises
+    ------
+    DataError
+        If a view's path lengths are of another shape or of other parts.
+    """
+    problem = Problem.of(views, settings, dark_sd)
+    lower, upper = problem.bounds(settings)
+    search = partial(minimise, lower=lower, upper=upper, max_iterations=settings.max_iterations)
+    point = np.clip(starting_point(problem), lower, upper)
+    weighting = uniform(problem.views)
+    if settings.weights == "none":
+        minimum = search(partial(problem.evaluate, weighting=weighting), point)
+        rounds = [minimum]
+    else:
+        rounds = []
+        for _ in range(settings.reweightings):
+            weighting = _edge_weights(problem, point, settings)
+            rounds.append(search(partial(problem.evaluate, weighting=weighting), point))
+            point = rounds[-1].unknowns
+    return finish(
+        problem,
+        rounds[-1].unknowns,
+        rounds[-1].evaluation,
+        weighting,
+        settings,
+        _solver_report(rounds, settings),
+    )
+
+
+def _edge_weights(
+    problem: Problem, point: Float64[np.ndarray, "u"], settings: FitSettings
+) -> Weighting:
+    """Weights from the model image at a point."""
+    weighting = []
+    for view, gain in zip(problem.views, point[problem.parts :].tolist(), strict=True):
+        transmission = view.lengths.transmission(point[: problem.parts])
+        weighting.append(weights_of(view, variances(view, transmission, gain, settings)))
+    return weighting
+
+
+def _solver_report(rounds: Sequence[Minimum], settings: FitSettings) -> dict[str, object]:
+    return {
+        "solver": "levenberg-marquardt",
+        "weights": settings.weights,
+        "gain": settings.gain,
+        "iterations": sum(minimum.iterations for minimum in rounds),
+        "converged": rounds[-1].converged,
+    }
