@@ -148,18 +148,7 @@ def part_fractions(
     """
     if subsamples < 1:
         raise DataError(f"subsamples must be at least 1, got {subsamples}")
-    rays = subsamples**2 + 1
-    step = grid.voxel_size_cm / rays
-    centred = (1 - rays % 2) / 2  # an even number of rays lies beside the voxel's centre
-    surfaces = Surfaces.seen(
-        meshes,
-        order,
-        _along_z(
-            grid.origin_cm + step * centred * np.array([1.0, 1.0, 0.0]),
-            step * np.array([subsamples, 1.0, 0.0]),
-            step * np.array([-1.0, subsamples, 0.0]),
-        ),
-    )
+    surfaces = Surfaces.seen(meshes, order, _lattice(grid, subsamples))
     # the grid, seen in the lattice's turned frame, lies within these rows and columns
     rows = (-grid.size - subsamples, subsamples * grid.size)
     columns = (-subsamples, (subsamples + 1) * grid.size)
@@ -182,7 +171,7 @@ def part_fractions(
         fill,
     )
     _refuse_open(broken)
-    shares = (fill / rays).astype(np.float32)
+    shares = (fill / (subsamples**2 + 1)).astype(np.float32)
     return [
         PartFill(tuple(box[0].tolist()), crop.reshape(shape))
         for box, crop, shape in zip(boxes, np.split(shares, ends[:-1]), shapes, strict=True)
@@ -245,6 +234,18 @@ def fill_grid(
     """
     fills = part_fractions(meshes, range(len(meshes)), grid, subsamples)
     return density_grid(fills, [1.0] * len(fills), grid)
+
+
+def _lattice(grid: CubeGrid, subsamples: int) -> ViewGeometry:
+    """Rays along z on a square lattice turned against the voxels, N to each column of them."""
+    rays = subsamples**2 + 1
+    step = grid.voxel_size_cm / rays
+    centred = (1 - rays % 2) / 2  # an even number of rays lies beside the voxel's centre
+    return _along_z(
+        grid.origin_cm + step * centred * np.array([1.0, 1.0, 0.0]),
+        step * np.array([subsamples, 1.0, 0.0]),
+        step * np.array([-1.0, subsamples, 0.0]),
+    )
 
 
 def _cut(window: Window, rows: tuple[int, int], columns: tuple[int, int]) -> Window:
