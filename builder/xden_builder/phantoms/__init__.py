@@ -2,5 +2,27 @@
 
 Reading order: ``shapes`` and ``skins`` (a vocabulary of solids), ``archetypes`` (objects built of
 them), ``catalogue`` (which there are, of what), ``phantom`` (one object), ``scanner`` (its
-radiographs), ``writer`` and ``truth`` (files), ``gallery`` (to look at).
+radiographs), ``writer`` and ``truth`` (files), ``sheet`` (to look at).
 """
+
+from xden_builder.phantoms.catalogue import CATALOGUE, Category
+from xden_builder.phantoms.phantom import Phantom, PhantomPart, Plan, make_phantom, plan_objects
+from xden_builder.phantoms.scanner import Scanner
+from xden_builder.phantoms.sheet import gallery
+from xden_builder.phantoms.truth import truth_object, write_truth_dataset
+from xden_builder.phantoms.writer import write_captures
+
+__all__ = [
+    "CATALOGUE",
+    "Category",
+    "Phantom",
+    "PhantomPart",
+    "Plan",
+    "Scanner",
+    "gallery",
+    "make_phantom",
+    "plan_objects",
+    "truth_object",
+    "write_captures",
+    "write_truth_dataset",
+]

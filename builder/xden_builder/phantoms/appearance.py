@@ -46,15 +46,16 @@ _BY_NAME: Final[dict[str, tuple[Color, ...]]] = {
     "leather": ((0.93, 0.91, 0.86),),
     "oil_vegetable": ((0.90, 0.78, 0.30),),
     "phenolic": ((0.12, 0.11, 0.11),),
-    "water_like": ((0.93, 0.90, 0.80), (0.72, 0.28, 0.22)),
+    "water_like": ((0.93, 0.90, 0.80),),
 }
-_SHADE_SD: Final = 0.025
+_SHADE_SD, _HUE_SD = 0.03, 0.008
 
 
 def draw_color(rng: np.random.Generator, material: str) -> Color:
     """Draw a base colour that a part of this material may have, three values from 0 to 1."""
     family = load_materials()[material].family
     usual = _BY_NAME.get(material, _BY_FAMILY.get(family, ((0.7, 0.7, 0.7),)))
-    color = np.array(usual[rng.integers(len(usual))]) + rng.normal(0.0, _SHADE_SD, 3)
+    color = np.array(usual[rng.integers(len(usual))])
+    color = color * rng.normal(1.0, _SHADE_SD) + rng.normal(0.0, _HUE_SD, 3)
     red, green, blue = color.clip(0.0, 1.0).round(3).tolist()
     return red, green, blue

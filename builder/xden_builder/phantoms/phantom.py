@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 import trimesh
 
-from xden1k.errors import DataError
+from xden1k.errors import DataError, MissingObjectError
 from xden1k.mass import MassProperties, mass_of_meshes
 from xden1k.materials import load_materials
 from xden1k.types import Split
@@ -23,7 +23,7 @@ from xden_builder.phantoms.catalogue import CATALOGUE, Category
 from xden_builder.phantoms.pieces import Piece, disjoint, moved
 from xden_builder.phantoms.shapes import to_mesh
 
-__all__ = ["Phantom", "PhantomPart", "Plan", "make_phantom", "plan_objects"]
+__all__ = ["Phantom", "PhantomPart", "Plan", "make_phantom", "plan_objects", "random_numbers"]
 
 _SPLITS: tuple[Split, ...] = (
     *("train", "train", "test", "train", "val"),
@@ -58,6 +58,28 @@ class Plan:
         if self.seed < 0:
             raise DataError(f"the seed must not be negative, got {self.seed}")
 
+    @classmethod
+    def of(cls, seed: int, object_id: str) -> Plan:
+        """Give the plan of an object by its id.
+
+        Raises
+        ------
+        MissingObjectError
+            If no object is called so.
+
+        Examples
+        --------
+        >>> Plan.of(7, "hammer-0003").ordinal
+        3
+        """
+        name, _, number = object_id.rpartition("-")
+        for place, category in enumerate(CATALOGUE):
+            if category.name == name and number.isdecimal():
+                return cls(seed, place, int(number))
+        raise MissingObjectError(
+            f"expected CATEGORY-NUMBER, such as hammer-0003, got {object_id!r}"
+        )
+
     @property
     def category(self) -> Category:
         """Its kind."""
@@ -75,8 +97,12 @@ class Plan:
 
     def rng(self, purpose: str) -> np.random.Generator:
         """Return random numbers of this object for one purpose, independent of all others."""
-        key = f"{self.object_id}/{purpose}".encode()
-        return np.random.default_rng(np.random.SeedSequence([self.seed, *key]))
+        return random_numbers(self.seed, f"{self.object_id}/{purpose}")
+
+
+def random_numbers(seed: int, purpose: str) -> np.random.Generator:
+    """Give random numbers for one purpose, independent of those for all others."""
+    return np.random.default_rng(np.random.SeedSequence([seed, *purpose.encode()]))
 
 
 def plan_objects(count: int, seed: int, categories: Sequence[str] = ()) -> list[Plan]:
@@ -164,9 +190,9 @@ class Phantom:
 def make_phantom(plan: Plan) -> Phantom:
     """Build an object: shape, pose, materials.
 
-    It rests as on a table, turned at random about the vertical z axis, the centre of its bounding
-    box at the origin. What is long lies across both views' directions, as an operator would put
-    it, so that neither looks along it.
+    It rests as on a table, the centre of its bounding box at the origin, z up. What lies flat, an
+    operator may also hold up on end in a block of foam, and turns it across both views'
+    directions, so that neither looks along it. All else is turned at random about z.
     """
     shape = plan.rng("shape")
     size_cm = float(shape.uniform(*plan.category.size_cm))
@@ -177,12 +203,13 @@ def make_phantom(plan: Plan) -> Phantom:
 
 def _placed(pieces: Sequence[Piece], rng: np.random.Generator) -> list[Piece]:
     low, high = _bounds(pieces)
-    long, wide, _ = high - low
-    if long > 2 * wide:
-        yaw = 45.0 + 90.0 * rng.integers(4) + rng.uniform(-20.0, 20.0)
-    else:
-        yaw = rng.uniform(0.0, 360.0)
-    turned = moved(pieces, lambda solid: solid.rotate((0.0, 0.0, float(yaw))))
+    long, _, tall = high - low
+    on_end, yaw = rng.random() < 0.5, float(rng.uniform(0.0, 360.0))
+    if long > 1.5 * tall:
+        if on_end:
+            pieces = moved(pieces, lambda solid: solid.rotate((0.0, -90.0, 0.0)))
+        yaw = 45.0 + 90.0 * (yaw // 90.0) + rng.uniform(-20.0, 20.0)
+    turned = moved(pieces, lambda solid: solid.rotate((0.0, 0.0, yaw)))
     middle = np.mean(_bounds(turned), axis=0)
     shift = (-float(middle[0]), -float(middle[1]), -float(middle[2]))
     return moved(turned, lambda solid: solid.translate(shift))

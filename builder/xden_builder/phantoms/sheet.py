@@ -1,0 +1,175 @@
+"""A sheet of phantoms to look at: shaded, cut open, and both radiographs of each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+from manifold3d import Manifold, Mesh64
+
+from xden1k.arrays import Image, Vec3
+from xden1k.errors import require
+from xden_builder.phantoms.catalogue import CATALOGUE
+from xden_builder.phantoms.phantom import Phantom, make_phantom, plan_objects
+from xden_builder.phantoms.scanner import VIEWS, Scanner
+from xden_builder.phantoms.shapes import to_mesh
+
+__all__ = ["cut_open", "gallery", "shaded"]
+
+Picture = Float[np.ndarray, "rows columns 3"]
+Colors = Sequence[tuple[float, float, float]]
+_LIGHT = np.array([-0.42, 0.6, -0.68]) / np.linalg.norm([-0.42, 0.6, -0.68])
+"""Towards the light, in the camera's frame: right, up, away."""
+
+
+def gallery(out_png: Path, seed: int = 0, categories: Sequence[str] = ()) -> None:
+    """Draw the first object of each category: shaded, cut open, PA, LAT.
+
+    Parameters
+    ----------
+    out_png
+        The picture to write.
+    seed
+        Of the objects.
+    categories
+        Only these; all if empty.
+
+    Raises
+    ------
+    MissingExtraError
+        If matplotlib is not installed.
+    """
+    figures = require("matplotlib.figure", "view")
+    plans = plan_objects(len(categories) or len(CATALOGUE), seed, categories)
+    rows = -(-len(plans) // 2)
+    figure = figures.Figure(figsize=(18.0, 2.3 * rows), layout="constrained")
+    axes = figure.subplots(rows, 8, squeeze=False)
+    for axis in axes.flat:
+        axis.axis("off")
+    for place, plan in enumerate(plans):
+        phantom = make_phantom(plan)
+        row = axes[place // 2, 4 * (place % 2) :][:4]
+        row[0].set_title(f"{plan.object_id}, {phantom.mass_properties.mass_g:#.3g} g", fontsize=9)
+        for axis, picture in zip(row, _pictures(phantom), strict=False):
+            axis.imshow(picture, cmap="gray", vmin=0.0, vmax=1.0)
+    figure.savefig(out_png, dpi=100)
+
+
+def _pictures(phantom: Phantom) -> list[Picture | Image]:
+    meshes = [part.mesh for part in phantom.parts]
+    colors = [part.color_rgb for part in phantom.parts]
+    azimuth, flat = _looks(meshes)
+    normal = _horizontal(azimuth) if not flat else np.array([0.0, 0.0, 1.0])
+    opened = [(mesh, color) for mesh, color in zip(cut_open(meshes, normal), colors, strict=True)]
+    opened = [(mesh, color) for mesh, color in opened if len(mesh.faces)]
+    scanner = Scanner(size_px=512)
+    views = [scanner.corrected(phantom, view).transmission for view in VIEWS]
+    return [
+        shaded(meshes, colors, azimuth + 25.0, 28.0),
+        shaded([m for m, _ in opened], [c for _, c in opened], azimuth, 55.0 if flat else 18.0),
+        *(_cropped(view) for view in views),
+    ]
+
+
+def _looks(meshes: Sequence[trimesh.Trimesh]) -> tuple[float, bool]:
+    """From which azimuth (degrees) an object shows its breadth, and whether it is flat."""
+    points = np.concatenate([mesh.triangles_center for mesh in meshes])
+    across = points[:, :2] - points[:, :2].mean(axis=0)
+    long = np.linalg.eigh(across.T @ across)[1][:, 1]
+    size = np.ptp(points, axis=0)
+    return float(np.degrees(np.arctan2(long[1], long[0]))) - 90.0, bool(size[2] < 0.25 * size.max())
+
+
+def _horizontal(azimuth: float) -> Vec3:
+    angle = np.radians(azimuth)
+    return np.array([np.cos(angle), np.sin(angle), 0.0])
+
+
+def cut_open(meshes: Sequence[trimesh.Trimesh], normal: Vec3) -> list[trimesh.Trimesh]:
+    """Take away what lies on the normal's side of the middle; the cut faces are closed."""
+    corners = np.concatenate([mesh.bounds for mesh in meshes])
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    plane = (-float(normal[0]), -float(normal[1]), -float(normal[2]))
+    halves = [
+        Manifold(Mesh64(mesh.vertices, mesh.faces.astype(np.uint64))).trim_by_plane(
+            plane, -float(normal @ middle) - 1e-4
+        )
+        for mesh in meshes
+    ]
+    return [to_mesh(half) for half in halves]
+
+
+def shaded(
+    meshes: Sequence[trimesh.Trimesh],
+    colors: Colors,
+    azimuth: float,
+    elevation: float,
+    size_px: int = 300,
+) -> Picture:
+    """Picture of meshes under one light, in parallel projection, on white.
+
+    Surfaces are drawn as dense points with a depth buffer, at twice the size, then averaged.
+
+    Parameters
+    ----------
+    meshes, colors
+        One colour for each mesh.
+    azimuth, elevation
+        Where the camera is, degrees.
+    size_px
+        Rows and columns.
+    """
+    camera, fine = _camera(azimuth, elevation), 2 * size_px
+    corners = np.concatenate([mesh.vertices for mesh in meshes]) @ camera.T
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    pixel_cm = 1.06 * max(high[0] - low[0], high[1] - low[1]) / fine
+    clouds = [
+        _points(mesh, color, camera, pixel_cm) for mesh, color in zip(meshes, colors, strict=True)
+    ]
+    points, lit = (np.concatenate(part) for part in zip(*clouds, strict=True))
+    at = (points - (low + high) / 2) / pixel_cm + fine / 2
+    pixel = (fine - 1 - at[:, 1].astype(int)) * fine + at[:, 0].astype(int)
+    far_first = np.argsort(-points[:, 2])
+    picture = np.ones((fine * fine, 3))
+    picture[pixel[far_first]] = lit[far_first]
+    return np.asarray(picture.reshape(size_px, 2, size_px, 2, 3).mean(axis=(1, 3)))
+
+
+def _camera(azimuth: float, elevation: float) -> Float[np.ndarray, "3 3"]:
+    """Rows: right, up, away."""
+    toward = np.cos(np.radians(elevation)) * _horizontal(azimuth)
+    toward[2] = np.sin(np.radians(elevation))
+    right = np.cross([0.0, 0.0, 1.0], toward)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(toward, right), -toward])
+
+
+def _points(
+    mesh: trimesh.Trimesh,
+    color: tuple[float, float, float],
+    camera: Float[np.ndarray, "3 3"],
+    pixel_cm: float,
+) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
+    """Points that cover the faces turned to the camera, and their lit colours."""
+    normals = mesh.face_normals @ camera.T
+    seen = np.flatnonzero(normals[:, 2] < 0)
+    share = mesh.area_faces[seen] * -normals[seen, 2]
+    count = np.ceil(8 * share / pixel_cm**2).astype(int)
+    face = np.repeat(seen, count)
+    u, v = np.random.default_rng(0).random((2, len(face), 1), dtype=np.float32)
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    a, b, c = mesh.triangles[face].transpose(1, 0, 2)
+    light = 0.4 + 0.6 * (normals[face] @ _LIGHT).clip(0.0, 1.0)
+    return (a + u * (b - a) + v * (c - a)) @ camera.T, light[:, None] * np.array(color)
+
+
+def _cropped(transmission: Image) -> Image:
+    """Square around the object, bright where thin, gamma 1/2."""
+    rows, columns = np.nonzero(transmission < 0.9 * np.median(transmission))
+    middle = [(values.min() + values.max()) // 2 for values in (rows, columns)]
+    half = int(max(np.ptp(rows), np.ptp(columns)) * 0.55) + 2
+    window = [slice(max(at - half, 0), at + half) for at in middle]
+    return np.asarray(np.sqrt(np.nan_to_num(transmission[tuple(window)]).clip(0.0, 1.0)))
