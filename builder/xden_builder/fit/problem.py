@@ -85,7 +85,7 @@ class ViewData:
         usable = view.valid.ravel()[lengths.pixels] & ~lengths.broken
         measured = np.where(usable, view.transmission.ravel()[lengths.pixels], 1.0)
         air = _air(view, _beside(lengths, settings.air_margin_px) & view.valid, settings)
-        guessed = air.sd * np.sqrt(READOUT_SHARE)
+        guessed = air.sd * READOUT_SHARE**0.5
         dark = max(guessed if dark_sd is None else dark_sd, NOISE_FLOOR)
         return cls(view.name, lengths, measured.astype(np.float64), usable, air, dark)
 
