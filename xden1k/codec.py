@@ -144,7 +144,8 @@ def encode_transmission(transmission: Image, valid: Mask) -> UInt16[np.ndarray, 
     """
     steps = np.where(valid, transmission, np.float32(0)) * np.float32(65535 / MAX_TRANSMISSION)
     codes: UInt16[np.ndarray, "rows columns"] = np.rint(steps).clip(1, 65535).astype(np.uint16)
-    return codes * valid
+    codes[~valid] = 0
+    return codes
 
 
 def encode_share(share: Grid) -> UInt8[np.ndarray, "x y z"]:
