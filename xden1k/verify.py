@@ -38,8 +38,15 @@ PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 Report = Callable[[str], None]
 
 
-def verify_folder(root: Path) -> list[str]:
+def verify_folder(root: Path, on_row: Callable[[], object] = lambda: None) -> list[str]:
     """Check a dataset folder.
+
+    Parameters
+    ----------
+    root
+        The folder.
+    on_row
+        Called after each object, for a progress bar.
 
     Returns
     -------
@@ -54,7 +61,7 @@ def verify_folder(root: Path) -> list[str]:
     _check_sums(root, manifest, problems.append)
     _check_files(root, manifest, problems.append)
     for split in manifest.splits:
-        _check_split(root, manifest, split, problems.append)
+        _check_split(root, manifest, split, problems.append, on_row)
     return problems
 
 
@@ -91,7 +98,9 @@ def _check_files(root: Path, manifest: Manifest, report: Report) -> None:
         report(f"{name}: {MANIFEST_NAME} does not list it, but it would be loaded")
 
 
-def _check_split(root: Path, manifest: Manifest, split: str, report: Report) -> None:
+def _check_split(
+    root: Path, manifest: Manifest, split: str, report: Report, on_row: Callable[[], object]
+) -> None:
     """Check the rows of one split, one in memory at a time."""
     light = {
         row["object_id"]: row
@@ -110,6 +119,7 @@ def _check_split(root: Path, manifest: Manifest, split: str, report: Report) -> 
             for problem in row_problems(row):
                 say(problem)
             last = row["object_id"]
+            on_row()
 
 
 def _report_at(report: Report, where: str, problem: str) -> None:

@@ -1,0 +1,189 @@
+"""``xden``: look at a dataset folder, check it, fetch it."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from xden1k.commands import Group, json_option, print_json
+
+if TYPE_CHECKING:
+    from xden1k.folder import DatasetFolder
+    from xden1k.types import DensityObject
+
+__all__ = ["cli"]
+
+FOLDER = click.Path(path_type=Path, file_okay=False)
+PICTURE = click.Path(path_type=Path, dir_okay=False)
+PART_HEADS = ("part", "material", "LAC 1/cm", "density g/cm³", "sd", "source", "flags")
+
+root_option = click.option(
+    "--root",
+    type=FOLDER,
+    help="Dataset folder. Default: $XDEN1K_ROOT, else what was downloaded, else the sample.",
+)
+
+
+@click.group(cls=Group)
+@click.version_option(package_name="xden1k", prog_name="xden")
+def cli() -> None:
+    """Look at a dataset of objects with known density, check it, fetch it."""
+
+
+@cli.command(epilog="Example: xden info --root dataset")
+@root_option
+@json_option
+def info(root: Path | None, as_json: bool) -> None:
+    """Say what a dataset folder holds, and where it comes from."""
+    folder = _open(root)
+    values = _summary(folder)
+    if as_json:
+        print_json(values)
+        return
+    for name in ("root", "version", "builder"):
+        click.echo(f"{name:<12}{values[name]}")
+    for name in ("splits", "sources", "densities", "categories"):
+        click.echo(f"{name:<12}{_counts(values[name])}")
+    click.echo(f"{'size':<12}{values['bytes'] / 1e6:.1f} MB in {values['files']} files")
+
+
+def _counts(counts: dict[str, int], shown: int = 8) -> str:
+    words = [f"{name} {count}" for name, count in counts.items()]
+    more = [f"and {len(words) - shown} more"] if len(words) > shown else []
+    return ", ".join(words[:shown] + more)
+
+
+def _summary(folder: DatasetFolder) -> dict[str, Any]:
+    manifest = folder.manifest
+    return {
+        "root": str(folder.root),
+        "version": manifest.version,
+        "builder": manifest.builder,
+        "splits": manifest.splits,
+        "sources": manifest.sources,
+        "densities": manifest.density_sources,
+        "categories": dict(sorted(Counter(folder.light_column("category")).items())),
+        "files": len(manifest.files),
+        "bytes": sum(file.bytes for file in manifest.files),
+    }
+
+
+@cli.command(epilog="Example: xden show kettle-0003 --root dataset -o kettle.png")
+@click.argument("object_id", metavar="ID")
+@root_option
+@click.option("-o", "--out", type=PICTURE, help="The PNG to write. Default: ID.png here.")
+@json_option
+def show(object_id: str, root: Path | None, out: Path | None, as_json: bool) -> None:
+    """Draw an object: radiographs, reprojection, residual, density slices, parts."""
+    from xden1k.errors import require
+
+    require("matplotlib", "view")
+    from xden1k.figures import object_sheet
+
+    obj = _open(root).object(object_id)
+    out = Path(f"{object_id}.png") if out is None else out
+    object_sheet(obj, out)
+    if as_json:
+        print_json(_values(obj) | {"picture": str(out)})
+    else:
+        click.echo(_text(obj))
+        click.echo(f"\n{out}")
+
+
+def _text(obj: DensityObject) -> str:
+    from tabulate import tabulate
+
+    rows = [
+        (
+            *(part.name, part.material or "unknown", part.lac_per_cm, part.density_g_cm3),
+            *(part.density_sd_g_cm3, part.density_source, ", ".join(part.flags)),
+        )
+        for part in obj.parts
+    ]
+    mass = f"{obj.mass_g:.4g} g" if math.isfinite(obj.mass_g) else "mass unknown"
+    head = f"{obj.object_id}: {obj.category}, {mass}, {obj.source}, {obj.split} split"
+    return f"{head}\n\n{tabulate(rows, PART_HEADS, floatfmt='.4g')}"
+
+
+def _values(obj: DensityObject) -> dict[str, Any]:
+    """Values for JSON, which has no not-a-number."""
+    figures = ("lac_per_cm", "apparent_density_g_cm3", "density_g_cm3", "density_sd_g_cm3")
+    words = ("name", "material", "density_source", "flags")
+    return {
+        "object_id": obj.object_id,
+        "category": obj.category,
+        "split": obj.split,
+        "source": obj.source,
+        "mass_g": _number(obj.mass_g),
+        "weighed_mass_g": obj.weighed_mass_g,
+        "com_cm": [_number(value) for value in obj.com_cm],
+        "parts": [
+            {name: getattr(part, name) for name in words}
+            | {name: _number(getattr(part, name)) for name in figures}
+            for part in obj.parts
+        ],
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+@cli.command(epilog="Example: xden verify dataset")
+@click.argument("root", type=click.Path(path_type=Path, file_okay=False, exists=True))
+@json_option
+def verify(root: Path, as_json: bool) -> None:
+    """Check every file against its checksum and every row against the format.
+
+    Prints each problem and exits with 1 if there is one.
+    """
+    from tqdm import tqdm
+
+    from xden1k.manifest import Manifest
+    from xden1k.verify import verify_folder
+
+    manifest = Manifest.read(root)
+    with tqdm(total=manifest.objects, disable=None, leave=False) as bar:
+        problems = verify_folder(root, on_row=bar.update)
+    if as_json:
+        print_json({"root": str(root), "objects": manifest.objects, "problems": problems})
+    elif problems:
+        click.echo("\n".join(problems))
+    else:
+        click.echo(f"{root}: {manifest.objects} objects in {len(manifest.files)} files, all sound")
+    if problems:
+        raise SystemExit(1)
+
+
+@cli.command(epilog="Example: xden download --revision v1.2.0")
+@click.option("--repo-id", metavar="ID", help="Hub repository. Default: zhangjxx/XDen-1K.")
+@click.option("--revision", metavar="TAG", help="Tag or commit. Default: the newest.")
+@json_option
+def download(repo_id: str | None, revision: str | None, as_json: bool) -> None:
+    """Fetch the dataset from the Hugging Face Hub into the user's cache, and verify it."""
+    from xden1k import hub
+    from xden1k.manifest import Manifest
+
+    folder = hub.download(repo_id or hub.REPO_ID, revision)
+    if as_json:
+        print_json({"root": str(folder), "version": Manifest.read(folder).version})
+    else:
+        click.echo(folder)
+
+
+def _open(root: Path | None) -> DatasetFolder:
+    """Open the folder; what its finder warns of becomes a line on stderr."""
+    from xden1k.folder import open_folder
+    from xden1k.hub import data_root
+
+    with warnings.catch_warnings(record=True) as notes:
+        warnings.simplefilter("always")
+        folder = open_folder(data_root(root))
+    for note in notes:
+        click.echo(f"note: {note.message}", err=True)
+    return folder
