@@ -86,7 +86,9 @@ def calibrate(
     image = _read_sized(object_folder / stored.image, stored)
     values = image.pixels.astype(np.float64)
     if values.min() == values.max():
-        raise DataError(f"{image.path}: the image is empty: every pixel holds {values[0, 0]:g}")
+        raise DataError(
+            f"{image.path}: the image is empty or saturated: every pixel holds {values[0, 0]:g}"
+        )
     if stored.quantity == "counts":
         return _from_counts(name, image, stored, captures, detector.bits)
     if image.pixels.dtype.kind != "f":
@@ -111,24 +113,20 @@ def _from_counts(
     assert polarity is not None  # read_scanner leaves it to DICOM images only
     assert stored.flat is not None  # and demands a flat of counts
     flat = _level(stored.flat, captures, stored)
-    if stored.dark is None:
-        dark = np.full_like(flat, _dark_end(image, polarity, bits))
-    else:
-        dark = _level(stored.dark, captures, stored)
-    open_field = flat - dark
-    light = open_field if polarity == "linear" else -open_field
+    dark = _dark(image, stored, captures, polarity, bits)
+    light = flat - dark if polarity == "linear" else dark - flat
     usual_light = float(np.median(light))
     if usual_light <= 0:
         raise DataError(
-            f"{image.path}: polarity is {polarity}, but most of the open field holds "
-            f"{'less' if polarity == 'linear' else 'more'} than the dark: expected another flat, "
+            f"{image.path}: polarity is {polarity}, but most of the open field holds no "
+            f"{'more' if polarity == 'linear' else 'less'} than the dark: expected another flat, "
             f"dark or polarity in scanner.toml, views.{name}"
         )
     dead = light <= LEAST_OPEN_FIELD * usual_light
     saturated = _saturated(image, flat, polarity, bits)
     usable = _usable(image.path, saturated, dead)
     transmission = np.full_like(flat, np.nan)
-    np.divide(image.pixels - dark, open_field, out=transmission, where=usable)
+    np.divide(image.pixels - dark, flat - dark, out=transmission, where=usable)
     noise_sd = None
     if isinstance(stored.dark, str):
         noise_sd = _noise_counts(image, dark) / usual_light
@@ -162,7 +160,7 @@ def _checked(
 ) -> CalibratedView:
     """Refuse what no radiograph of an object looks like."""
     valid = ~np.isnan(transmission)
-    median, brightest = np.quantile(transmission[valid], (0.5, 0.99))
+    median, brightest = np.quantile(transmission[valid], (0.5, 0.99), method="lower")
     if brightest <= FLOOR_SIGMAS * (noise_sd or 0.0):
         raise DataError(
             f"{path}: the image is empty: its brightest transmission is {brightest:.2g}"
@@ -195,14 +193,17 @@ def _level(source: str | float, captures: Path, stored: ViewFile) -> Field:
     return np.full(stored.geometry.shape, source)
 
 
-def _dark_end(image: ImageFile, polarity: Polarity, bits: int | None) -> float:
-    """Return what a converter without offset holds in the dark."""
+def _dark(
+    image: ImageFile, stored: ViewFile, captures: Path, polarity: Polarity, bits: int | None
+) -> Field:
+    """Return what the converter holds without light; without a dark, the end of its range."""
+    if stored.dark is not None:
+        return _level(stored.dark, captures, stored)
     bits = bits or image.bits
-    if polarity == "linear":
-        return image.converter_range(bits or 1)[0]
-    if bits is None:
-        raise DataError(f"{image.path}: inverted counts need a dark image, dark_value or bits")
-    return image.converter_range(bits)[1]
+    if polarity == "inverted" and bits is None:
+        raise DataError(f"{image.path}: inverted counts need dark, dark_value or detector.bits")
+    low, high = image.converter_range(bits or 1)
+    return np.full(stored.geometry.shape, low if polarity == "linear" else high)
 
 
 def _saturated(image: ImageFile, flat: Field, polarity: Polarity, bits: int | None) -> Mask:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from jaxtyping import Float32
 
 from xden1k.arrays import Labels, Vec3
 from xden1k.errors import DataError
+from xden_builder.capture.damage import decoding
 
 __all__ = ["CTReference", "read_ct"]
 
@@ -82,13 +82,9 @@ def read_ct(path: Path) -> CTReference:
         If the file is damaged, holds pickled objects, lacks an array, or an array breaks the
         format; the message names file and array.
     """
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = dict(stored.items())
-    except (OSError, ValueError, EOFError, LookupError, zipfile.BadZipFile) as err:
-        raise DataError(f"{path}: not a readable npz file without pickled objects: {err}") from err
-    except AttributeError as err:
-        raise DataError(f"{path}: expected an npz archive, got one array") from err
+    kind = "an npz archive without pickled objects"
+    with decoding(path, kind), np.load(path, allow_pickle=False) as stored:
+        arrays = dict(stored.items())
     try:
         return _reference(arrays)
     except DataError as err:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from xden1k.errors import DataError, MissingExtraError, require
+from xden_builder.capture.damage import decoding
 from xden_builder.capture.images import ImageFile, Polarity
 
 __all__ = ["dicom_pixel_spacing_cm", "read_dicom", "spacing_note"]
@@ -31,33 +34,43 @@ def read_dicom(path: Path) -> ImageFile:
     Raises
     ------
     DataError
-        If it is no DICOM image of one grey frame, or cannot be decoded.
+        If it is no DICOM image of one grey frame, or is damaged.
     MissingExtraError
         If a package that decoding needs is not installed.
     """
-    data = _read_dataset(path)
-    if "PixelData" not in data:
-        raise DataError(f"{path}: the DICOM file holds no image")
-    photometry = str(data.get("PhotometricInterpretation", ""))
+    with _decoding(path) as pydicom:
+        return _image(path, pydicom.dcmread(path))
+
+
+def _image(path: Path, data: Any) -> ImageFile:
+    photometry = str(data.get("PhotometricInterpretation", "none"))
     if photometry not in _BY_PHOTOMETRY:
-        raise DataError(f"{path}: expected MONOCHROME1 or MONOCHROME2, got {photometry or 'none'}")
-    _require_decoders(path, str(data.file_meta.TransferSyntaxUID))
-    try:
-        stored = data.pixel_array
-    except (RuntimeError, ValueError, AttributeError, NotImplementedError) as err:
-        raise DataError(f"{path}: its pixels cannot be decoded: {err}") from err
+        raise DataError(f"{path}: expected MONOCHROME1 or MONOCHROME2, got {photometry}")
+    if data.file_meta.TransferSyntaxUID in _JPEG_2000:
+        _require_decoders(path)
     slope = float(data.get("RescaleSlope", None) or 1.0)
     intercept = float(data.get("RescaleIntercept", None) or 0.0)
-    rescaled = (slope, intercept) != (1.0, 0.0)
+    pixels = data.pixel_array
+    if (slope, intercept) != (1.0, 0.0):
+        pixels = pixels * slope + intercept
     sign = data.get("PixelIntensityRelationshipSign", None)
     return ImageFile(
         path,
-        pixels=stored * slope + intercept if rescaled else stored,
+        pixels,
         polarity=_BY_SIGN.get(sign, _BY_PHOTOMETRY[photometry]),
         intensity_relation=str(data.get("PixelIntensityRelationship", None) or ""),
         bits=int(data.BitsStored),
         rescale=(slope, intercept),
     )
+
+
+def _require_decoders(path: Path) -> None:
+    """Name the package that is missing; pydicom would name every plugin it knows."""
+    for module, package in _JPEG_2000_DECODERS.items():
+        if importlib.util.find_spec(module) is None:
+            raise MissingExtraError(
+                f"{path}: JPEG 2000 needs {package}: pip install 'xden1k[build]'"
+            )
 
 
 def dicom_pixel_spacing_cm(path: Path) -> tuple[float, float]:
@@ -71,7 +84,11 @@ def dicom_pixel_spacing_cm(path: Path) -> tuple[float, float]:
     DataError
         If both are missing, or the one that is there is not two positive numbers.
     """
-    data = _read_dataset(path, stop_before_pixels=True)
+    with _decoding(path) as pydicom:
+        return _spacing_cm(path, pydicom.dcmread(path, stop_before_pixels=True))
+
+
+def _spacing_cm(path: Path, data: Any) -> tuple[float, float]:
     found = [name for name in ("ImagerPixelSpacing", "PixelSpacing") if data.get(name, None)]
     if not found:
         raise DataError(f"{path}: PixelSpacing is missing; give the geometry in scanner.toml")
@@ -94,20 +111,10 @@ def spacing_note(path: Path) -> str:
     )
 
 
-def _read_dataset(path: Path, stop_before_pixels: bool = False) -> Any:
+@contextmanager
+def _decoding(path: Path) -> Iterator[Any]:
+    """Yield pydicom, whose complaints become DataErrors."""
     pydicom = require("pydicom", "build")
-    try:
-        return pydicom.dcmread(path, stop_before_pixels=stop_before_pixels)
-    except (pydicom.errors.InvalidDicomError, OSError, ValueError, KeyError) as err:
-        raise DataError(f"{path}: not a DICOM file: {err}") from err
-
-
-def _require_decoders(path: Path, transfer_syntax: str) -> None:
-    """Name the package that is missing; pydicom would name every plugin it knows."""
-    if transfer_syntax not in _JPEG_2000:
-        return
-    for module, package in _JPEG_2000_DECODERS.items():
-        if importlib.util.find_spec(module) is None:
-            raise MissingExtraError(
-                f"{path}: JPEG 2000 needs {package}: pip install 'xden1k[build]'"
-            )
+    own_errors = (pydicom.errors.InvalidDicomError, pydicom.errors.BytesLengthException)
+    with decoding(path, "a DICOM image", *own_errors):
+        yield pydicom

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from xden1k.errors import DataError, require
+from xden_builder.capture.damage import decoding
 from xden_builder.capture.dicom import read_dicom
 from xden_builder.capture.images import ImageFile
 
 __all__ = ["read_image"]
 
 _PNG_MODES = ("L", "I;16", "I;16B", "I")
-_DAMAGE = (OSError, ValueError, LookupError, EOFError, struct.error, zlib.error)
 
 
 def read_image(path: Path) -> ImageFile:
@@ -46,38 +43,24 @@ def read_image(path: Path) -> ImageFile:
 
 def _read_tiff(path: Path) -> ImageFile:
     tifffile = require("tifffile", "build")
-    return ImageFile(path, _decode(path, tifffile.imread, tifffile.TiffFileError))
+    with decoding(path, "a TIFF image", tifffile.TiffFileError):
+        pixels = tifffile.imread(path)
+    return ImageFile(path, pixels)
 
 
 def _read_png(path: Path) -> ImageFile:
-    image_module = require("PIL.Image", "build")
-
-    def decode(file: Path) -> Any:
-        with image_module.open(file, formats=["PNG"]) as image:
-            if image.mode not in _PNG_MODES:
-                raise DataError(f"{file}: expected grey values of 8 or 16 bits, got {image.mode}")
-            return np.asarray(image)
-
-    return ImageFile(path, _decode(path, decode, SyntaxError))
+    pillow = require("PIL.Image", "build")
+    with decoding(path, "a PNG image"), pillow.open(path, formats=["PNG"]) as image:
+        if image.mode not in _PNG_MODES:
+            raise DataError(f"{path}: expected grey values of 8 or 16 bits, got {image.mode}")
+        pixels = np.asarray(image)
+    return ImageFile(path, pixels)
 
 
 def _read_npy(path: Path) -> ImageFile:
-    def decode(file: Path) -> Any:
-        with file.open("rb") as stream:
-            return np.lib.format.read_array(stream, allow_pickle=False)
-
-    return ImageFile(path, _decode(path, decode))
-
-
-def _decode(path: Path, decode: Callable[[Path], Any], *errors: type[Exception]) -> Any:
-    """Decode a file; whatever a damaged one raises becomes one DataError."""
-    damage: tuple[type[Exception], ...] = (*_DAMAGE, *errors)
-    try:
-        return decode(path)
-    except DataError:
-        raise
-    except damage as err:
-        raise DataError(f"{path}: damaged, or not what its suffix says: {err}") from err
+    with decoding(path, "a NumPy array"), path.open("rb") as stream:
+        pixels = np.lib.format.read_array(stream, allow_pickle=False)
+    return ImageFile(path, pixels)
 
 
 _READERS: dict[str, Callable[[Path], ImageFile]] = {

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Num
+from jaxtyping import Shaped
 
 from xden1k.errors import DataError
 
@@ -43,7 +43,7 @@ class ImageFile:
     """
 
     path: Path
-    pixels: Num[np.ndarray, "..."]
+    pixels: Shaped[np.ndarray, "..."]
     polarity: Polarity | None = None
     intensity_relation: str = ""
     bits: int | None = None

@@ -10,6 +10,7 @@ from pathlib import Path
 import trimesh
 
 from xden1k.errors import DataError
+from xden_builder.capture.damage import decoding
 
 __all__ = ["MESH_SUFFIXES", "read_meshes"]
 
@@ -28,7 +29,6 @@ _OTHER_FORMATS = (
     ".wrl",
     ".usdz",
 )
-_DAMAGE = (OSError, ValueError, LookupError, TypeError, AttributeError, EOFError, struct.error)
 
 
 def read_meshes(folder: Path) -> dict[str, tuple[Path, trimesh.Trimesh]]:
@@ -86,13 +86,11 @@ def _scene_parts(path: Path) -> dict[str, tuple[Path, trimesh.Trimesh]]:
 
 def _mesh_node_names(path: Path) -> list[str]:
     """Return the names of the nodes that carry a mesh, as the file has them."""
-    data = path.read_bytes()
-    try:
+    with decoding(path, "a binary glTF scene"):
+        data = path.read_bytes()
         (length,) = struct.unpack_from("<I", data, 12)
         nodes = json.loads(data[20 : 20 + length])["nodes"]
         names = [node.get("name", "") for node in nodes if "mesh" in node]
-    except _DAMAGE as err:
-        raise DataError(f"{path}: not a binary glTF scene: {err}") from err
     for name in names:
         if not name or names.count(name) > 1:
             raise DataError(
@@ -102,10 +100,8 @@ def _mesh_node_names(path: Path) -> list[str]:
 
 
 def _load_scene(path: Path) -> trimesh.Scene:
-    try:
+    with decoding(path, "a mesh"):
         return trimesh.load_scene(path, process=False, skip_materials=True)
-    except _DAMAGE as err:
-        raise DataError(f"{path}: not a readable mesh: {err}") from err
 
 
 def _pieces(scene: trimesh.Scene) -> Iterator[tuple[str, trimesh.Trimesh]]:

@@ -15,6 +15,9 @@ from xden1k.errors import DataError
 
 __all__ = ["closed_mesh"]
 
+FLATTEST = 1e-9
+"""A smaller volume, as a share of the bounding box, is rounding."""
+
 Triangles = Float[np.ndarray, "faces 3 3"]
 
 
@@ -43,27 +46,36 @@ def closed_mesh(
     Raises
     ------
     DataError
-        If there are no triangles, a vertex is not finite, the mesh is not closed, neighbouring
-        triangles are wound against each other, it has no volume, or one of several pieces is
-        wound against its place.
+        If there are no triangles, a vertex is missing or not finite, the mesh is not closed,
+        neighbouring triangles are wound against each other, it has no volume, or one of several
+        pieces is wound against its place.
     """
-    if len(mesh.faces) == 0:
-        raise DataError(f"{where}: the mesh has no triangles")
+    solid = _merged(mesh, cm_per_unit, where)
+    _check_closed(np.asarray(solid.faces), where)
+    volume = _volume(_triangles(solid))
+    if not abs(volume) > FLATTEST * float(np.prod(solid.extents)):
+        raise DataError(f"{where}: the mesh encloses no volume")
+    if volume < 0:
+        solid.invert()
+    _check_pieces(solid, where)
+    return solid, volume < 0
+
+
+def _merged(mesh: trimesh.Trimesh, cm_per_unit: float, where: str) -> trimesh.Trimesh:
+    """Return bare triangles in cm, vertices of one place merged, faces of two corners dropped."""
+    faces = np.asarray(mesh.faces)
+    if faces.size and not 0 <= faces.min() <= faces.max() < len(mesh.vertices):
+        raise DataError(f"{where}: a triangle names a vertex that is not there")
     if not np.isfinite(mesh.vertices).all():
         raise DataError(f"{where}: the mesh has vertices that are not finite")
-    solid = trimesh.Trimesh(mesh.vertices * cm_per_unit, mesh.faces, process=False)
+    solid = trimesh.Trimesh(mesh.vertices * cm_per_unit, faces, process=False)
     solid.merge_vertices()
     first, second, third = solid.faces.T
     solid.update_faces((first != second) & (second != third) & (third != first))
     solid.remove_unreferenced_vertices()
-    _check_closed(np.asarray(solid.faces), where)
-    inverted = bool(solid.volume < 0)
-    if inverted:
-        solid.invert()
-    if not solid.volume > 1e-9 * float(np.prod(solid.extents)):
-        raise DataError(f"{where}: the mesh encloses no volume")
-    _check_pieces(solid, where)
-    return solid, inverted
+    if len(solid.faces) == 0:
+        raise DataError(f"{where}: the mesh has no triangles")
+    return solid
 
 
 def _check_closed(faces: Faces, where: str) -> None:
@@ -105,8 +117,12 @@ def _closed_pieces(solid: trimesh.Trimesh) -> list[Triangles]:
     piece = connected_components(links, directed=False)[1][faces[:, 0]]
     order = np.argsort(piece, kind="stable")
     starts = np.flatnonzero(np.diff(piece[order], prepend=-1, append=-1))
-    triangles = solid.triangles.view(np.ndarray)[order]
+    triangles = _triangles(solid)[order]
     return [triangles[start:stop] for start, stop in pairwise(starts)]
+
+
+def _triangles(solid: trimesh.Trimesh) -> Triangles:
+    return np.asarray(solid.vertices)[solid.faces]
 
 
 def _volume(triangles: Triangles) -> float:

@@ -1,0 +1,136 @@
+"""Image files: every format comes back pixel for pixel, every damage is one clear error."""
+
+import re
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from PIL import Image
+
+from xden1k.errors import DataError
+from xden_builder.capture import read_image
+
+shapes = st.tuples(st.integers(1, 9), st.integers(1, 9))
+floats = st.floats(-1e9, 1e9, width=32)
+
+
+@pytest.mark.parametrize("compression", [None, "zlib"])
+@pytest.mark.parametrize("dtype", ["u1", "u2", "f4", "f8"])
+def test_tiff_comes_back(tmp_path: Path, dtype: str, compression: str | None) -> None:
+    pixels = np.random.default_rng(0).uniform(0, 255, (40, 30)).astype(dtype)
+    tifffile.imwrite(tmp_path / "a.tif", pixels, compression=compression)
+    read = read_image(tmp_path / "a.tif").pixels
+    assert read.dtype == pixels.dtype
+    np.testing.assert_array_equal(read, pixels)
+
+
+@pytest.mark.parametrize("dtype", ["u1", "u2"])
+def test_png_comes_back(tmp_path: Path, dtype: str) -> None:
+    top = np.iinfo(dtype).max
+    pixels = np.random.default_rng(1).integers(0, top, (40, 30), endpoint=True).astype(dtype)
+    Image.fromarray(pixels).save(tmp_path / "a.PNG", format="png")
+    read = read_image(tmp_path / "a.PNG").pixels
+    assert read.dtype == pixels.dtype
+    np.testing.assert_array_equal(read, pixels)
+
+
+@given(
+    arrays(st.sampled_from(["u1", "<u2", ">u2", "i4"]), shapes)
+    | arrays("f4", shapes, elements=floats)
+)
+def test_npy_comes_back(tmp_path_factory: pytest.TempPathFactory, pixels: np.ndarray) -> None:
+    path = tmp_path_factory.mktemp("npy") / "a.npy"
+    np.save(path, pixels)
+    np.testing.assert_array_equal(read_image(path).pixels, pixels)
+
+
+def write_rgb_png(path: Path) -> None:
+    Image.fromarray(np.zeros((4, 4, 3), dtype="u1")).save(path)
+
+
+def write_frames(path: Path) -> None:
+    tifffile.imwrite(path, np.zeros((3, 4, 4), dtype="u2"), photometric="minisblack")
+
+
+def write_objects(path: Path) -> None:
+    np.save(path, np.array([[None]]), allow_pickle=True)
+
+
+def write_nan(path: Path) -> None:
+    np.save(path, np.array([[1.0, 2.0], [np.nan, np.inf]]))
+
+
+def write_text(path: Path) -> None:
+    path.write_text("not an image")
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "message"),
+    [
+        ("a.png", write_rgb_png, "expected grey values of 8 or 16 bits, got RGB"),
+        (
+            "a.tif",
+            write_frames,
+            r"expected rows x columns of numbers, got shape (3, 4, 4) of uint16",
+        ),
+        ("a.npy", write_objects, "not a NumPy array that can be read: Object arrays cannot be"),
+        ("a.npy", write_nan, "2 pixels are not finite, first at (1, 0)"),
+        ("a.npy", lambda path: np.save(path, np.zeros((0, 3))), "got shape (0, 3) of float64"),
+        ("a.npy", lambda path: np.save(path, np.eye(2) * 1j), "got shape (2, 2) of complex128"),
+        ("a.dcm", write_text, "not a DICOM image that can be read: File is missing DICOM"),
+        ("a.tif", write_text, "not a TIFF image that can be read"),
+        ("a.png", write_text, "not a PNG image that can be read"),
+        ("a.npy", write_text, "not a NumPy array that can be read"),
+        ("a.jpg", write_text, "expected one of .tif, .tiff, .png, .npy, .dcm, got '.jpg'"),
+        ("a.tif", lambda path: None, "a.tif: no such image"),
+    ],
+)
+def test_what_is_no_grey_image_is_refused(
+    tmp_path: Path, name: str, write: Any, message: str
+) -> None:
+    write(tmp_path / name)
+    with pytest.raises(DataError, match=re.escape(message)) as caught:
+        read_image(tmp_path / name)
+    assert str(tmp_path / name) in str(caught.value)
+
+
+@cache
+def whole_files() -> dict[str, bytes]:
+    pixels = np.random.default_rng(3).integers(0, 999, (40, 36)).astype("u2")
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        tifffile.imwrite(folder / "a.tif", pixels, compression="zlib")
+        Image.fromarray(pixels).save(folder / "a.png")
+        np.save(folder / "a.npy", pixels)
+        return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+@settings(max_examples=200, deadline=None)
+@pytest.mark.filterwarnings("ignore")  # what the libraries remark of damaged files is their own
+@given(
+    name=st.sampled_from(["a.tif", "a.png", "a.npy"]),
+    changes=st.dictionaries(st.integers(0, 999), st.integers(0, 255), max_size=3),
+    cut=st.none() | st.integers(0, 3000),
+)
+def test_damage_is_an_image_or_one_error(
+    tmp_path_factory: pytest.TempPathFactory, name: str, changes: dict[int, int], cut: int | None
+) -> None:
+    content = bytearray(whole_files()[name])
+    for place, value in changes.items():
+        content[place % len(content)] = value
+    path = tmp_path_factory.mktemp("damaged") / name
+    path.write_bytes(content[:cut])
+    message = str(path)
+    try:
+        read_image(path)
+    except DataError as err:
+        message = str(err)
+    assert str(path) in message
+    assert "\n" not in message
