@@ -18,7 +18,7 @@ __all__ = ["closed_mesh"]
 FLATTEST = 1e-9
 """A smaller volume, as a share of the bounding box, is rounding."""
 
-Triangles = Float[np.ndarray, "faces 3 3"]
+Triangles = Float[np.ndarray, "_ 3 3"]
 
 
 def closed_mesh(
