@@ -2,18 +2,19 @@
 
 ``import xden1k`` calls :func:`register`. It does not import ``datasets``: if that is not loaded
 yet, a finder waits for the import of ``datasets.load`` and patches it then. The library has no
-way to register a name, so private ones are touched: ``dataset_module_factory``, which turns a
-name into a module to load, and three fields of the ``DatasetModule`` it returns. Where they are
-missing a warning names :func:`xden1k.load_dataset`, which needs none of them.
+way to register a name, so inner parts are touched: ``dataset_module_factory``, which turns a name
+into a module to load, three fields of the ``DatasetModule`` it returns, and ``register_feature``.
+Where they are missing, a warning names :func:`xden1k.load_dataset`, which patches nothing.
 """
 
 from __future__ import annotations
 
 import functools
+import importlib.util
 import os
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
@@ -43,13 +44,15 @@ class _Finder:
     """Finds ``datasets.load`` as the other finders do, and patches it once it has run."""
 
     def find_spec(
-        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
+        self, name: str, path: Iterable[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         if name != _MODULE:
             return None
         sys.meta_path.remove(self)
-        specs = (finder.find_spec(name, path, target) for finder in sys.meta_path)
-        spec = next((found for found in specs if found is not None), None)
+        try:
+            spec = importlib.util.find_spec(name)
+        finally:
+            sys.meta_path.insert(0, self)
         if spec is not None and spec.loader is not None:
             run = spec.loader.exec_module
             # On the instance, so that the loader stays of its own class, with its own abilities.
@@ -63,23 +66,32 @@ def _run_and_patch(run: Callable[[ModuleType], None], module: ModuleType) -> Non
 
 
 def _patch(load: ModuleType) -> None:
-    original = getattr(load, _FACTORY, None)
-    fields = getattr(getattr(load, "DatasetModule", None), "__dataclass_fields__", {})
-    if original is None or not fields.keys() >= _FIELDS:
+    if not _has_known_names(load):
         warnings.warn(
-            f'load_dataset("{NAME}") is not available: this version of datasets has no '
-            f"{_FACTORY} of the known form; use xden1k.load_dataset() instead",
+            f'load_dataset("{NAME}") is not available: this version of datasets has other names '
+            "inside than the known ones; use xden1k.load_dataset() instead",
             stacklevel=2,
         )
         return
     import xden1k.features  # noqa: F401  (registers the array columns)
 
+    original = getattr(load, _FACTORY)
     if not hasattr(original, "xden1k"):
         factory = _with_alias(original)
         setattr(load, _FACTORY, factory)
         # This module copies the name; it is there if datasets was imported before xden1k.
         if hasattr(inspect := sys.modules.get("datasets.inspect"), _FACTORY):
             setattr(inspect, _FACTORY, factory)
+
+
+def _has_known_names(load: ModuleType) -> bool:
+    fields = getattr(getattr(load, "DatasetModule", None), "__dataclass_fields__", {})
+    features = sys.modules.get("datasets.features.features")
+    return (
+        hasattr(load, _FACTORY)
+        and fields.keys() >= _FIELDS
+        and hasattr(features, "register_feature")
+    )
 
 
 def _with_alias(original: Callable[..., Any]) -> Callable[..., Any]:

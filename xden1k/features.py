@@ -2,7 +2,7 @@
 
 ``datasets`` hands a decoder one value of one column, without its row. In a shard the size of a
 radiograph is in another column, and so the builder of :mod:`xden1k.rows` appends to each value
-the shape it has:
+the shape it has (:mod:`xden1k.packing`):
 
     byte planes | the shape, int32 little-endian, one per axis | the number of axes, one byte
 
@@ -18,21 +18,18 @@ cache) need ``import xden1k`` before they are read.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from datasets.features import features as hf
 from jaxtyping import Shaped
 
 from xden1k.codec import ArrayCodec, to_planes
 from xden1k.errors import DataError
-from xden1k.schema import ARRAY_COLUMNS
 
-__all__ = ["PackedArray", "pack", "scanned_columns", "with_arrays"]
+__all__ = ["PackedArray", "shape_footer"]
 
 _NAME = "Xden1kArray"
 """In every file ``datasets`` writes: who lacks the import reads it in the message."""
@@ -99,16 +96,17 @@ class PackedArray:
         if isinstance(value, bytes):
             return value
         array = np.asarray(value)
-        with np.errstate(all="ignore"):
-            steps = array if self.scale in (None, 1.0) else np.rint(array / self.scale)
-            codes = steps.astype(self.stored)
-        data = to_planes(codes) + _footer(array.shape)
-        if not np.array_equal(self.decode_example(data), array):
-            raise DataError(
-                f"an array of {array.dtype} and shape {array.shape} cannot be stored exactly as "
-                f"{self.stored} times {self.scale or 1}: give it a new column"
-            )
-        return data
+        if array.dtype.kind in "biuf":
+            with np.errstate(all="ignore"):
+                steps = array if self.scale in (None, 1.0) else np.rint(array / self.scale)
+                codes = steps.astype(self.stored)
+            data = to_planes(codes) + shape_footer(array.shape)
+            if np.array_equal(self.decode_example(data), array):
+                return data
+        raise DataError(
+            f"an array of {array.dtype} and shape {array.shape} cannot be stored exactly as "
+            f"{self.stored} times {self.scale or 1}: give it a new column"
+        )
 
     def cast_storage(self, storage: pa.Array) -> pa.BinaryArray:
         """Return the stored values of a column that is stored already, or of nested lists.
@@ -120,8 +118,10 @@ class PackedArray:
         pyarrow.ArrowInvalid
             If the column cannot be stored exactly; ``map`` then keeps the nested lists.
         """
-        if not pa.types.is_list(storage.type):
+        if storage.type in (self.pa_type, pa.large_binary(), pa.null()):
             return storage.cast(self.pa_type)
+        if not pa.types.is_list(storage.type):
+            raise pa.ArrowInvalid(f"{storage.type} is no array")
         try:
             values = [
                 self.encode_example(_array_of(row)) if row.is_valid else None for row in storage
@@ -131,7 +131,8 @@ class PackedArray:
         return pa.array(values, self.pa_type)
 
 
-def _footer(shape: tuple[int, ...]) -> bytes:
+def shape_footer(shape: tuple[int, ...]) -> bytes:
+    """Return what a stored value has after its byte planes."""
     return np.array(shape, dtype="<i4").tobytes() + bytes([len(shape)])
 
 
@@ -146,65 +147,6 @@ def _array_of(row: pa.ListScalar) -> Shaped[np.ndarray, "..."]:
         values = values.flatten()
     array: Shaped[np.ndarray, "..."] = values.to_numpy(zero_copy_only=False)
     return array.reshape(shape)
-
-
-def with_arrays(features: hf.Features) -> hf.Features:
-    """Return the same features, with each plain binary array column made to decode."""
-    return hf.Features(
-        {
-            name: PackedArray(ARRAY_COLUMNS[name].stored, ARRAY_COLUMNS[name].scale)
-            if name in ARRAY_COLUMNS and feature == hf.Value("binary")
-            else feature
-            for name, feature in features.items()
-        }
-    )
-
-
-def scanned_columns(columns: Iterable[str]) -> list[str]:
-    """Columns to read from a shard: those asked for, and those which hold their shapes."""
-    columns = list(columns)
-    shapes = (ARRAY_COLUMNS[name].shape for name in columns if name in ARRAY_COLUMNS)
-    return list(dict.fromkeys([*columns, *(name for name in shapes if isinstance(name, str))]))
-
-
-def pack(table: pa.Table, features: hf.Features) -> pa.Table:
-    """Append the shape to each value of the array columns.
-
-    Parameters
-    ----------
-    table
-        As read from a shard, shapes included.
-    features
-        What :func:`with_arrays` gave; other columns of the table are dropped.
-
-    """
-    for name, feature in features.items():
-        if isinstance(feature, PackedArray):
-            packed = _pack(table, name)
-            table = table.set_column(table.column_names.index(name), name, packed)
-    return table.select(list(features))
-
-
-def _pack(table: pa.Table, name: str) -> pa.ChunkedArray:
-    values = table[name]
-    sizes = pc.binary_length(values).to_pylist()
-    codec = ARRAY_COLUMNS[name]
-    shapes = (
-        table[codec.shape].to_pylist()
-        if isinstance(codec.shape, str)
-        else [codec.shape] * len(values)
-    )
-    footers = [
-        None if size is None else _footer(_whole(shape, size // np.dtype(codec.stored).itemsize))
-        for size, shape in zip(sizes, shapes, strict=True)
-    ]
-    return pc.binary_join_element_wise(values, pa.array(footers, pa.binary()), b"")
-
-
-def _whole(shape: Iterable[int], count: int) -> tuple[int, ...]:
-    """Replace the -1 of a shape by what makes ``count`` values."""
-    known = int(np.prod([length for length in shape if length >= 0]))
-    return tuple(count // known if length < 0 else length for length in shape)
 
 
 with warnings.catch_warnings():

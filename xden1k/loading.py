@@ -82,8 +82,6 @@ def _builder(
         cache_dir=cache_dir,
         dataset_name=NAME,
         config_name=name,
-        # With no options, share the cache of the alias.
-        config_id=None if options else name,
         version=manifest.version,
         hash=folder_digest(folder),
         base_path=str(folder),

@@ -7,13 +7,27 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
-from datasets.packaged_modules.parquet.parquet import Parquet
+from datasets.packaged_modules.parquet.parquet import Parquet, ParquetConfig
 
-from xden1k.features import pack, scanned_columns, with_arrays
+from xden1k.packing import pack, scanned_columns, with_arrays
 
-__all__ = ["Rows"]
+__all__ = ["Rows", "RowsConfig"]
+
+
+@dataclass
+class RowsConfig(ParquetConfig):  # type: ignore[misc]
+    """A Parquet config whose cache does not depend on how its files were named.
+
+    The builder's hash says which they are, so that every way in shares one cache.
+    """
+
+    def create_config_id(self, config_kwargs: dict[str, Any], *features: Any, **more: Any) -> str:
+        """Name of the cache: the config's, and what follows from the other options."""
+        options = {name: value for name, value in config_kwargs.items() if name != "data_files"}
+        return str(super().create_config_id(options, *features, **more))
 
 
 class Rows(Parquet):  # type: ignore[misc]
@@ -22,6 +36,7 @@ class Rows(Parquet):  # type: ignore[misc]
     Where the user passes ``features=``, these hold and nothing is changed.
     """
 
+    BUILDER_CONFIG_CLASS = RowsConfig
     DEFAULT_WRITER_BATCH_SIZE = 8
     """Rows of some 10 MB: the library's 100 or 1000 in one batch would fill the memory."""
 

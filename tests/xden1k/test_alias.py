@@ -127,9 +127,10 @@ def test_the_name_the_stream_and_the_explicit_form_give_the_same_rows(options: d
 
 
 def test_the_explicit_form_shares_the_cache_of_the_name() -> None:
-    for name in ("default", "metadata"):
-        named = load_dataset("xden1k", name, split="train")
-        assert xden1k.load_dataset(name, "train").cache_files == named.cache_files
+    for name, options in (("default", {}), ("metadata", {}), ("default", {"columns": ["labels"]})):
+        named = load_dataset("xden1k", name, split="train", **options)
+        explicit = xden1k.load_dataset(name, "train", **options)
+        assert explicit.cache_files == named.cache_files
     with pytest.raises(DataError, match="config must be one of"):
         xden1k.load_dataset("nope")
 

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from xden1k.errors import DataError
-from xden1k.features import PackedArray, pack, scanned_columns, with_arrays
+from xden1k.features import PackedArray
+from xden1k.packing import pack, scanned_columns, with_arrays
 from xden1k.schema import ARRAY_COLUMNS, DATA_SCHEMA
 
 TRANSMISSION = PackedArray("<u2", scale=1.25 / 65535)
@@ -164,6 +165,9 @@ def test_map_falls_back_to_exact_nested_lists_for_what_the_type_cannot_hold(rows
     np.testing.assert_array_equal(
         np.float32(shifted[0]["image"]), np.full((2, 3), np.float32(-0.1))
     )
+    for other in ("text", 1, ["a", "list"]):
+        mapped = rows.map(lambda row, value: {"mask": value}, fn_kwargs={"value": other})
+        assert mapped[0]["mask"] == other
     with pytest.raises(pa.ArrowInvalid, match="cannot be stored exactly"):
         rows.map(lambda row: {"image": row["image"] - 0.1}, features=rows.features)
 
