@@ -16,6 +16,9 @@ from xden_builder.capture.damage import decoding
 
 __all__ = ["CTReference", "read_ct"]
 
+_KINDS = {"floats": "f", "integers": "iu", "numbers": "fiu", "text": "U"}
+"""Kinds of NumPy's data types."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CTReference:
@@ -95,10 +98,10 @@ def _reference(arrays: Mapping[str, Any]) -> CTReference:
     mu_per_cm = _attenuation(arrays)
     labels = None
     if "labels" in arrays:
-        labels = _array(arrays, "labels", "u", 3)
+        labels = _array(arrays, "labels", "integers", 3)
         if labels.dtype != np.uint8:
             raise DataError(f"labels must be uint8, got {labels.dtype}")
-    names = _array(arrays, "label_names", "U", 1) if labels is not None else ()
+    names = _array(arrays, "label_names", "text", 1) if labels is not None else ()
     return CTReference(
         mu_per_cm,
         origin_cm=_triple(arrays, "origin_cm"),
@@ -112,26 +115,28 @@ def _attenuation(arrays: Mapping[str, Any]) -> Float32[np.ndarray, "x y z"]:
     if ("mu_per_cm" in arrays) == ("hu" in arrays):
         raise DataError("expected either mu_per_cm or hu")
     if "mu_per_cm" in arrays:
-        return np.asarray(_array(arrays, "mu_per_cm", "f", 3), dtype=np.float32)
-    water = _array(arrays, "mu_water_per_cm", "f", 0)
+        return np.asarray(_array(arrays, "mu_per_cm", "floats", 3), dtype=np.float32)
+    water = _array(arrays, "mu_water_per_cm", "numbers", 0)
     if not water > 0:
         raise DataError(f"mu_water_per_cm must be positive, got {water}")
-    hounsfield = _array(arrays, "hu", "i", 3).astype(np.float32)
+    hounsfield = _array(arrays, "hu", "integers", 3).astype(np.float32)
     return np.asarray(np.float32(water) * (1 + hounsfield / 1000), dtype=np.float32)
 
 
 def _triple(arrays: Mapping[str, Any], key: str) -> Vec3:
-    values = _array(arrays, key, "fiu", 1).astype(np.float64)
+    values = _array(arrays, key, "numbers", 1).astype(np.float64)
     if values.shape != (3,):
         raise DataError(f"{key} must hold 3 values, got {values.size}")
     return np.asarray(values)
 
 
-def _array(arrays: Mapping[str, Any], key: str, kinds: str, axes: int) -> Any:
-    """Return an array of the archive that must have one of these kinds and so many axes."""
+def _array(arrays: Mapping[str, Any], key: str, kind: str, axes: int) -> Any:
+    """Return an array of the archive that must have this kind of values and so many axes."""
     if key not in arrays:
         raise DataError(f"{key} is missing")
     array = arrays[key]
-    if array.dtype.kind not in kinds or array.ndim != axes:
-        raise DataError(f"{key} must have {axes} axes, got {array.ndim} of {array.dtype}")
+    if array.dtype.kind not in _KINDS[kind] or array.ndim != axes:
+        raise DataError(
+            f"{key} must be {kind} along {axes} axes, got {array.dtype} along {array.ndim}"
+        )
     return array

@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 
 from xden1k.errors import DataError
+from xden_builder.capture.damage import decoding
 
 __all__ = ["CsvRow", "TomlTable", "is_number", "is_positive", "is_vector", "read_csv"]
 
@@ -167,22 +168,15 @@ def _read_frame(path: Path) -> pd.DataFrame:
     """Read the table as text only: an object called NA or 007 stays what it is."""
     if not path.is_file():
         raise DataError(f"{path}: no such file")
-    try:
-        with warnings.catch_warnings():
-            # a first row longer than the header is only a warning to pandas
-            warnings.simplefilter("error", pd.errors.ParserWarning)
-            return pd.read_csv(
-                path,
-                dtype=str,
-                keep_default_na=False,
-                index_col=False,
-                skip_blank_lines=False,
-                encoding="utf-8-sig",  # spreadsheets begin a file with a byte-order mark
-            )
-    except (
-        pd.errors.ParserError,
-        pd.errors.EmptyDataError,
-        pd.errors.ParserWarning,
-        UnicodeDecodeError,
-    ) as err:
-        raise DataError(f"{path}: not a table of comma-separated values: {err}") from err
+    kind = "a table of comma-separated values"
+    with decoding(path, kind, pd.errors.ParserWarning), warnings.catch_warnings():
+        # a first row longer than the header is only a warning to pandas
+        warnings.simplefilter("error", pd.errors.ParserWarning)
+        return pd.read_csv(
+            path,
+            dtype=str,
+            keep_default_na=False,
+            index_col=False,
+            skip_blank_lines=False,
+            encoding="utf-8-sig",  # spreadsheets begin a file with a byte-order mark
+        )

@@ -1,0 +1,377 @@
+"""The capture folder as a whole: objects, digests, other parts, and that bad objects stay alone."""
+
+import pickle
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from xden1k.errors import DataError, MissingObjectError
+from xden1k.views import ViewGeometry
+from xden_builder.capture import (
+    CaptureFolder,
+    Detector,
+    ScannerFile,
+    Tube,
+    ViewFile,
+    write_scanner,
+)
+
+HEADER = "object_id,category,mesh_units,mass_g,split,source,notes\n"
+ROWS = HEADER + 'mug-01,mug,mm,312.5,test,phantom,"blue, chipped"\npen,pen,,,,,\n'
+SHAPE = (8, 6)
+RAMP = np.linspace(0.1, 1.0, 48).reshape(SHAPE).astype("f4")
+
+
+def view(image: str, **changes: object) -> ViewFile:
+    geometry = ViewGeometry.from_dict(
+        {
+            "beam": "parallel",
+            "direction": [0, 1, 0],
+            "pixel00_cm": [0, 5, 0],
+            "column_step_cm": [1, 0, 0],
+            "row_step_cm": [0, 0, -1],
+            "shape": SHAPE,
+        }
+    )
+    return ViewFile(image, "transmission", geometry)
+
+
+def scanner(tube: Tube | None = None, *extra: str) -> ScannerFile:
+    views = {name: view(f"{name}.npy") for name in ("pa", "lat", *extra)}
+    return ScannerFile(views, tube, Detector("CsI", 14))
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    root = tmp_path / "captures"
+    root.mkdir()
+    (root / "objects.csv").write_text(ROWS, encoding="utf-8")
+    write_scanner(scanner(Tube(kv=100.0), "oblique"), root / "scanner.toml")
+    for name, size in (("mug-01", 80), ("pen", 8)):
+        (root / name / "parts").mkdir(parents=True)
+        trimesh.creation.box((size, size, size)).export(root / name / "parts" / "body.ply")
+        for image in ("pa", "lat"):
+            np.save(root / name / f"{image}.npy", RAMP)
+    np.save(root / "mug-01" / "oblique.npy", RAMP)
+    (root / "pen" / "parts.csv").write_text("name,material\nbody,abs\n")
+    write_scanner(scanner(), root / "pen" / "scanner.toml")
+    return root
+
+
+def test_an_object_arrives_whole(root: Path) -> None:
+    folder = CaptureFolder(root)
+    assert folder.object_ids == ("mug-01", "pen")
+    mug = folder.read("mug-01")
+    assert (mug.object_id, mug.category, mug.split, mug.source) == (
+        "mug-01", "mug", "test", "phantom",
+    )  # fmt: skip
+    assert (mug.weighed_mass_g, mug.notes) == (312.5, "blue, chipped")
+    assert (mug.tube, mug.detector) == (Tube(kv=100.0), Detector("CsI", 14))
+    assert [v.name for v in mug.views] == ["pa", "lat"]
+    assert [v.name for v in mug.audit_views] == ["oblique"]
+    np.testing.assert_array_equal(mug.views[1].transmission, RAMP)
+    assert [(part.name, part.material) for part in mug.parts] == [("body", "")]
+    assert mug.parts[0].mesh.volume == pytest.approx(512)
+    assert mug.flags == ()
+    assert dict(mug.noise_sd) == {}
+
+
+def test_what_a_row_leaves_out_has_its_default(root: Path) -> None:
+    pen = CaptureFolder(root).read("pen")
+    assert (pen.split, pen.source, pen.weighed_mass_g, pen.notes) == (None, "scan", None, "")
+    assert pen.parts[0].mesh.volume == pytest.approx(512)
+    assert pen.parts[0].material == "abs"
+
+
+def test_an_object_s_own_scanner_file_replaces_the_common_one_whole(root: Path) -> None:
+    pen = CaptureFolder(root).read("pen")
+    assert pen.tube is None
+    assert pen.audit_views == ()
+
+
+def test_a_folder_and_a_capture_can_be_sent_to_a_worker(root: Path) -> None:
+    folder = pickle.loads(pickle.dumps(CaptureFolder(root)))  # noqa: S301
+    capture = pickle.loads(pickle.dumps(folder.read("mug-01")))  # noqa: S301
+    assert capture.parts[0].mesh.volume == pytest.approx(512)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("object_id\npen\n", "column category is missing"),
+        (HEADER, "no objects"),
+        ("", "not a table of comma-separated values that can be read: No columns to parse"),
+        (
+            "object_id,category,colour\npen,pen,red\n",
+            "unknown column 'colour'; columns are object_",
+        ),
+        ("object_id;category\npen;pen\n", "unknown column 'object_id;category'; columns are"),
+        ("object_id,category\npen,\n", "row 2, category: must not be empty"),
+        ("object_id,category\n,pen\n", "row 2, object_id: must not be empty"),
+        ("object_id,category\npen,pen,blue\n", "not a table of comma-separated values"),
+        ("object_id,category\nmug,mug\npen,pen,blue\n", "not a table of comma-separated values"),
+        (HEADER + "pen,pen,,,,,\n\npen,pen,,,,,", "row 4, object_id: 'pen' stands in row 2 too"),
+        ("object_id,category\n../pen,pen\n", "row 2, object_id: must be of A-Z .*, got '../pen'"),
+        (
+            "object_id,category\n..,pen\n",
+            "row 2, object_id: must be of A-Z a-z 0-9 . _ -, got '..'",
+        ),
+        (
+            "object_id,category\nblue pen,pen\n",
+            "row 2, object_id: must be of A-Z .*, got 'blue pen'",
+        ),
+        (
+            HEADER + "pen,pen,inch,,,,",
+            "row 2, mesh_units: must be one of cm, mm, m, in, got 'inch'",
+        ),
+        (HEADER + "pen,pen,,,dev,,", "row 2, split: must be one of train, val, test, got 'dev'"),
+        (
+            HEADER + "pen,pen,,,,real,",
+            "row 2, source: must be one of scan, phantom, ct, got 'real'",
+        ),
+        (
+            HEADER + "a,b,,,,,\npen,pen,,-3,,,",
+            "row 3, mass_g: must be a positive number of grams, ",
+        ),
+        (HEADER + "pen,pen,,0,,,", "row 2, mass_g: must be a positive number of grams, got '0'"),
+        (
+            HEADER + "pen,pen,,nan,,,",
+            "row 2, mass_g: must be a positive number of grams, got 'nan'",
+        ),
+        (
+            HEADER + "pen,pen,,12 g,,,",
+            "row 2, mass_g: must be a positive number of grams, got '12 g",
+        ),
+    ],
+)
+def test_a_wrong_objects_csv_is_an_error_of_the_folder(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    (tmp_path / "objects.csv").write_text(text)
+    with pytest.raises(DataError, match=rf"objects\.csv: {message}") as caught:
+        CaptureFolder(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_without_objects_csv_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"objects\.csv: no such file"):
+        CaptureFolder(tmp_path)
+
+
+def test_spreadsheet_habits_are_understood(tmp_path: Path) -> None:
+    (tmp_path / "objects.csv").write_bytes(
+        b"\xef\xbb\xbfobject_id,category,notes\r\n007, NA ,\r\nnan,pen,\xc3\xa4\r\n,,\r\n"
+    )
+    rows = CaptureFolder(tmp_path).rows
+    assert list(rows) == ["007", "nan"]
+    assert rows["007"].category == "NA"
+    assert rows["nan"].notes == "ä"
+
+
+def test_an_unknown_object_is_named(root: Path) -> None:
+    folder = CaptureFolder(root)
+    for ask in (folder.read, folder.digest, folder.ct):
+        with pytest.raises(MissingObjectError, match=r"objects\.csv: no object 'spoon'"):
+            ask("spoon")
+
+
+def remove(name: str) -> Callable[[Path], None]:
+    return lambda folder: (folder / name).unlink()
+
+
+def save(name: str, pixels: np.ndarray) -> Callable[[Path], None]:
+    return lambda folder: np.save(folder / name, pixels)
+
+
+def own_scanner(*names: str) -> Callable[[Path], None]:
+    views = {name: view(f"{name}.npy") for name in names}
+    return lambda folder: write_scanner(ScannerFile(views), folder / "scanner.toml")
+
+
+def write(name: str, text: str) -> Callable[[Path], None]:
+    def do(folder: Path) -> None:
+        (folder / name).write_text(text)
+
+    return do
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (remove("lat.npy"), r"mug-01/lat\.npy: no such image"),
+        (save("pa.npy", RAMP[:5]), r"mug-01/pa\.npy: expected 8 x 6 pixels .*, got 5 x 6"),
+        (
+            save("pa.npy", RAMP * np.nan),
+            r"mug-01/pa\.npy: 48 pixels are not finite, first at \(0, 0",
+        ),
+        (save("oblique.npy", RAMP.T), r"mug-01/oblique\.npy: expected 8 x 6 pixels"),
+        (own_scanner("pa", "side"), r"mug-01/scanner\.toml: views\.lat is missing"),
+        (own_scanner("side"), r"mug-01/scanner\.toml: views\.pa is missing"),
+        (
+            write("scanner.toml", 'schema = "xden-scanner/1"'),
+            r"mug-01/scanner\.toml: frame is missi",
+        ),
+        (
+            write("parts.csv", "name,material\nbody,cheese\n"),
+            r"parts\.csv: row 2, material: unknown",
+        ),
+        (remove("parts/body.ply"), r"mug-01: no mesh: expected parts/NAME\.ply"),
+        (write("parts/lid.stl", "solid lid\nendsolid"), r"parts/lid\.stl"),
+    ],
+)
+def test_one_bad_object_never_stops_the_others(
+    root: Path, spoil: Callable[[Path], None], message: str
+) -> None:
+    spoil(root / "mug-01")
+    folder = CaptureFolder(root)
+    with pytest.raises(DataError, match=message) as caught:
+        folder.read("mug-01")
+    assert "\n" not in str(caught.value)
+    assert folder.read("pen").object_id == "pen"
+
+
+def test_a_missing_common_scanner_file_is_named(root: Path) -> None:
+    (root / "scanner.toml").unlink()
+    folder = CaptureFolder(root)
+    with pytest.raises(DataError, match=r"captures/scanner\.toml: no such file"):
+        folder.read("mug-01")
+    assert folder.read("pen").object_id == "pen"
+
+
+def test_other_parts_replace_the_annotated_ones(root: Path, tmp_path: Path) -> None:
+    other = tmp_path / "segmented"
+    (other / "pen" / "parts").mkdir(parents=True)
+    for name, at in (("body", 0), ("cap", 9)):
+        mesh = trimesh.creation.box((4, 4, 4)).apply_translation([at, 0, 0])
+        mesh.export(other / "pen" / "parts" / f"{name}.stl")
+    folder = CaptureFolder(root, other)
+    parts = folder.read("pen").parts
+    assert [(part.name, part.material) for part in parts] == [("body", "abs"), ("cap", "")]
+    assert parts[0].mesh.volume == pytest.approx(64)
+    with pytest.raises(DataError, match=r"segmented/mug-01: no mesh"):
+        folder.read("mug-01")
+    (other / "pen" / "parts.csv").write_text("name,material\ncap,steel\n")
+    assert [part.material for part in folder.read("pen").parts] == ["", "steel"]
+    assert folder.digest("pen") != CaptureFolder(root).digest("pen")
+
+
+def test_the_digest_tells_content_not_place(root: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(root, tmp_path / "elsewhere")
+    ids = CaptureFolder(root).object_ids
+    digests = [[CaptureFolder(place).digest(name) for name in ids] for place in (root, copy)]
+    assert digests[0] == digests[1]
+    assert len(set(digests[0])) == 2
+    assert len(digests[0][0]) == 64
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        save("pa.npy", RAMP + 0.01),
+        save("oblique.npy", RAMP + 0.01),
+        remove("oblique.npy"),
+        write("parts.csv", "name,material\nbody,abs\n"),
+        write("parts/README.obj", ""),
+        own_scanner("pa", "lat"),
+        lambda folder: (folder / "parts" / "body.ply").rename(folder / "parts" / "shell.ply"),
+        lambda folder: (folder.parent / "objects.csv").write_text(ROWS.replace("312.5", "313")),
+        lambda folder: write_scanner(scanner(Tube(kv=90.0)), folder.parent / "scanner.toml"),
+    ],
+)
+def test_the_digest_changes_with_every_input(root: Path, change: Callable[[Path], None]) -> None:
+    before = CaptureFolder(root).digest("mug-01")
+    change(root / "mug-01")
+    assert CaptureFolder(root).digest("mug-01") != before
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        write("truth.json", "{}"),
+        write("ct.npz", "not read by the builder"),
+        write("README.md", "about"),
+        write("parts/README.md", "about"),
+        lambda folder: (folder.parent / "expected.json").write_text("{}"),
+        lambda folder: (folder.parent / "objects.csv").write_text(ROWS + "cup,cup,,,,,\n"),
+        lambda folder: np.save(folder.parent / "pen" / "pa.npy", RAMP + 1),
+    ],
+)
+def test_the_digest_stays_where_nothing_read_changes(
+    root: Path, change: Callable[[Path], None]
+) -> None:
+    before = CaptureFolder(root).digest("mug-01")
+    change(root / "mug-01")
+    folder = CaptureFolder(root)
+    assert folder.digest("mug-01") == before
+    assert folder.read("mug-01").object_id == "mug-01"
+
+
+def test_flat_and_dark_belong_to_the_digest(root: Path) -> None:
+    views = {
+        name: ViewFile(f"{name}.npy", "counts", view("").geometry, "linear", "flat.npy", "dark.npy")
+        for name in ("pa", "lat")
+    }
+    write_scanner(ScannerFile(views), root / "scanner.toml")
+    np.save(root / "flat.npy", np.full(SHAPE, 2.0))
+    np.save(root / "dark.npy", np.full(SHAPE, 0.0))
+    folder = CaptureFolder(root)
+    np.testing.assert_allclose(folder.read("mug-01").views[0].transmission, RAMP / 2)
+    before = folder.digest("mug-01")
+    np.save(root / "dark.npy", np.full(SHAPE, 0.01))
+    after = folder.digest("mug-01")
+    np.save(root / "flat.npy", np.full(SHAPE, 2.1))
+    assert len({before, after, folder.digest("mug-01")}) == 3
+
+
+def test_the_tooth(shared_data: Path) -> None:
+    folder = CaptureFolder(shared_data / "captures-tooth")
+    assert folder.object_ids == ("tooth",)
+    tooth = folder.read("tooth")
+    assert (tooth.source, tooth.tube, tooth.weighed_mass_g, tooth.flags) == ("scan", None, None, ())
+    for read in tooth.views:
+        assert read.transmission.shape == (2, 640)
+        assert read.valid.all()
+        assert 0.1 < read.transmission.min() < 0.3
+        assert 1.0 < read.transmission.max() < 1.1
+        assert np.median(read.transmission) == pytest.approx(0.994, abs=0.02)
+        assert 0 < tooth.noise_sd[read.name] < 1e-3
+    assert [(p.name, p.material, len(p.mesh.faces)) for p in tooth.parts] == [
+        ("dentine", "", 2440),
+        ("enamel", "", 4508),
+    ]
+    bounds = np.array([part.mesh.bounds for part in tooth.parts])
+    extent = bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)
+    np.testing.assert_allclose(extent, [0.23, 0.26, 0.008], atol=0.005)
+
+
+def test_the_ct_of_the_tooth(shared_data: Path) -> None:
+    ct = CaptureFolder(shared_data / "captures-tooth").ct("tooth")
+    assert ct is not None
+    assert ct.mu_per_cm.shape == (275, 310, 2)
+    np.testing.assert_allclose(ct.spacing_cm, [0.001, 0.001, 0.004])
+    assert ct.label_names == ("outside", "dentine", "enamel")
+    assert ct.labels is not None
+    assert ct.mu_per_cm[ct.labels == 1].mean() == pytest.approx(4.61617, rel=1e-4)
+    assert ct.mu_per_cm[ct.labels == 2].mean() == pytest.approx(7.50581, rel=1e-4)
+
+
+def test_the_iron_tetrahedron(shared_data: Path) -> None:
+    folder = CaptureFolder(shared_data / "captures-tetra")
+    tetra = folder.read("tetra")
+    assert (tetra.source, tetra.tube, tetra.detector.bits) == ("phantom", Tube(130.0), 16)
+    assert [read.name for read in tetra.audit_views] == ["f02", "f07", "f10", "f13"]
+    for read in (*tetra.views, *tetra.audit_views):
+        assert read.transmission.shape == (150, 150)
+        assert read.valid.all()
+        assert 0 < read.transmission.min() < 0.09
+        assert read.transmission.max() == pytest.approx(1.0, abs=1e-3)
+    assert tetra.views[1].transmission.min() < 1e-4  # one count above dark
+    (iron,) = tetra.parts
+    assert (iron.name, iron.material, len(iron.mesh.faces)) == ("iron", "iron", 72)
+    assert iron.mesh.volume == pytest.approx(5.50374, rel=1e-5)  # millimetres in the file
+    assert folder.ct("tetra") is None
+    assert folder.digest("tetra") == CaptureFolder(shared_data / "captures-tetra").digest("tetra")
