@@ -281,7 +281,7 @@ def _scored(
 
 def _command(context: click.Context) -> str:
     """Return the command line as it was given, without what only changes the output."""
-    words = [*context.command_path.split()]
+    words = ["xden-bench", context.info_name or ""]
     for parameter in context.command.params:
         name = parameter.name or ""
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE and name != "as_json":

@@ -24,8 +24,21 @@ END: Final = "<!-- results: end -->"
 
 HEADER: Final = f"""# Leaderboard
 
-Density, centre of mass and mass of objects seen from outside. How the numbers are made and how to
-enter: [benchmarks/README.md](benchmarks/README.md).
+How dense is every voxel of an object, where is its centre of mass, and what does it weigh?
+The rules, and how to enter a method: [benchmarks/README.md](benchmarks/README.md).
+
+How to read the tables:
+
+- A value is the mean over objects, in brackets its 95 % bootstrap interval. ↓ lower is better,
+  ↑ higher is better. Density MAE is over the volume inside the outer surface, enclosed cavities
+  included. MAPE, ALDE and MnRE are three errors of the mass; MAPE alone would favour methods that
+  predict too little.
+- Methods are ranked by density MAE. Rows whose intervals overlap are not told apart: the rank
+  counts the rows that are better beyond both intervals.
+- *Rows in italics* are trivial and never ranked: nothing (`zero`), 1 g/cm³ everywhere (`water`),
+  and the median density of the training objects, of all or by category. A method has to beat them.
+- Tables of different tracks, datasets or sources (`scan`: the scanner's objects, `phantom`:
+  simulated ones) are never compared.
 
 {BEGIN}
 {END}
@@ -221,14 +234,14 @@ def _dirty(commit: str) -> str:
 
 
 def _paper_section() -> str:
-    headings = ["method", *(METRICS[one].heading for one in PRINTED[:3])]
+    headings = ["method", "density MAE ↓", "CoM, cm ↓", "mass MAPE ↓"]
     table = tabulate(PAPER_ROWS, headings, tablefmt="pipe", disable_numparse=True)
     return (
         "## Reported by the paper, protocol unknown\n\n"
         "As printed in the XDen-1K paper (arXiv 2512.10668), never ranked and not comparable with "
         "the tables above: the paper gives neither the unit of density (only g/cm³ fits), nor the "
-        "split, the voxels averaged over, or the rule for the mass. MAPE is a ratio there too; "
-        f"predicting no mass at all scores 1.000.\n\n{table}"
+        "split, the voxels averaged over, or the rule for the mass. The MAPE is a ratio there "
+        f"too, so two of the three score worse than predicting no mass at all, 1.000.\n\n{table}"
     )
 
 

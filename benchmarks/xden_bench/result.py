@@ -153,8 +153,11 @@ def read_entries(results: Path) -> tuple[dict[str, Any], ...]:
     Raises
     ------
     DataError
-        If a JSON file there is no entry of this schema, or lies where another belongs.
+        If there is no such folder, or a JSON file in it is no entry of this schema or lies where
+        another belongs.
     """
+    if not results.is_dir():
+        raise DataError(f"there is no folder of results at {results}")
     return tuple(_read_entry(path, results) for path in sorted(results.rglob("*.json")))
 
 

@@ -168,7 +168,7 @@ def _size_name(extent_cm: float, edges_cm: Sequence[float]) -> str:
 
     Examples
     --------
-    >>> [_size_name(extent, [8.0, 16.0]) for extent in (3, 8, 20)]
+    >>> [_size_name(extent, [8.0, 16.0]) for extent in (3.0, 8.0, 20.0)]
     ['under 8 cm', '8 to 16 cm', '16 cm and more']
     """
     place = bisect_right(edges_cm, extent_cm)

@@ -1,0 +1,168 @@
+"""xden-bench as a user meets it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from xden_bench.cli import cli
+
+Submit = Callable[..., Path]
+
+
+@pytest.fixture
+def run(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDEN1K_ROOT", str(dataset))
+    return lambda *words: CliRunner().invoke(cli, [str(word) for word in words])
+
+
+def files(folder: Path) -> list[str]:
+    return sorted(one.relative_to(folder).as_posix() for one in folder.rglob("*") if one.is_file())
+
+
+def test_from_a_baseline_to_a_row(run: Callable[..., Result], tmp_path: Path) -> None:
+    for name in ("zero", "water", "train-median", "category-median"):
+        assert run("baseline", name).exit_code == 0
+        assert run("validate", f"{name}.npz").exit_code == 0
+        assert run("submit", f"{name}.npz").exit_code == 0
+    made = run("leaderboard")
+    assert made.exit_code == 0
+    assert made.stdout.endswith("LEADERBOARD.md: 4 entries\n")
+    text = (tmp_path / "LEADERBOARD.md").read_text()
+    for name in ("zero", "water", "train-median", "category-median"):
+        assert f"| *{name}*" in text
+        assert f"`xden-bench baseline {name}`, then `xden-bench submit {name}.npz`" in text
+    assert run("leaderboard", "--check").stdout == "LEADERBOARD.md: 4 entries, up to date\n"
+
+
+def test_the_check_fails_after_a_new_entry(run: Callable[..., Result]) -> None:
+    for name in ("zero", "water"):
+        run("baseline", name)
+        run("submit", f"{name}.npz")
+        if name == "zero":
+            assert run("leaderboard").exit_code == 0
+    checked = run("leaderboard", "--check")
+    assert checked.exit_code == 1
+    assert checked.stderr == (
+        "Error: LEADERBOARD.md does not match the results: run xden-bench leaderboard\n"
+    )
+
+
+def test_the_same_command_gives_the_same_submission(
+    run: Callable[..., Result], tmp_path: Path
+) -> None:
+    run("baseline", "category-median")
+    first = (tmp_path / "category-median.npz").read_bytes()
+    run("baseline", "category-median")
+    assert (tmp_path / "category-median.npz").read_bytes() == first
+
+
+@pytest.mark.parametrize("command", ["validate", "score", "submit"])
+def test_nothing_is_written_on_a_bad_submission(
+    run: Callable[..., Result], submission: Submit, tmp_path: Path, command: str
+) -> None:
+    path = submission(lambda one, grid: None if one == "bar-0002" else grid, split="val")
+    before = files(tmp_path)
+    done = run(command, path)
+    assert done.exit_code == 1
+    assert done.stdout == ""
+    assert done.stderr.splitlines()[:2] == [
+        "Error: E205: split must be 'test' here, got 'val'",
+        "E301: objects missing of the 4 in the split test: 1: 'bar-0002'",
+    ]
+    assert files(tmp_path) == before
+
+
+def test_validate_as_json(run: Callable[..., Result], submission: Submit, tmp_path: Path) -> None:
+    path = submission(lambda one, grid: None if one == "bar-0002" else grid)
+    done = run("validate", path, "--json", "--out", "report.json")
+    assert done.exit_code == 1
+    report = json.loads(done.stdout)
+    assert report == json.loads((tmp_path / "report.json").read_text())
+    assert report["valid"] is False
+    assert [one["code"] for one in report["problems"]] == ["E301", "W504"]
+    sound = run("validate", submission(), "--json")
+    assert sound.exit_code == 0
+    assert json.loads(sound.stdout)["valid"] is True
+
+
+def test_score_as_json_and_to_a_file(
+    run: Callable[..., Result], submission: Submit, tmp_path: Path
+) -> None:
+    done = run("score", submission(), "--json", "--out", "score.json")
+    assert done.exit_code == 0
+    entry = json.loads(done.stdout)
+    assert entry == json.loads((tmp_path / "score.json").read_text())
+    assert entry["metrics"]["mass_mape"] == {"mean": 0.0, "ci95": [0.0, 0.0]}
+    assert not (tmp_path / "benchmarks").exists()
+
+
+def test_score_prints_every_metric(run: Callable[..., Result], submission: Submit) -> None:
+    text = run("score", submission()).stdout
+    for title in ("density MAE, g/cm³ ↓", "CoM L1, cm ↓", "mass MnRE ↑", "inertia error ↓"):
+        assert title in text
+    assert "W504: identical to the reference: 4:" in text
+
+
+def test_submit_tells_where(run: Callable[..., Result], submission: Submit, tmp_path: Path) -> None:
+    done = json.loads(run("submit", submission(), "--json", "--out", "results").stdout)
+    assert (tmp_path / done["file"]).is_file()
+    again = run("submit", submission(), "--out", "results")
+    assert again.exit_code == 1
+    assert "entered already" in again.stderr
+
+
+def test_the_command_is_kept_as_given(run: Callable[..., Result], submission: Submit) -> None:
+    submission(name="a b.npz")
+    done = run("submit", "a b.npz", "--track", "geometry", "--json")
+    assert json.loads(done.stdout)["command"] == "xden-bench submit 'a b.npz' --track geometry"
+
+
+def test_baselines_are_listed(run: Callable[..., Result]) -> None:
+    names = {one["name"]: one for one in json.loads(run("baseline", "--list", "--json").stdout)}
+    assert {"zero", "water", "train-median", "category-median"} <= names.keys()
+    assert names["water"]["track"] == "geometry"
+    assert "water" in run("baseline", "--list").stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (["baseline", "nope"], 1, "no method 'nope' is installed; there are ["),
+        (["baseline"], 2, "Give the NAME of a method, or --list."),
+        (["baseline", "water", "--split", "nope"], 1, "no split 'nope'"),
+        (["score", "nope.npz"], 1, "No such file or directory: 'nope.npz'"),
+        (["score", "nope.npz", "--root", "."], 1, "is not a dataset folder"),
+        (["score", "nope.npz", "--track", "sonar"], 2, "'sonar' is not one of"),
+        (["leaderboard", "--check"], 1, "there is no folder of results at benchmarks/results"),
+    ],
+)
+def test_errors_are_one_line(
+    run: Callable[..., Result], words: list[str], code: int, message: str, tmp_path: Path
+) -> None:
+    done = run(*words)
+    assert done.exit_code == code
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+    if code == 1:
+        assert len(done.stderr.splitlines()) == 1
+    assert files(tmp_path) == []
+
+
+def test_speed_prints_a_ratio(run: Callable[..., Result]) -> None:
+    assert "ratio" in run("speed", "--repeats", "1").stdout
+    measured: dict[str, Any] = json.loads(run("speed", "--repeats", "1", "--json").stdout)
+    assert measured["objects"] == 4
+    assert measured["ratio"] == pytest.approx(measured["score_seconds"] / measured["read_seconds"])
+
+
+def test_every_command_has_an_example() -> None:
+    for name in cli.commands:
+        text = CliRunner().invoke(cli, [name, "--help"]).stdout
+        assert text.rstrip().splitlines()[-1].strip().startswith(f"Example: xden-bench {name}")

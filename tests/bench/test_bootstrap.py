@@ -1,0 +1,47 @@
+"""Intervals: the same for the same seed, the textbook's where there is one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from xden_bench.bootstrap import estimate, resampled_means
+
+
+def test_means_agree_with_a_loop() -> None:
+    values = np.random.default_rng(0).random((7, 2))
+    means = resampled_means(values, resamples=2500, seed=3)
+    rng = np.random.default_rng(3)
+    expected = []
+    for rows in (1000, 1000, 500):
+        for drawn in rng.integers(7, size=(rows, 7)):
+            expected.append([sum(values[i, metric] for i in drawn) / 7 for metric in (0, 1)])
+    np.testing.assert_allclose(means, expected, rtol=1e-12)
+
+
+def test_the_interval_is_that_of_the_normal_law_for_many_objects() -> None:
+    values = np.random.default_rng(1).normal(5.0, 2.0, (1000, 1))
+    (one,) = estimate(values, resamples=10_000, seed=0)
+    half = 1.96 * values.std() / np.sqrt(1000)
+    assert one.mean == pytest.approx(values.mean())
+    assert one.low == pytest.approx(one.mean - half, abs=0.05 * half)
+    assert one.high == pytest.approx(one.mean + half, abs=0.05 * half)
+
+
+def test_two_methods_see_the_same_draws() -> None:
+    values = np.random.default_rng(2).random((20, 1))
+    difference = resampled_means(values + 1, 500, 0) - resampled_means(values, 500, 0)
+    np.testing.assert_allclose(difference, 1.0)
+
+
+def test_metrics_are_independent_of_their_neighbours() -> None:
+    values = np.random.default_rng(2).random((20, 3))
+    together = estimate(values, 500, 0)
+    for column, one in enumerate(together):
+        (alone,) = estimate(values[:, [column]], 500, 0)
+        assert (alone.low, alone.high) == pytest.approx((one.low, one.high), rel=1e-12)
+
+
+def test_one_object_has_an_interval_of_no_width() -> None:
+    (one,) = estimate(np.array([[2.0]]), 100, 0)
+    assert (one.low, one.mean, one.high) == (2.0, 2.0, 2.0)

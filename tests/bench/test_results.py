@@ -1,0 +1,225 @@
+"""Entries and the leaderboard made of them."""
+
+from __future__ import annotations
+
+import copy
+import datetime
+import hashlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+from xden1k.errors import DataError
+from xden_bench.leaderboard import (
+    BEGIN,
+    END,
+    check_leaderboard,
+    ranks,
+    render,
+    write_leaderboard,
+)
+from xden_bench.protocol import load_protocol
+from xden_bench.reference import Reference
+from xden_bench.result import entry_of, entry_path, read_entries, write_entry
+from xden_bench.scoring import Score, score
+
+RULES = load_protocol()
+Submit = Callable[..., Path]
+
+
+@pytest.fixture
+def scored(submission: Submit, reference: Reference) -> Score:
+    path = submission(lambda _, grid: 1.1 * grid, method="My | *net*", seed=7, notes="a note")
+    return score(path, reference, RULES)
+
+
+@pytest.fixture
+def entry(scored: Score, reference: Reference) -> dict[str, Any]:
+    date = datetime.date(2025, 12, 10)
+    return entry_of(scored, reference, command="xden-bench submit preds.npz", date=date)
+
+
+def test_an_entry_says_how_to_remake_it(
+    entry: dict[str, Any], scored: Score, reference: Reference
+) -> None:
+    manifest = (reference.folder.root / "manifest.json").read_bytes()
+    assert entry["schema"] == "xden-result/1"
+    assert entry["dataset"] == {
+        "revision": "0.1.0",
+        "config": "default",
+        "split": "test",
+        "source": "phantom",
+        "manifest_sha256": hashlib.sha256(manifest).hexdigest(),
+    }
+    assert entry["method"]["seed"] == 7
+    assert entry["command"] == "xden-bench submit preds.npz"
+    assert entry["date"] == "2025-12-10"
+    assert entry["submission_sha256"] == scored.submission_sha256
+    assert entry["xden_version"]
+    assert entry["commit"] is None or len(entry["commit"].removesuffix("-dirty")) == 40
+    assert entry["bootstrap"] == {"seed": 20251210, "resamples": 10000}
+    assert entry["metrics"]["mass_mape"]["mean"] == pytest.approx(0.1, rel=1e-5)
+    assert len(entry["metrics"]["mass_mape"]["ci95"]) == 2
+    assert entry["by_category"]["bar"]["n_objects"] == 1
+    assert entry["higher_is_better"]["mass_mnre"] is True
+
+
+def test_an_entry_comes_back_with_its_objects(
+    entry: dict[str, Any], scored: Score, tmp_path: Path
+) -> None:
+    path = write_entry(entry, scored, tmp_path / "results")
+    (read,) = read_entries(tmp_path / "results")
+    objects = path.parent / read.pop("objects")["file"]
+    assert read == json.loads(json.dumps(entry))
+    table = pq.read_table(objects).to_pydict()
+    assert table["object_id"] == [one.object_id for one in scored.objects]
+    assert table["mass_mape"] == [one.metrics["mass_mape"] for one in scored.objects]
+
+
+def test_an_entry_is_never_changed(entry: dict[str, Any], scored: Score, tmp_path: Path) -> None:
+    path = write_entry(entry, scored, tmp_path)
+    before = path.read_bytes()
+    with pytest.raises(DataError, match=r"entered already: .*; entries are never changed"):
+        write_entry({**entry, "date": "2026-01-01"}, scored, tmp_path)
+    assert path.read_bytes() == before
+    assert sorted(one.suffix for one in path.parent.iterdir()) == [".json", ".parquet"]
+
+
+def test_an_entry_lies_where_its_content_says(
+    entry: dict[str, Any], scored: Score, tmp_path: Path
+) -> None:
+    path = write_entry(entry, scored, tmp_path)
+    path.rename(path.with_stem("better"))
+    with pytest.raises(DataError, match=r"better.json: its content belongs to v1/0.1.0-"):
+        read_entries(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"schema": "xden-result/9"}'])
+def test_a_file_that_is_no_entry(tmp_path: Path, text: str) -> None:
+    (tmp_path / "x.json").write_text(text)
+    with pytest.raises(DataError, match=r"x\.json: not a result of schema xden-result/1"):
+        read_entries(tmp_path)
+
+
+def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="there is no folder of results at"):
+        read_entries(tmp_path / "nope")
+
+
+@pytest.mark.parametrize("name", ["../../etc", "/abs", "..", "a/b", "net\u202e", "   x"])
+def test_no_method_name_leaves_the_results(entry: dict[str, Any], name: str) -> None:
+    entry["method"]["name"] = name
+    parts = entry_path(entry).parts
+    assert len(parts) == 4
+    assert not {"..", "/"} & set(parts)
+
+
+def row(entry: dict[str, Any], name: str, mean: float, half: float, **changes: Any) -> Any:
+    made = copy.deepcopy(entry)
+    made["method"]["name"] = name
+    interval = [mean - half, mean + half]
+    made["metrics"]["density_mae_g_cm3"] = {"mean": mean, "ci95": interval}
+    made["dataset"] |= changes.pop("dataset", {})
+    return made | changes
+
+
+def test_overlapping_intervals_share_a_rank(entry: dict[str, Any]) -> None:
+    rows = [row(entry, "a", 1.0, 0.1), row(entry, "b", 1.1, 0.1), row(entry, "c", 2.0, 0.1)]
+    assert ranks(rows) == [1, 1, 3]
+
+
+def test_trivial_rows_have_no_rank_and_push_nobody_down(entry: dict[str, Any]) -> None:
+    rows = [row(entry, "water", 0.1, 0.0), row(entry, "a", 1.0, 0.1), row(entry, "b", 3.0, 0.1)]
+    assert ranks(rows) == [None, 1, 2]
+
+
+def test_what_differs_is_never_in_one_table(entry: dict[str, Any]) -> None:
+    rows = [
+        row(entry, "base", 1.0, 0.1),
+        row(entry, "track", 1.0, 0.1, track="xray"),
+        row(entry, "target", 1.0, 0.1, target="apparent_density"),
+        row(entry, "source", 1.0, 0.1, dataset={"source": "scan"}),
+        row(entry, "split", 1.0, 0.1, dataset={"split": "val"}),
+        row(entry, "revision", 1.0, 0.1, dataset={"revision": "0.2.0"}),
+        row(entry, "rebuilt", 1.0, 0.1, dataset={"manifest_sha256": "0" * 64}),
+    ]
+    text = render(rows)
+    assert text.count("## Track") == len(rows)
+    assert "Source of the objects: **scan**" in text
+    assert "Source of the objects: **phantom**" in text
+
+
+def test_the_order_of_the_entries_does_not_matter(entry: dict[str, Any]) -> None:
+    rows = [
+        row(entry, name, mean, 0.1) for name, mean in zip("abcde", (3, 1, 2, 2, 5), strict=True)
+    ]
+    text = render(rows)
+    for turned in (rows[::-1], rows[2:] + rows[:2]):
+        assert render(turned) == text
+    names = [line.split("|")[2].strip() for line in text.splitlines() if line.startswith("| 1")]
+    assert names == ["b"]
+
+
+def test_the_papers_rows_are_apart_and_have_no_rank() -> None:
+    text = render([])
+    assert text.startswith("No entries yet.")
+    assert "## Reported by the paper, protocol unknown" in text
+    assert "| NeRF2Physics     | 1.157" in text
+    assert "rank " not in text.split("## Reported")[1].split("|")[1]
+
+
+def test_markdown_in_names_is_shown_not_run(entry: dict[str, Any]) -> None:
+    entry["method"] |= {
+        "paper": "javascript:alert(1)",
+        "code": "https://example.org/a_b",
+        "notes": "<img src=x>",
+        "command": "run `x` | y",
+    }
+    text = render([entry])
+    assert "My \\| \\*net\\*" in text
+    assert "\\<img src=x\\>" in text
+    assert "<javascript" not in text
+    assert "<https://example.org/a_b>" in text
+    assert "`run 'x' \\| y`" in text
+
+
+def test_only_the_part_between_the_markers_is_written(
+    entry: dict[str, Any], tmp_path: Path
+) -> None:
+    path = tmp_path / "LEADERBOARD.md"
+    path.write_text(f"# Mine\n\nBefore.\n\n{BEGIN}\nold\n{END}\n\nAfter.\n")
+    write_leaderboard([entry], path)
+    text = path.read_text()
+    assert text.startswith(f"# Mine\n\nBefore.\n\n{BEGIN}\n")
+    assert text.endswith(f"{END}\n\nAfter.\n")
+    assert "old" not in text
+    check_leaderboard([entry], path)
+    write_leaderboard([entry], path)
+    assert path.read_text() == text
+
+
+def test_the_check_notices_a_hand(entry: dict[str, Any], tmp_path: Path) -> None:
+    path = tmp_path / "LEADERBOARD.md"
+    with pytest.raises(DataError, match="is missing: run xden-bench leaderboard"):
+        check_leaderboard([entry], path)
+    write_leaderboard([entry], path)
+    path.write_text(path.read_text().replace("0.100 [", "0.001 [", 1))
+    with pytest.raises(DataError, match="does not match the results"):
+        check_leaderboard([entry], path)
+
+
+def test_a_file_without_markers_is_left_alone(entry: dict[str, Any], tmp_path: Path) -> None:
+    path = tmp_path / "LEADERBOARD.md"
+    path.write_text("no markers")
+    with pytest.raises(DataError, match="must each be there once"):
+        write_leaderboard([entry], path)
+    assert path.read_text() == "no markers"
+
+
+def test_the_repositorys_leaderboard_matches_its_results() -> None:
+    root = Path(__file__).parents[2]
+    check_leaderboard(read_entries(root / "benchmarks" / "results"), root / "LEADERBOARD.md")
