@@ -18,6 +18,7 @@ __all__ = [
     "around",
     "box",
     "capsule",
+    "cut_above",
     "cylinder",
     "disc",
     "inset",
@@ -212,6 +213,11 @@ def around(solid: Manifold, count: int) -> Manifold:
     return union(solid.rotate((0.0, 0.0, 360.0 * i / count)) for i in range(count))
 
 
+def cut_above(solid: Manifold, z_cm: float) -> Manifold:
+    """Leave what is below a height, as of a liquid poured into a cavity."""
+    return solid.trim_by_plane((0.0, 0.0, -1.0), -z_cm)
+
+
 def along_x(solid: Manifold) -> Manifold:
     """Lay a solid down: its z axis becomes x, its x axis -z."""
     return solid.rotate((0.0, 90.0, 0.0))
@@ -235,12 +241,12 @@ def upright_across(section: CrossSection, thickness_cm: float) -> Manifold:
 
 
 def to_mesh(solid: Manifold) -> trimesh.Trimesh:
-    """Triangle mesh with vertices that float32 holds exactly, as the mesh files store them.
+    """Triangle mesh of a solid.
 
     Loose crumbs, which cuts leave where two curved surfaces nearly coincide, are left out.
     """
     mesh = solid.to_mesh64()
-    vertices = mesh.vert_properties[:, :3].astype(np.float32).astype(np.float64)
+    vertices = mesh.vert_properties[:, :3]
     faces = mesh.tri_verts.astype(np.int64)
     body_of_vertex = _connected(faces, len(vertices))
     volumes = np.bincount(body_of_vertex[faces[:, 0]], np.linalg.det(vertices[faces]) / 6)

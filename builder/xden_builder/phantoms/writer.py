@@ -9,6 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+import trimesh
+
 from xden1k.errors import DataError, require
 from xden_builder.capture import write_scanner
 from xden_builder.phantoms.phantom import Phantom, Plan, make_phantom, plan_objects
@@ -113,13 +116,29 @@ def _write_object(out: Path, scanner: Scanner, seed: int, object_id: str) -> Non
     folder = out / object_id
     (folder / "parts").mkdir(parents=True)
     for part in phantom.parts:
-        part.mesh.export(folder / "parts" / f"{part.name}.ply", vertex_normal=False)
+        _write_ply(folder / "parts" / f"{part.name}.ply", part.mesh)
     labels = [(part.name, part.material) for part in phantom.parts]
     _write_csv(folder / "parts.csv", ("name", "material"), labels)
     for view in VIEWS:
         image = scanner.radiograph(phantom, view)
         tifffile.imwrite(folder / f"{view}.tif", image, compression="zlib", metadata=None)
     _write_json(folder / "truth.json", _truth(phantom, scanner))
+
+
+def _write_ply(path: Path, mesh: trimesh.Trimesh) -> None:
+    """Write a mesh in double precision, which trimesh's own writer would round to single.
+
+    Rounding each part by itself makes facets that should coincide cross each other.
+    """
+    faces = np.empty(len(mesh.faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"], faces["corners"] = 3, mesh.faces
+    header = (
+        "ply\nformat binary_little_endian 1.0\ncomment cm\n"
+        f"element vertex {len(mesh.vertices)}\n"
+        "property double x\nproperty double y\nproperty double z\n"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    path.write_bytes(header.encode() + mesh.vertices.astype("<f8").tobytes() + faces.tobytes())
 
 
 def _write_panels(out: Path, scanner: Scanner, seed: int) -> None:

@@ -17,48 +17,41 @@ def bottle(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     wall = 0.1 * rng.uniform(0.8, 1.2) + 0.012 * radius
     neck, cap_wall = radius * rng.uniform(0.36, 0.46), 0.16
     rim, shoulder = size_cm - cap_wall, size_cm * rng.uniform(0.58, 0.68)
-    dent, foot = 0.12 * radius, 0.75 * radius
-    profile = [(0.0, dent), (foot, 0.0), (radius, 0.0), (radius, shoulder)]
-    profile += [(neck, 0.86 * size_cm), (neck, rim), (0.0, rim)]
-    outer = shapes.outline(profile, 0.3 * neck)
-    hollow = shapes.inset(outer, wall) + _bore(neck - wall, 0.86 * size_cm, size_cm)
-    glass = _cut_above(shapes.lathe(outer - hollow), rim - 0.3 * neck)
-    glass += shapes.tube(neck, neck - wall, rim - 0.31 * neck, rim)
+    profile = [(0.0, 0.12 * radius), (0.75 * radius, 0.0), (radius, 0.0), (radius, shoulder)]
+    profile += [(neck, 0.86 * size_cm)]
     fill = rng.uniform(0.35, 0.65) * (shoulder + 0.86 * size_cm) / 2
+    shell, liquid = _vessel(profile, wall, rim, fill, 0.3 * neck)
     return [
-        Piece("shell", "shell", glass),
-        Piece("liquid", "liquid", _filled(shapes.lathe(hollow), fill)),
+        Piece("shell", "shell", shell),
+        Piece("liquid", "liquid", liquid),
         Piece("cap", "cap", _screw_cap(neck, 0.89 * size_cm, rim, cap_wall)),
     ]
 
 
 def jar(rng: np.random.Generator, size_cm: float) -> list[Piece]:
-    """Wide-mouthed jar with a screw lid and something thick in it."""
+    """Wide-mouthed jar with a screw lid and something liquid in it."""
     radius = size_cm * rng.uniform(0.3, 0.38)
     wall, neck, rim = 0.05 * radius + 0.15, 0.88 * radius, size_cm - 0.12
     profile = [(0.0, 0.1), (0.7 * radius, 0.0), (radius, 0.0), (radius, 0.8 * size_cm)]
-    profile += [(neck, 0.87 * size_cm), (neck, rim + 1.0), (0.0, rim + 1.0)]
-    outer = shapes.outline(profile, 0.12 * radius)
-    hollow = shapes.inset(outer, wall) + _bore(neck - wall, 0.87 * size_cm, rim + 2.0)
+    profile += [(neck, 0.87 * size_cm)]
     fill = rng.uniform(0.3, 0.8) * 0.87 * size_cm
+    shell, contents = _vessel(profile, wall, rim, fill, 0.12 * radius)
     return [
-        Piece("shell", "shell", _cut_above(shapes.lathe(outer - hollow), rim)),
-        Piece("contents", "liquid", _filled(shapes.lathe(hollow), fill)),
+        Piece("shell", "shell", shell),
+        Piece("contents", "liquid", contents),
         Piece("lid", "lid", _screw_cap(neck, 0.885 * size_cm, rim, 0.12)),
     ]
 
 
-def _bore(radius: float, z0: float, z1: float) -> CrossSection:
-    return CrossSection.square((2 * radius, z1 - z0)).translate((-radius, z0))
-
-
-def _cut_above(solid: Manifold, z: float) -> Manifold:
-    return solid.trim_by_plane((0.0, 0.0, -1.0), -z)
-
-
-def _filled(cavity: Manifold, level: float) -> Manifold:
-    """Liquid in an upright cavity."""
-    return _cut_above(cavity, level)
+def _vessel(
+    profile: list[tuple[float, float]], wall: float, rim: float, fill: float, fillet: float
+) -> tuple[Manifold, Manifold]:
+    """Shell of even wall whose neck goes straight up to an open rim, and its liquid."""
+    neck, beyond = profile[-1][0], rim + 1.0  # closed beyond the rim, then cut open
+    outside = shapes.outline([*profile, (neck, beyond), (0.0, beyond)], fillet)
+    cavity = shapes.lathe(shapes.inset(outside, wall))
+    shell = shapes.cut_above(shapes.lathe(outside) - cavity, rim)
+    return shell, shapes.cut_above(cavity, fill)
 
 
 def _screw_cap(neck: float, z0: float, rim: float, wall: float) -> Manifold:

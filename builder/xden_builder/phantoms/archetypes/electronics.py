@@ -135,7 +135,7 @@ def _torch_cell(radius: float, z0: float, z1: float) -> Manifold:
 
 def _button(radius: float, floor: float) -> Manifold:
     """Elastic cap through the tail's floor, with a rim inside."""
-    return shapes.slab(shapes.disc(0.5 * radius), -0.5 * floor, floor, 0.08)
+    return shapes.slab(shapes.disc(0.5 * radius), -0.5 * floor, 1.3 * floor, 0.08)
 
 
 def _reflector(inner: float, outer: float, z0: float, z1: float) -> Manifold:

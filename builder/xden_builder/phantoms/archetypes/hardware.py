@@ -40,9 +40,9 @@ def padlock(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     thick, bar = size_cm * rng.uniform(0.24, 0.32), size_cm * rng.uniform(0.05, 0.065)
     leg = wide / 2 - 1.9 * bar
     outside = shapes.rounded_box((wide, thick, high), 0.06 * size_cm, (0, 0, high / 2))
-    holes = shapes.union(
-        shapes.cylinder(bar + 0.02, z, high + 1).translate((x, 0, 0))
-        for x, z in ((-leg, 0.42 * high), (leg, 0.7 * high))
+    hollows = shapes.union(  # under the legs, whose holes they end
+        shapes.cylinder(0.9 * bar, z, z + 0.06 * high).translate((x, 0, 0))
+        for x, z in ((-leg, 0.4 * high), (leg, 0.68 * high))
     )
     plug_radius = 0.3 * thick
     plug, pins = _plug(plug_radius, 0.62 * high, thick)
@@ -51,7 +51,7 @@ def padlock(rng: np.random.Generator, size_cm: float) -> list[Piece]:
         Piece("shackle", "shackle", shackle),
         *(Piece(f"pin_{i + 1}", "pin", pin) for i, pin in enumerate(pins)),
         Piece("plug", "plug", plug),
-        Piece("body", "shell", outside - holes - _keyway(plug_radius, 0.5 * high)),
+        Piece("body", "shell", outside - hollows - _keyway(plug_radius, 0.5 * high)),
     ]
 
 

@@ -17,14 +17,13 @@ def kettle(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     top, floor, rim = low * rng.uniform(0.7, 0.82), 0.12 * size_cm, 0.9 * size_cm
     body = shapes.cylinder(low, floor, rim, top)
     cavity = shapes.cylinder(low - wall, floor, rim, top - wall)
-    spout = _spout(top, 0.0, rim, size_cm) - _spout(top, wall, rim + 0.01, size_cm)
-    shell = (body - _spout(top, wall, rim + 0.01, size_cm)) + (spout - body)
-    plate = shapes.cylinder(2 * low, floor, floor + 0.3) ^ cavity
+    shell = (body + _spout(top, 0.0, rim, size_cm)) - _spout(top, wall, rim + 0.01, size_cm)
+    above, plate = cavity.split_by_plane((0.0, 0.0, 1.0), floor + 0.3)
     level = floor + (rim - floor) * rng.uniform(0.3, 0.7)
     return [
         Piece("heating_plate", "plate", plate),
         Piece("shell", "shell", shell - cavity),
-        Piece("water", "liquid", cavity - shapes.cylinder(2 * low, level, 2 * rim)),
+        Piece("water", "liquid", shapes.cut_above(above, level)),
         Piece("base", "base", _hollow_base(low, floor, wall)),
         Piece("lid", "lid", _lid(top, wall, rim, size_cm)),
         Piece("handle", "handle", _kettle_handle(low, top, floor, rim, size_cm) - body),
