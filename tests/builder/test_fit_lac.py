@@ -116,8 +116,9 @@ def test_object_outside_both_frames_hides_every_part():
         np.zeros(0, dtype=bool),
         FRAME,
     )
-    fit = fit_lac([(empty, ideal_view(name, empty, [1.0, 1.0])) for name in ("pa", "lat")])
-    assert fit.flags == (frozenset({"hidden"}),) * 2
+    views = [(empty, ideal_view(name, empty, [1.0, 1.0])) for name in ("pa", "lat")]
+    for choice in (FitSettings(), PAPER_OBJECTIVE):
+        assert fit_lac(views, choice).flags == (frozenset({"hidden"}),) * 2
 
 
 def test_pixels_that_are_invalid_or_broken_have_no_say():
@@ -255,6 +256,15 @@ def test_images_and_path_lengths_of_different_frames_are_refused():
     (lengths, view), lat = random_views(np.random.default_rng(11), [0.5])
     with pytest.raises(DataError, match=r"view pa: path lengths are for \(24, 20\)"):
         fit_lac([(replace(lengths, shape=(24, 20)), view), lat])
+
+
+def test_dark_air_is_refused():
+    views = [
+        (lengths, changed(view, lambda image: image.__isub__(1.0)))
+        for lengths, view in random_views(np.random.default_rng(13), [0.5])
+    ]
+    with pytest.raises(DataError, match="view pa: the air beside the object must be bright"):
+        fit_lac(views)
 
 
 def test_views_of_different_parts_are_refused():

@@ -1,5 +1,7 @@
 """Standard deviations are as large as the errors, and flags go up where they should."""
 
+import json
+
 import numpy as np
 import pytest
 import trimesh
@@ -55,6 +57,12 @@ def test_measured_dark_noise_replaces_the_guess():
     reports = fit_lac(views, dark_sd={"pa": 0.002}).report["views"]
     assert reports["pa"]["dark_sd"] == 0.002
     assert reports["lat"]["dark_sd"] == pytest.approx(0.02**0.5 * reports["lat"]["noise_sd"])
+
+
+def test_report_is_made_of_json_types():
+    views = with_noise(random_views(np.random.default_rng(32), [1.0]), np.random.default_rng(33))
+    report = fit_lac(views).report
+    assert json.loads(json.dumps(report, allow_nan=False)) == report
 
 
 def test_noise_is_read_from_the_air():

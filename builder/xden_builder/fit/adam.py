@@ -13,7 +13,7 @@ from xden1k.errors import DataError
 from xden1k.rays import PathLengths
 from xden1k.views import XRayView
 from xden_builder.fit.diagnostics import finish
-from xden_builder.fit.problem import Problem
+from xden_builder.fit.problem import Fitted, Problem
 from xden_builder.fit.values import PAPER_OBJECTIVE, LacFit
 from xden_builder.fit.weighting import uniform
 
@@ -106,16 +106,9 @@ def fit_lac_adam(
     problem = Problem.of([(_one_ray(lengths), view) for lengths, view in views], objective, {})
     unknowns, steps, converged = descend(problem, [view for _, view in views], settings)
     weighting = uniform(problem.views)
-    report = {
-        "solver": "adam",
-        "weights": "none",
-        "gain": objective.gain,
-        "iterations": steps,
-        "converged": converged,
-    }
-    return finish(
-        problem, unknowns, problem.evaluate(unknowns, weighting), weighting, objective, report
-    )
+    evaluation = problem.evaluate(unknowns, weighting)
+    fitted = Fitted(problem, objective, weighting, unknowns, evaluation)
+    return finish(fitted, "adam", steps, converged=converged)
 
 
 def _one_ray(lengths: PathLengths) -> PathLengths:

@@ -11,7 +11,8 @@ from jaxtyping import Float32, Float64
 
 from xden1k.views import XRayView
 from xden_builder.fit.adam import AdamSettings
-from xden_builder.fit.problem import Problem, ViewData
+from xden_builder.fit.observed import ViewData
+from xden_builder.fit.problem import Problem
 
 __all__ = ["descend"]
 

@@ -1,186 +1,85 @@
-"""How sure a fit is: standard deviations, flags, and the report."""
+"""How sure a fit is: deviations, flags, and the report."""
 
 from __future__ import annotations
 
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Bool, Float64
 
 from xden_builder.fit import kernels
 from xden_builder.fit.crops import Crop, neighbours
-from xden_builder.fit.levenberg import NO_CURVATURE
-from xden_builder.fit.problem import Evaluation, Problem, ViewData, Weighting
+from xden_builder.fit.observed import ViewData
+from xden_builder.fit.problem import Fitted, ViewFit
+from xden_builder.fit.uncertainty import standard_deviations
 from xden_builder.fit.values import FitSettings, LacFit
 from xden_builder.fit.weighting import variances
 
 __all__ = ["finish"]
 
-BLOCK_PX: Final = 8
-"""Residuals of one block of so many pixels each way are taken as one; errors of shape, pose and
-scatter are alike over several pixels."""
 UNCERTAIN_SHARE: Final = 0.1
 MOST: Final = 0.5
 NEAR_BOUND: Final = 1e-6
-FLAT_DIRECTION: Final = 1e-10
-"""Eigenvalue of the curvature, scaled to a unit diagonal, that is rounding alone."""
-LITTLE: Final = 1e-6
 PLAIN, OUTLINE, STARVED = range(3)
 
-Unknowns = Float64[np.ndarray, "u"]
-Matrix = Float64[np.ndarray, "u u"]
 
-
-def finish(
-    problem: Problem,
-    unknowns: Unknowns,
-    evaluation: Evaluation,
-    weighting: Weighting,
-    settings: FitSettings,
-    report: dict[str, Any],
-) -> LacFit:
+def finish(fitted: Fitted, solver: str, iterations: int, *, converged: bool) -> LacFit:
     """Judge a fit and wrap it up.
 
     Parameters
     ----------
-    problem, unknowns, evaluation, weighting, settings
-        What was fitted, where it ended, and how.
-    report
-        What the solver says: at least ``iterations``.
+    fitted
+        The end of the fit.
+    solver, iterations, converged
+        How it came there.
     """
-    lower, upper = problem.bounds(settings)
-    fitted, parts = upper > lower, problem.parts
-    seen = fitted[:parts]
-    lac = np.where(seen, unknowns[:parts], np.nan)
-    sd = _standard_deviations(problem, unknowns, evaluation, weighting, settings, fitted)
+    settings, parts = fitted.settings, fitted.problem.parts
+    lower, upper = fitted.problem.bounds(settings)
+    moving = upper > lower
+    seen = moving[:parts]
+    sd = standard_deviations(fitted, moving)
+    lac = np.where(seen, fitted.lac_per_cm, np.nan)
+    # knowing nothing but the bounds leaves a uniform distribution between them
     lac_sd = np.where(seen, np.minimum(sd[:parts], settings.upper_per_cm / np.sqrt(12)), np.nan)
-    shares = _information_shares(problem, unknowns, evaluation, settings)
-    views = {
-        view.name: _view_report(problem, number, unknowns, evaluation, settings, sd)
-        for number, view in enumerate(problem.views)
-    }
     return LacFit(
         lac_per_cm=lac,
         lac_sd_per_cm=lac_sd,
-        gain=unknowns[parts:].copy(),
-        loss=evaluation.loss,
-        iterations=report["iterations"],
-        flags=_flags(lac, lac_sd, shares, settings.upper_per_cm),
-        report={**report, "loss": evaluation.loss, "views": views},
+        gain=fitted.gain.copy(),
+        loss=fitted.evaluation.loss,
+        iterations=iterations,
+        flags=_flags(lac, lac_sd, _information_shares(fitted), settings.upper_per_cm),
+        report={
+            "solver": solver,
+            "weights": settings.weights,
+            "gain": settings.gain,
+            "iterations": iterations,
+            "converged": converged,
+            "loss": fitted.evaluation.loss,
+            "views": {
+                fit.view.name: _view_report(fit, settings, float(sd[parts + fit.number]))
+                for fit in fitted.views()
+            },
+        },
     )
 
 
-def _standard_deviations(
-    problem: Problem,
-    unknowns: Unknowns,
-    evaluation: Evaluation,
-    weighting: Weighting,
-    settings: FitSettings,
-    fitted: Bool[np.ndarray, "u"],
-) -> Unknowns:
-    """Return the larger of two sandwich estimates H⁻¹ B H⁻¹ with H = JᵀWJ.
-
-    B is what the noise alone would give, JᵀWVWJ, and what the residuals give when those of one
-    block of pixels are added up first, so that errors with a shape are not averaged away.
-    """
-    from_noise = _noise_scores(problem, unknowns, evaluation, weighting)
-    scores = _block_scores(problem, unknowns, evaluation, weighting)
-    inverse, told = _inverse(evaluation.hessian, fitted)
-    variances_by = [
-        np.einsum("ij,jk,ik->i", inverse, middle, inverse)
-        for middle in (from_noise, scores.T @ scores)
-    ]
-    spread = np.sqrt(np.maximum.reduce([*variances_by, np.zeros(len(told))]))
-    return np.where(told, spread, np.where(fitted, np.inf, 0.0))
-
-
-def _inverse(
-    hessian: Matrix, fitted: Bool[np.ndarray, "u"]
-) -> tuple[Matrix, Bool[np.ndarray, "u"]]:
-    """Inverse among the fitted unknowns, and which of them the images tell.
-
-    Not told are those without curvature, and those that share a direction without any, such as
-    two parts that every ray meets alike.
-    """
-    inverse, told = np.zeros_like(hessian), np.zeros(len(fitted), dtype=bool)
-    diagonal = np.diag(hessian)
-    kept = np.flatnonzero(fitted & (diagonal > NO_CURVATURE * diagonal.max()))
-    scale = 1 / np.sqrt(diagonal[kept])
-    values, vectors = np.linalg.eigh(hessian[np.ix_(kept, kept)] * np.outer(scale, scale))
-    flat = values < FLAT_DIRECTION
-    told[kept] = (vectors[:, flat] ** 2).sum(axis=1) < LITTLE
-    bent = vectors[:, ~flat]
-    inverse[np.ix_(kept, kept)] = (bent / values[~flat]) @ bent.T * np.outer(scale, scale)
-    return inverse, told
-
-
-def _noise_scores(
-    problem: Problem, unknowns: Unknowns, evaluation: Evaluation, weighting: Weighting
-) -> Matrix:
-    """JᵀWVWJ with the variance V of the noise."""
-    squared = []
-    for number, (view, (weights, air_weight)) in enumerate(
-        zip(problem.views, weighting, strict=True)
-    ):
-        gain = unknowns[problem.parts + number]
-        variance = view.noise_variance(gain * evaluation.transmissions[number])
-        air_variance = float(view.noise_variance(np.ones(1))[0])
-        squared.append((weights**2 * variance, air_weight**2 * air_variance))
-    return problem.evaluate(unknowns, squared).hessian
-
-
-def _block_scores(
-    problem: Problem, unknowns: Unknowns, evaluation: Evaluation, weighting: Weighting
-) -> Float64[np.ndarray, "blocks u"]:
-    """Jᵀ W r of each block of pixels of each view."""
-    parts, collected = problem.parts, []
-    for number, (view, (weights, _)) in enumerate(zip(problem.views, weighting, strict=True)):
-        gain = float(unknowns[parts + number])
-        residuals = gain * evaluation.transmissions[number] - view.measured
-        blocks = _blocks(view)
-        scores = np.zeros((int(blocks.max(initial=-1)) + 1, parts + 1))
-        kernels.block_scores(
-            view.lengths.lengths_cm, weights * residuals, blocks, unknowns[:parts], gain, scores
-        )
-        wide = np.zeros((len(scores), len(unknowns)))
-        wide[:, :parts] = scores[:, :parts]
-        wide[:, parts + number] = scores[:, parts]
-        collected.append(wide)
-    return np.concatenate(collected)
-
-
-def _blocks(view: ViewData) -> Int64[np.ndarray, "n"]:
-    """Give each pixel the number of its block."""
-    if not len(view.measured):
-        return np.zeros(0, dtype=np.int64)
-    crop = Crop.around(view.lengths.pixels, view.lengths.shape, margin_px=0)
-    across = int(crop.columns.max()) // BLOCK_PX + 1
-    return np.asarray(crop.rows // BLOCK_PX * across + crop.columns // BLOCK_PX)
-
-
-def _information_shares(
-    problem: Problem, unknowns: Unknowns, evaluation: Evaluation, settings: FitSettings
-) -> Float64[np.ndarray, "3 k"]:
+def _information_shares(fitted: Fitted) -> Float64[np.ndarray, "3 k"]:
     """Share of each part's Fisher information that comes from each kind of pixel."""
-    totals = np.zeros((3, problem.parts))
-    for number, view in enumerate(problem.views):
-        gain = float(unknowns[problem.parts + number])
-        transmission = evaluation.transmissions[number]
-        variance, _ = variances(view, transmission, gain, settings)
-        kinds = np.where(_on_outline(view), OUTLINE, PLAIN).astype(np.uint8)
-        kinds[gain * transmission < 3 * view.dark_sd] = STARVED
+    totals = np.zeros((3, fitted.problem.parts))
+    for fit in fitted.views():
+        variance, _ = variances(fit.view, fit.transmission, fit.gain, fitted.settings)
+        kinds = np.where(_on_outline(fit.view), OUTLINE, PLAIN).astype(np.uint8)
+        kinds[fit.gain * fit.transmission < 3 * fit.view.dark_sd] = STARVED
         kernels.information(
-            view.lengths.lengths_cm,
-            np.where(view.usable, 1 / variance, 0.0),
+            fit.view.lengths.lengths_cm,
+            np.where(fit.view.usable, 1 / variance, 0.0),
             kinds,
-            unknowns[: problem.parts],
-            gain,
+            fitted.lac_per_cm,
+            fit.gain,
             totals,
         )
     whole = totals.sum(axis=0)
-    shares = np.zeros_like(totals)
-    np.divide(totals, whole, out=shares, where=whole > 0)
-    return shares
+    return totals / np.where(whole > 0, whole, 1.0)
 
 
 def _on_outline(view: ViewData) -> Bool[np.ndarray, "n"]:
@@ -214,27 +113,18 @@ def _flags(
     )
 
 
-def _view_report(
-    problem: Problem,
-    number: int,
-    unknowns: Unknowns,
-    evaluation: Evaluation,
-    settings: FitSettings,
-    sd: Unknowns,
-) -> dict[str, Any]:
-    view, gain = problem.views[number], float(unknowns[problem.parts + number])
-    transmission = evaluation.transmissions[number]
-    variance, _ = variances(view, transmission, gain, settings)
-    residuals = (gain * transmission - view.measured)[view.usable]
-    pixels = int(view.usable.sum())
+def _view_report(fit: ViewFit, settings: FitSettings, gain_sd: float) -> dict[str, Any]:
+    usable, air = fit.view.usable, fit.view.air
+    variance, _ = variances(fit.view, fit.transmission, fit.gain, settings)
+    squares = fit.residuals[usable] ** 2
     return {
-        "gain": gain,
-        "gain_sd": float(sd[problem.parts + number]),
-        "chi2_per_pixel": float((residuals**2 / variance[view.usable]).mean()) if pixels else None,
-        "residual_rms": float(np.sqrt((residuals**2).mean())) if pixels else None,
-        "pixels": pixels,
-        "masked_pixels": len(view.usable) - pixels,
-        "air_pixels": view.air.count,
-        "noise_sd": view.air.sd,
-        "dark_sd": view.dark_sd,
+        "gain": fit.gain,
+        "gain_sd": gain_sd,
+        "chi2_per_pixel": float((squares / variance[usable]).mean()) if squares.size else None,
+        "residual_rms": float(np.sqrt(squares.mean())) if squares.size else None,
+        "pixels": squares.size,
+        "masked_pixels": len(usable) - squares.size,
+        "air_pixels": air.count,
+        "noise_sd": air.sd,
+        "dark_sd": fit.view.dark_sd,
     }

@@ -14,7 +14,7 @@ from xden1k.rays import PathLengths
 from xden1k.views import XRayView
 from xden_builder.fit.diagnostics import finish
 from xden_builder.fit.levenberg import Minimum, minimise
-from xden_builder.fit.problem import Problem, Weighting
+from xden_builder.fit.problem import Fitted, Problem, Weighting
 from xden_builder.fit.start import starting_point
 from xden_builder.fit.values import DEFAULT, FitSettings, LacFit
 from xden_builder.fit.weighting import uniform, variances, weights_of
@@ -46,48 +46,30 @@ def fit_lac(
     Raises
     ------
     DataError
-        If a view's path lengths are of another shape or of other parts.
+        If a view's path lengths are of another shape or of other parts, or its air is dark.
     """
     problem = Problem.of(views, settings, dark_sd)
     lower, upper = problem.bounds(settings)
-    search = partial(minimise, lower=lower, upper=upper, max_iterations=settings.max_iterations)
     point = np.clip(starting_point(problem), lower, upper)
-    weighting = uniform(problem.views)
-    if settings.weights == "none":
-        minimum = search(partial(problem.evaluate, weighting=weighting), point)
-        rounds = [minimum]
-    else:
-        rounds = []
-        for _ in range(settings.reweightings):
-            weighting = _edge_weights(problem, point, settings)
-            rounds.append(search(partial(problem.evaluate, weighting=weighting), point))
-            point = rounds[-1].unknowns
-    return finish(
-        problem,
-        rounds[-1].unknowns,
-        rounds[-1].evaluation,
-        weighting,
-        settings,
-        _solver_report(rounds, settings),
-    )
+    rounds: list[Minimum] = []
+    for _ in range(1 if settings.weights == "none" else settings.reweightings):
+        weighting = _weighting(problem, point, settings)
+        evaluate = partial(problem.evaluate, weighting=weighting)
+        rounds.append(minimise(evaluate, point, lower, upper, settings.max_iterations))
+        point = rounds[-1].unknowns
+    fitted = Fitted(problem, settings, weighting, point, rounds[-1].evaluation)
+    steps = sum(minimum.iterations for minimum in rounds)
+    return finish(fitted, "levenberg-marquardt", steps, converged=rounds[-1].converged)
 
 
-def _edge_weights(
+def _weighting(
     problem: Problem, point: Float64[np.ndarray, "u"], settings: FitSettings
 ) -> Weighting:
-    """Weights from the model image at a point."""
+    """Weights of the pixels, from the model image at a point where they depend on it."""
+    if settings.weights == "none":
+        return uniform(problem.views)
     weighting = []
     for view, gain in zip(problem.views, point[problem.parts :].tolist(), strict=True):
         transmission = view.lengths.transmission(point[: problem.parts])
         weighting.append(weights_of(view, variances(view, transmission, gain, settings)))
     return weighting
-
-
-def _solver_report(rounds: Sequence[Minimum], settings: FitSettings) -> dict[str, object]:
-    return {
-        "solver": "levenberg-marquardt",
-        "weights": settings.weights,
-        "gain": settings.gain,
-        "iterations": sum(minimum.iterations for minimum in rounds),
-        "converged": rounds[-1].converged,
-    }

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.optimize import nnls
 
-from xden_builder.fit.problem import Problem, ViewData
+from xden_builder.fit.observed import ViewData
+from xden_builder.fit.problem import Problem
 
 __all__ = ["starting_point"]
 

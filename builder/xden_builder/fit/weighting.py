@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from xden_builder.fit.crops import Crop, neighbours
-from xden_builder.fit.problem import ViewData, Weighting
+from xden_builder.fit.observed import ViewData
+from xden_builder.fit.problem import Weighting
 from xden_builder.fit.values import FitSettings
 
 __all__ = ["edge_steps", "uniform", "variances", "weights_of"]
