@@ -18,12 +18,16 @@ if TYPE_CHECKING:
         SubmissionError,
         XDenError,
     )
+    from xden1k.folder import open_folder, write_folder
     from xden1k.hub import data_root, download
     from xden1k.loading import load_dataset
     from xden1k.mass import MassProperties
-    from xden1k.predictions import Predictions
-    from xden1k.predictor import Predictor
+    from xden1k.materials import Material, load_materials
+    from xden1k.modality import ModalityError
+    from xden1k.predictions import Predictions, open_predictions, write_predictions
+    from xden1k.predictor import Example, Predictor
     from xden1k.types import DensityField, DensityObject, Part
+    from xden1k.verify import verify_folder
     from xden1k.views import ViewGeometry, XRayView
 
     __version__: str
@@ -32,9 +36,12 @@ __all__ = [
     "DataError",
     "DensityField",
     "DensityObject",
+    "Example",
     "MassProperties",
+    "Material",
     "MissingExtraError",
     "MissingObjectError",
+    "ModalityError",
     "Part",
     "Predictions",
     "Predictor",
@@ -48,28 +55,36 @@ __all__ = [
     "data_root",
     "download",
     "load_dataset",
+    "load_materials",
+    "open_folder",
+    "open_predictions",
+    "verify_folder",
+    "write_folder",
+    "write_predictions",
 ]
 
-_MODULE_OF = {
-    "DataError": "errors",
-    "DensityField": "types",
-    "DensityObject": "types",
-    "MassProperties": "mass",
-    "MissingExtraError": "errors",
-    "MissingObjectError": "errors",
-    "Part": "types",
-    "Predictions": "predictions",
-    "Predictor": "predictor",
-    "SubmissionError": "errors",
-    "ViewGeometry": "views",
-    "XDen1K": "dataset",
-    "XDenError": "errors",
-    "XRayView": "views",
-    "collate": "dataset",
-    "data_root": "hub",
-    "download": "hub",
-    "load_dataset": "loading",
+_NAMES_OF = {
+    "dataset": ("XDen1K", "collate"),
+    "errors": (
+        "DataError",
+        "MissingExtraError",
+        "MissingObjectError",
+        "SubmissionError",
+        "XDenError",
+    ),
+    "folder": ("open_folder", "write_folder"),
+    "hub": ("data_root", "download"),
+    "loading": ("load_dataset",),
+    "mass": ("MassProperties",),
+    "materials": ("Material", "load_materials"),
+    "modality": ("ModalityError",),
+    "predictions": ("Predictions", "open_predictions", "write_predictions"),
+    "predictor": ("Example", "Predictor"),
+    "types": ("DensityField", "DensityObject", "Part"),
+    "verify": ("verify_folder",),
+    "views": ("ViewGeometry", "XRayView"),
 }
+_MODULE_OF = {name: module for module, names in _NAMES_OF.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
