@@ -193,12 +193,12 @@ nan_flat = np.where(np.arange(SHAPE[1]) == 3, np.nan, FLAT)
         (
             COUNTS,
             {"flat": 50.0},
-            r"polarity is linear, but most of the open field holds no more th",
+            r"polarity is linear, but most of the open field .* no bright",
         ),
         (
             COUNTS,
             {"polarity": "inverted"},
-            r"polarity is inverted, but most of the open field hold",
+            r"polarity is inverted, but most of the open field",
         ),
         (
             COUNTS,

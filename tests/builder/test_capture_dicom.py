@@ -207,7 +207,9 @@ def test_the_scanner_file_stands_above_the_header_and_is_flagged(tmp_path: Path)
 def test_a_header_against_flat_and_dark_is_an_error(tmp_path: Path) -> None:
     write_dicom(tmp_path / "pa.dcm", PHOTONS, PhotometricInterpretation="MONOCHROME1")
     stored = ViewFile("pa.dcm", "counts", GEOMETRY, flat=1000.0, dark=10.0)
-    with pytest.raises(DataError, match=r"pa\.dcm: polarity is inverted, but most of the open fie"):
+    with pytest.raises(
+        DataError, match=r"pa\.dcm: views\.pa\.polarity is inverted, but most of the open"
+    ):
         calibrate("pa", stored, tmp_path, tmp_path, Detector())
 
 

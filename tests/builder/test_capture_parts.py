@@ -308,6 +308,7 @@ def test_parts_csv_arrives(tmp_path: Path) -> None:
             "name,priority\nbody,1.5",
             r"row 2, priority: must be a whole number or empty, got '1\.5'",
         ),
+        ("name,priority\nbody,--1", r"row 2, priority: must be a whole number or empty, got '--1'"),
         ("name,hollow\nbody,true", r"row 2, hollow: must be one of yes, no, got 'true'"),
         ("name\nbody\n\nboddy", r"row 4, name: no mesh of that name; meshes are body"),
         ("name\nbody\nbody", r"row 3, name: 'body' stands in row 2 too"),

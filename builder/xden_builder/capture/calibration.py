@@ -115,28 +115,29 @@ def _from_counts(
     flat = _level(stored.flat, captures, stored)
     dark = _dark(image, stored, captures, polarity, bits)
     light = flat - dark if polarity == "linear" else dark - flat
-    usual_light = float(np.median(light))
-    if usual_light <= 0:
-        raise DataError(
-            f"{image.path}: polarity is {polarity}, but most of the open field holds no "
-            f"{'more' if polarity == 'linear' else 'less'} than the dark: expected another flat, "
-            f"dark or polarity in scanner.toml, views.{name}"
-        )
+    usual_light = _usual_light(light, f"{image.path}: views.{name}.polarity is {polarity}")
     dead = light <= LEAST_OPEN_FIELD * usual_light
     saturated = _saturated(image, flat, polarity, bits)
-    usable = _usable(image.path, saturated, dead)
     transmission = np.full_like(flat, np.nan)
+    usable = _usable(image.path, saturated, dead)
     np.divide(image.pixels - dark, flat - dark, out=transmission, where=usable)
-    noise_sd = None
-    if isinstance(stored.dark, str):
-        noise_sd = _noise_counts(image, dark) / usual_light
+    has_frame = isinstance(stored.dark, str)
+    noise_sd = _noise_counts(image, dark) / usual_light if has_frame else None
     raised = {
-        f"{name}:saturated": saturated.any(),
-        f"{name}:dead_pixels": dead.mean() > FLAGGED_DEAD_SHARE,
-        f"{name}:polarity_not_as_dicom": image.polarity not in (None, polarity),
+        "saturated": saturated.any(),
+        "dead_pixels": dead.mean() > FLAGGED_DEAD_SHARE,
+        "polarity_not_as_dicom": image.polarity not in (None, polarity),
     }
-    flags = tuple(flag for flag, is_raised in raised.items() if is_raised)
+    flags = tuple(f"{name}:{flag}" for flag, is_raised in raised.items() if is_raised)
     return _checked(name, image.path, stored, transmission, noise_sd, flags)
+
+
+def _usual_light(light: Field, said: str) -> float:
+    """Return the median open field above the dark, which must be one."""
+    usual = float(np.median(light))
+    if usual <= 0:
+        raise DataError(f"{said}, but most of the open field (flat) is no brighter than the dark")
+    return usual
 
 
 def _usable(path: Path, saturated: Mask, dead: Mask) -> Mask:

@@ -50,6 +50,8 @@ class CTReference:
     label_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.mu_per_cm.size == 0:
+            raise DataError(f"mu_per_cm holds no voxel: its shape is {self.mu_per_cm.shape}")
         if bad := int((~np.isfinite(self.mu_per_cm)).sum()):
             raise DataError(f"mu_per_cm: {bad} voxels are not finite")
         if not np.isfinite(self.origin_cm).all():
@@ -117,7 +119,7 @@ def _attenuation(arrays: Mapping[str, Any]) -> Float32[np.ndarray, "x y z"]:
     if "mu_per_cm" in arrays:
         return np.asarray(_array(arrays, "mu_per_cm", "floats", 3), dtype=np.float32)
     water = _array(arrays, "mu_water_per_cm", "numbers", 0)
-    if not water > 0:
+    if not 0 < water < np.inf:
         raise DataError(f"mu_water_per_cm must be positive, got {water}")
     hounsfield = _array(arrays, "hu", "integers", 3).astype(np.float32)
     return np.asarray(np.float32(water) * (1 + hounsfield / 1000), dtype=np.float32)

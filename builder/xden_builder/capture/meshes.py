@@ -17,18 +17,7 @@ __all__ = ["MESH_SUFFIXES", "read_meshes"]
 MESH_SUFFIXES = (".ply", ".stl", ".obj", ".glb")
 SCENE = "mesh.glb"
 
-_OTHER_FORMATS = (
-    ".gltf",
-    ".off",
-    ".dae",
-    ".3mf",
-    ".fbx",
-    ".step",
-    ".stp",
-    ".iges",
-    ".wrl",
-    ".usdz",
-)
+_OTHER_FORMATS = (".gltf", ".off", ".dae", ".3mf", ".fbx", ".step", ".stp", ".iges", ".usdz")
 
 
 def read_meshes(folder: Path) -> dict[str, tuple[Path, trimesh.Trimesh]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,7 +108,7 @@ def _part(name: str, mesh: trimesh.Trimesh, row: CsvRow | None) -> CapturePart:
     except DataError as err:
         raise row.error("material", str(err)) from err
     priority = row["priority"]
-    if priority and not priority.lstrip("+-").isdecimal():
+    if not re.fullmatch(r"([+-]?\d+)?", priority):
         raise row.error("priority", f"must be a whole number or empty, got {priority!r}")
     hollow = row.choice("hollow", ("yes", "no"), default="no") == "yes"
     return CapturePart(name, mesh, material, int(priority) if priority else None, hollow)
