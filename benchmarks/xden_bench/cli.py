@@ -6,7 +6,7 @@ import datetime
 import json
 import shlex
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ from xden1k.commands import Group, json_option, print_json
 from xden1k.modality import TRACKS, Track
 
 if TYPE_CHECKING:
+    from xden_bench.bootstrap import Estimate
     from xden_bench.reference import Reference
     from xden_bench.scoring import Score
 
@@ -112,6 +113,8 @@ def score(
         print_json(entry)
     else:
         _echo_score(scored)
+        _echo_groups("size", scored.by_size())
+        _echo_groups("category", scored.by_category())
 
 
 @cli.command(epilog="Example: xden-bench submit preds.npz")
@@ -315,6 +318,20 @@ def _echo_score(scored: Score) -> None:
     ]
     click.echo(tabulate(rows, ["metric", "mean", "95 % interval"], disable_numparse=True))
     _echo_lines(None, scored.warnings)
+
+
+def _echo_groups(title: str, groups: Mapping[str, tuple[int, Mapping[str, Estimate]]]) -> None:
+    from tabulate import tabulate
+
+    from xden_bench.metrics import METRICS
+
+    names = [name for name in METRICS if name in next(iter(groups.values()))[1]]
+    rows = [
+        (group, count, *(f"{metrics[name].mean:.4f}" for name in names))
+        for group, (count, metrics) in groups.items()
+    ]
+    headings = [title, "objects", *(METRICS[name].heading for name in names)]
+    click.echo("\n" + tabulate(rows, headings, disable_numparse=True))
 
 
 def _echo_methods(as_json: bool) -> None:

@@ -47,10 +47,10 @@ class Check:
     protocol: Protocol
     track: Track | None = None
     progress: Progress = iter
-    _found: list[Problem] = field(default_factory=list)
-    _warned: dict[str, list[str]] = field(default_factory=dict)
-    _highest: float = 0.0
-    _inner: tuple[float, float] = (np.inf, -np.inf)
+    _found: list[Problem] = field(default_factory=list, init=False)
+    _warned: dict[str, list[str]] = field(default_factory=dict, init=False)
+    _highest: float = field(default=0.0, init=False)
+    _inner: tuple[float, float] = field(default=(np.inf, -np.inf), init=False)
     """Lowest and highest value in voxels wholly inside an object."""
 
     def fields(self) -> Iterator[tuple[Truth, Grid]]:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
@@ -79,6 +80,57 @@ def test_nothing_is_written_on_a_bad_submission(
     assert files(tmp_path) == before
 
 
+def missing(arrays: dict[str, Any]) -> None:
+    del arrays["density/bar-0002"]
+
+
+def extra(arrays: dict[str, Any]) -> None:
+    arrays["density/mug-0001"] = arrays["density/bar-0002"]
+
+
+def not_finite(arrays: dict[str, Any]) -> None:
+    arrays["density/bar-0002"][3, 4, 5] = np.nan
+
+
+def negative(arrays: dict[str, Any]) -> None:
+    arrays["density/bar-0002"][3, 4, 5] = -1
+
+
+def wrong_shape(arrays: dict[str, Any]) -> None:
+    arrays["density/bar-0002"] = arrays["density/bar-0002"][:32]
+
+
+def pickled(arrays: dict[str, Any]) -> None:
+    arrays["density/bar-0002"] = np.array([{}], dtype=object)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "line"),
+    [
+        (missing, "E301: objects missing of the 4 in the split test: 1: 'bar-0002'"),
+        (extra, "E302: objects that are none of the 4 in the split test: 1: 'mug-0001'"),
+        (not_finite, "E403 bar-0002: 1 values are not finite, first at (3, 4, 5)"),
+        (negative, "E404 bar-0002: 1 values are negative, first at (3, 4, 5)"),
+        (wrong_shape, "E402 bar-0002: shape must be (64, 64, 64), got (32, 64, 64)"),
+        (pickled, "E103 bar-0002: an object array, which would have to be unpickled"),
+    ],
+)
+def test_one_flaw_is_one_line(
+    run: Callable[..., Result],
+    submission: Submit,
+    tmp_path: Path,
+    spoil: Callable[[dict[str, Any]], None],
+    line: str,
+) -> None:
+    with np.load(submission(lambda _, grid: np.float32(1.1) * grid)) as sound:
+        arrays = dict(sound)
+    spoil(arrays)
+    np.savez(tmp_path / "preds.npz", **arrays)
+    done = run("submit", "preds.npz")
+    assert (done.exit_code, done.stderr) == (1, f"Error: {line}\n")
+    assert files(tmp_path) == ["preds.npz"]
+
+
 def test_validate_as_json(run: Callable[..., Result], submission: Submit, tmp_path: Path) -> None:
     path = submission(lambda one, grid: None if one == "bar-0002" else grid)
     done = run("validate", path, "--json", "--out", "report.json")
@@ -108,6 +160,8 @@ def test_score_prints_every_metric(run: Callable[..., Result], submission: Submi
     for title in ("density MAE, g/cm³ ↓", "CoM L1, cm ↓", "mass MnRE ↑", "inertia error ↓"):
         assert title in text
     assert "W504: identical to the reference: 4:" in text
+    assert "under 8 cm" in text
+    assert "hollow" in text
 
 
 def test_submit_tells_where(run: Callable[..., Result], submission: Submit, tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from xden_bench.leaderboard import (
     write_leaderboard,
 )
 from xden_bench.protocol import load_protocol
+from xden_bench.provenance import code_commit
 from xden_bench.reference import Reference
 from xden_bench.result import entry_of, entry_path, read_entries, write_entry
 from xden_bench.scoring import Score, score
@@ -66,6 +67,10 @@ def test_an_entry_says_how_to_remake_it(
     assert len(entry["metrics"]["mass_mape"]["ci95"]) == 2
     assert entry["by_category"]["bar"]["n_objects"] == 1
     assert entry["higher_is_better"]["mass_mnre"] is True
+
+
+def test_code_outside_a_checkout_has_no_commit(tmp_path: Path) -> None:
+    assert code_commit(tmp_path) is None
 
 
 def test_an_entry_comes_back_with_its_objects(

@@ -46,8 +46,8 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
         assert predictions.meta == META
         np.testing.assert_array_equal(predictions.read("mug-1"), GRID)
         np.testing.assert_array_equal(predictions.read("bar_2"), PARTS)
-        assert predictions.is_per_part("bar_2")
-        assert not predictions.is_per_part("mug-1")
+        assert "bar_2" in predictions
+        assert "bar_3" not in predictions
 
 
 def test_numpy_reads_the_file_as_any_other_npz(tmp_path: Path) -> None:

@@ -90,11 +90,6 @@ class Predictions:
         self._stream.close()
 
     @property
-    def is_readable(self) -> bool:
-        """False if the file is no archive at all."""
-        return not self._stream.closed
-
-    @property
     def ids(self) -> tuple[str, ...]:
         """Objects whose arrays can be read, sorted."""
         return tuple(sorted(self._members))
@@ -107,10 +102,6 @@ class Predictions:
 
     def __contains__(self, object_id: object) -> bool:
         return object_id in self._members
-
-    def is_per_part(self, object_id: str) -> bool:
-        """Tell whether the prediction is one density for each part rather than a grid."""
-        return len(self._members[object_id].shape) == 1
 
     def examine(self, object_id: str) -> tuple[Float32[np.ndarray, "..."] | None, list[Problem]]:
         """Read one object and say what is wrong with its values.
