@@ -79,18 +79,21 @@ def _merged(mesh: trimesh.Trimesh, cm_per_unit: float, where: str) -> trimesh.Tr
 
 
 def _check_closed(faces: Faces, where: str) -> None:
-    """Refuse an edge that an odd number of triangles meet in, or all in one direction."""
-    edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
-    keys = edges.min(axis=1) * (int(faces.max(initial=0)) + 1) + edges.max(axis=1)
+    """Refuse an edge that is not run as often one way as the other."""
+    starts = faces[:, [0, 1, 2]].ravel().astype(np.int64)
+    ends = faces[:, [1, 2, 0]].ravel().astype(np.int64)
+    vertices = int(faces.max()) + 1
+    if np.array_equal(np.sort(starts * vertices + ends), np.sort(ends * vertices + starts)):
+        return
+    keys = np.minimum(starts, ends) * vertices + np.maximum(starts, ends)
     _, edge, count = np.unique(keys, return_inverse=True, return_counts=True)
     if n_open := int((count % 2).sum()):
         raise DataError(f"{where}: the mesh is not closed: {n_open} open edges")
-    turns = np.bincount(edge, weights=np.sign(edges[:, 1] - edges[:, 0]))
-    if n_twisted := int((turns != 0).sum()):
-        raise DataError(
-            f"{where}: triangles are wound against each other at {n_twisted} edges: expected all "
-            "counter-clockwise seen from outside"
-        )
+    turns = np.bincount(edge, weights=np.sign(ends - starts))
+    raise DataError(
+        f"{where}: triangles are wound against each other at {int((turns != 0).sum())} edges: "
+        "expected all counter-clockwise seen from outside"
+    )
 
 
 def _check_pieces(solid: trimesh.Trimesh, where: str) -> None:
@@ -99,6 +102,8 @@ def _check_pieces(solid: trimesh.Trimesh, where: str) -> None:
     A piece outside all others must bound a solid, one inside a solid must bound a cavity.
     """
     pieces = _closed_pieces(solid)
+    if len(pieces) == 1:
+        return
     for index, piece in enumerate(pieces):
         others = pieces[:index] + pieces[index + 1 :]
         if _windings_around(piece, others) != (0 if _volume(piece) > 0 else 1):
@@ -126,7 +131,12 @@ def _triangles(solid: trimesh.Trimesh) -> Triangles:
 
 
 def _volume(triangles: Triangles) -> float:
-    return float(np.linalg.det(triangles - triangles[0, 0]).sum() / 6)
+    return float(_triple_products(triangles - triangles[0, 0]).sum() / 6)
+
+
+def _triple_products(corners: Triangles) -> Float[np.ndarray, "_"]:
+    a, b, c = corners.transpose(1, 0, 2)
+    return np.asarray((a * np.cross(b, c)).sum(axis=1))
 
 
 def _windings_around(piece: Triangles, others: list[Triangles]) -> int:
@@ -147,5 +157,5 @@ def _winding_number(triangles: Triangles, point: Vec3) -> float:
     a, b, c = corners.transpose(1, 0, 2)
     la, lb, lc = np.linalg.norm(corners, axis=2).T
     ab, bc, ca = ((u * v).sum(axis=1) for u, v in ((a, b), (b, c), (c, a)))
-    angles = np.arctan2(np.linalg.det(corners), la * lb * lc + ab * lc + bc * la + ca * lb)
+    angles = np.arctan2(_triple_products(corners), la * lb * lc + ab * lc + bc * la + ca * lb)
     return float(angles.sum() / (2 * np.pi))
