@@ -20,7 +20,7 @@ from typing import Any, Literal
 
 from xden1k import __version__
 from xden1k.errors import DataError, XDenError
-from xden1k.folder import write_rows
+from xden1k.folder import refuse_to_replace_others, write_rows
 from xden1k.records import object_row
 from xden_builder.capture import CaptureFolder
 from xden_builder.reconstruct import reconstruct
@@ -120,10 +120,11 @@ def build(
     Raises
     ------
     DataError
-        If the capture folder as a whole is not readable, or not one object could be built; then
-        nothing is written to ``out``.
+        If the capture folder as a whole is not readable, ``out`` is something else than a dataset
+        folder, or not one object could be built; then nothing is written to ``out``.
     """
     folder = CaptureFolder(captures, parts)
+    refuse_to_replace_others(out)
     work = work_folder(out)
     work.mkdir(parents=True, exist_ok=True)
     task = partial(_build_object, captures, parts, settings, work)

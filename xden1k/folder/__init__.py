@@ -1,13 +1,20 @@
 """A dataset folder: written whole or not at all, and read object by object."""
 
 from xden1k.folder.reader import DatasetFolder, open_folder
-from xden1k.folder.writer import SHARD_BYTES, file_sha256, write_folder, write_rows
+from xden1k.folder.writer import (
+    SHARD_BYTES,
+    file_sha256,
+    refuse_to_replace_others,
+    write_folder,
+    write_rows,
+)
 
 __all__ = [
     "SHARD_BYTES",
     "DatasetFolder",
     "file_sha256",
     "open_folder",
+    "refuse_to_replace_others",
     "write_folder",
     "write_rows",
 ]

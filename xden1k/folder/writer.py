@@ -31,6 +31,7 @@ __all__ = [
     "OBJECT_ID",
     "SHARD_BYTES",
     "file_sha256",
+    "refuse_to_replace_others",
     "write_folder",
     "write_rows",
 ]
@@ -107,7 +108,7 @@ def write_rows(
     if not re.fullmatch(r"\d+\.\d+\.\d+", version):
         raise DataError(f"version must be MAJOR.MINOR.PATCH, got {version!r}")
     out = out.resolve()
-    _refuse_to_replace_others(out)
+    refuse_to_replace_others(out)
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as beside:
         root = Path(beside) / "folder"
@@ -128,7 +129,14 @@ def write_rows(
     return manifest
 
 
-def _refuse_to_replace_others(out: Path) -> None:
+def refuse_to_replace_others(out: Path) -> None:
+    """Check that a dataset folder may be written at a place: nothing is there, or an older one.
+
+    Raises
+    ------
+    DataError
+        If there is a file, or a folder that is not empty and no dataset folder.
+    """
     ours = (out / MANIFEST_NAME).is_file()
     if out.is_file() or (out.is_dir() and not ours and any(out.iterdir())):
         raise DataError(f"{out} is not a dataset folder: remove it yourself, or choose another")

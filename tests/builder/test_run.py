@@ -1,0 +1,165 @@
+"""A rebuild as a whole: resumable, repeatable, and stopped by no bad object."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from xden1k.errors import DataError
+from xden1k.folder import open_folder
+from xden_builder.audit import audit_object
+from xden_builder.capture import CaptureFolder
+from xden_builder.cli import cli
+from xden_builder.phantoms import write_captures
+from xden_builder.run import build, work_folder
+from xden_builder.settings import BuildSettings
+
+SETTINGS = BuildSettings()
+
+
+@pytest.fixture(scope="module")
+def pristine(tmp_path_factory) -> Path:
+    """Captures of three phantoms, which no test may change."""
+    root = tmp_path_factory.mktemp("captures") / "captures"
+    write_captures(root, 3, 5, size=128)
+    return root
+
+
+@pytest.fixture(scope="module")
+def built(pristine) -> Path:
+    """The dataset folder of them."""
+    out = pristine.with_name("dataset")
+    build(pristine, out, SETTINGS, workers=2)
+    return out
+
+
+@pytest.fixture
+def captures(pristine, tmp_path) -> Path:
+    """Captures that a test may change."""
+    return Path(shutil.copytree(pristine, tmp_path / "captures"))
+
+
+@pytest.fixture
+def half_built(built, tmp_path) -> Path:
+    """A result with its work files, which a test may change."""
+    shutil.copytree(work_folder(built), work_folder(tmp_path / "dataset"))
+    return Path(shutil.copytree(built, tmp_path / "dataset"))
+
+
+def contents(root: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(root)): p.read_bytes() for p in root.rglob("*") if p.is_file()}
+
+
+def statuses(report) -> dict[str, str]:
+    return {outcome.object_id: outcome.status for outcome in report.outcomes}
+
+
+def test_densities_come_back_within_five_sd_of_the_simulators_truth(pristine, built):
+    for obj in open_folder(built).objects():
+        truth = json.loads((pristine / obj.object_id / "truth.json").read_text())
+        true_density = {part["name"]: part["density_g_cm3"] for part in truth["parts"]}
+        for part in obj.parts:
+            off = abs(part.density_g_cm3 - true_density[part.name])
+            assert off < 5 * part.density_sd_g_cm3, (obj.object_id, part)
+        assert obj.mass_g == pytest.approx(truth["mass_g"], rel=0.05)
+
+
+def test_stored_radiographs_and_parts_reproject_onto_the_captures(pristine, built):
+    source = CaptureFolder(pristine)
+    for obj in open_folder(built).objects():
+        assert audit_object(obj, source.read(obj.object_id)).good
+
+
+def test_two_builds_give_the_same_bytes(pristine, built, tmp_path):
+    build(pristine, tmp_path / "again", SETTINGS, workers=1)
+    assert contents(tmp_path / "again") == contents(built)
+
+
+def test_a_rerun_makes_only_what_is_missing_or_changed(captures, half_built):
+    gone, changed, kept = CaptureFolder(captures).object_ids
+    (work_folder(half_built) / f"{gone}.h5").unlink()
+    table = captures / changed / "parts.csv"
+    table.write_text(table.read_text() + "\n")
+    report = build(captures, half_built, SETTINGS, workers=2)
+    assert statuses(report) == {gone: "built", changed: "built", kept: "kept"}
+
+
+def test_other_settings_make_everything_anew(captures, half_built):
+    report = build(captures, half_built, BuildSettings(subrays=1), workers=2)
+    assert set(statuses(report).values()) == {"built"}
+
+
+def test_a_bad_object_is_listed_and_the_others_are_built(captures, tmp_path):
+    bad, *good = CaptureFolder(captures).object_ids
+    (captures / bad / "lat.tif").unlink()
+    out = tmp_path / "out"
+    ran = CliRunner().invoke(cli, ["run", str(captures), "--out", str(out), "--workers", "2"])
+    assert ran.exit_code == 3
+    (line,) = ran.stderr.splitlines()
+    assert line.startswith(f"failed: {bad}: ")
+    assert "lat.tif" in line
+    assert sorted(open_folder(out).ids()) == sorted(good)
+    report = json.loads((work_folder(out) / "build_report.json").read_text())
+    assert (report["built"], report["failed"]) == (2, 1)
+
+
+def test_no_good_object_means_one_line_and_no_dataset(captures, tmp_path):
+    for object_id in CaptureFolder(captures).object_ids:
+        (captures / object_id / "pa.tif").write_bytes(b"not a TIFF")
+    out = tmp_path / "out"
+    ran = CliRunner().invoke(cli, ["run", str(captures), "--out", str(out), "--workers", "2"])
+    assert ran.exit_code == 1
+    assert ran.stderr.startswith("Error: ")
+    assert "no object could be built, nothing written" in ran.stderr
+    assert not out.exists()
+
+
+def test_a_failing_rebuild_leaves_the_older_dataset_alone(captures, half_built):
+    before = contents(half_built)
+    for object_id in CaptureFolder(captures).object_ids:
+        (captures / object_id / "pa.tif").unlink()
+    with pytest.raises(DataError, match="no object could be built"):
+        build(captures, half_built, SETTINGS, workers=2)
+    assert contents(half_built) == before
+
+
+def test_a_folder_that_is_no_dataset_is_not_replaced(captures, tmp_path):
+    out = tmp_path / "precious"
+    out.mkdir()
+    (out / "thesis.txt").write_text("mine")
+    ran = CliRunner().invoke(cli, ["run", str(captures), "--out", str(out)])
+    assert ran.exit_code == 1
+    assert str(out) in ran.stderr
+    assert (out / "thesis.txt").read_text() == "mine"
+    assert not work_folder(out).exists(), "said only after the work"
+
+
+def test_a_part_without_space_of_its_own_is_an_error(captures, tmp_path):
+    target = CaptureFolder(captures).object_ids[0]
+    parts = captures / target / "parts"
+    first = sorted(parts.iterdir())[0]
+    shutil.copy(first, parts / "ghost.ply")
+    table = captures / target / "parts.csv"
+    table.write_text("name,material,priority\n" + f"{first.stem},,9\nghost,,1\n")
+    for other in parts.iterdir():
+        if other.name not in ("ghost.ply", first.name):
+            other.unlink()
+    report = build(captures, tmp_path / "out", SETTINGS, workers=2)
+    (failure,) = report.failures
+    assert failure.message == (
+        "part ghost: other parts own all of its space; see priority in parts.csv"
+    )
+
+
+def test_the_papers_way_runs_and_says_so(pristine, tmp_path):
+    one = tmp_path / "captures"
+    shutil.copytree(pristine, one)
+    table = (one / "objects.csv").read_text().splitlines()
+    (one / "objects.csv").write_text("\n".join(table[:2]) + "\n")
+    build(one, tmp_path / "out", BuildSettings(model="paper"), workers=1)
+    (obj,) = open_folder(tmp_path / "out").objects()
+    assert obj.meta["model"] == "paper"
+    assert obj.meta["fit"]["solver"] == "adam"
+    assert set(obj.meta["fit"]["gain"].values()) == {1.0}
