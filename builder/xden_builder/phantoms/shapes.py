@@ -10,7 +10,7 @@ from math import ceil, pi, sqrt
 
 import numpy as np
 import trimesh
-from manifold3d import CrossSection, JoinType, Manifold
+from manifold3d import CrossSection, JoinType, Manifold, Mesh64
 
 __all__ = [
     "along_x",
@@ -21,6 +21,7 @@ __all__ = [
     "cut_above",
     "cylinder",
     "disc",
+    "from_mesh",
     "inset",
     "lathe",
     "outline",
@@ -240,13 +241,20 @@ def upright_across(section: CrossSection, thickness_cm: float) -> Manifold:
     return plate.rotate((90.0, 0.0, 90.0))
 
 
+def from_mesh(mesh: trimesh.Trimesh) -> Manifold:
+    """Solid of a closed triangle mesh; the inverse of :func:`to_mesh`."""
+    return Manifold(
+        Mesh64(np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.uint64))
+    )
+
+
 def to_mesh(solid: Manifold) -> trimesh.Trimesh:
     """Triangle mesh of a solid.
 
     Loose crumbs, which cuts leave where two curved surfaces nearly coincide, are left out.
     """
     mesh = solid.to_mesh64()
-    vertices = mesh.vert_properties[:, :3]
+    vertices = np.ascontiguousarray(mesh.vert_properties[:, :3])
     faces = mesh.tri_verts.astype(np.int64)
     body_of_vertex = _connected(faces, len(vertices))
     volumes = np.bincount(body_of_vertex[faces[:, 0]], np.linalg.det(vertices[faces]) / 6)

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from jaxtyping import Float
-from manifold3d import Manifold, Mesh64
 
 from xden1k.arrays import Image, Vec3
 from xden1k.errors import require
@@ -16,7 +15,7 @@ from xden1k.views import XRayView
 from xden_builder.phantoms.catalogue import CATALOGUE
 from xden_builder.phantoms.phantom import Phantom, make_phantom, plan_objects
 from xden_builder.phantoms.scanner import VIEWS, Scanner
-from xden_builder.phantoms.shapes import to_mesh
+from xden_builder.phantoms.shapes import from_mesh, to_mesh
 
 __all__ = ["cut_open", "gallery", "shaded"]
 
@@ -95,10 +94,7 @@ def cut_open(meshes: Sequence[trimesh.Trimesh], normal: Vec3) -> list[trimesh.Tr
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     plane = (-float(normal[0]), -float(normal[1]), -float(normal[2]))
     halves = [
-        Manifold(Mesh64(mesh.vertices, mesh.faces.astype(np.uint64))).trim_by_plane(
-            plane, -float(normal @ middle) - 1e-4
-        )
-        for mesh in meshes
+        from_mesh(mesh).trim_by_plane(plane, -float(normal @ middle) - 1e-4) for mesh in meshes
     ]
     return [to_mesh(half) for half in halves]
 

@@ -142,8 +142,8 @@ def _reflector(inner: float, outer: float, z0: float, z1: float) -> Manifold:
     """Thin parabolic bowl."""
     rise = np.linspace(0.0, 1.0, 10)
     radii, z = inner + (outer - inner - 0.08) * np.sqrt(rise), z0 + (z1 - z0) * rise
-    inside, outside = np.stack([radii, z], axis=1), np.stack([radii + 0.08, z], axis=1)
-    return shapes.lathe(shapes.polygon([*inside, *outside[::-1]]))
+    inside = list(zip(radii.tolist(), z.tolist(), strict=True))
+    return shapes.lathe(shapes.polygon([*inside, *((r + 0.08, up) for r, up in inside[::-1])]))
 
 
 def _torch_body(length: float, bore: float, wall: float, head: float, seat: float) -> Manifold:

@@ -1,0 +1,258 @@
+"""Simulated objects: closed, disjoint, whole, of known stuff, always the same."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+
+import numpy as np
+import pytest
+from manifold3d import Manifold
+from scipy.sparse.csgraph import connected_components
+
+from xden1k.errors import DataError, MissingObjectError
+from xden1k.materials import load_materials
+from xden1k.rays import object_grids, outer_surface
+from xden_builder.phantoms import CATALOGUE, Phantom, Plan, Scanner, make_phantom, plan_objects
+from xden_builder.phantoms.archetypes import ARCHETYPES
+from xden_builder.phantoms.scanner import VIEWS
+from xden_builder.phantoms.shapes import from_mesh
+
+NAMES = [category.name for category in CATALOGUE]
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def phantom(request: pytest.FixtureRequest) -> Phantom:
+    return make_phantom(Plan.of(11, f"{request.param}-0000"))
+
+
+def solids(phantom: Phantom) -> list[Manifold]:
+    return [from_mesh(part.mesh) for part in phantom.parts]
+
+
+def assert_closed(phantom: Phantom) -> None:
+    for part in phantom.parts:
+        assert part.mesh.is_watertight, part.name
+        assert part.mesh.is_winding_consistent, part.name
+        assert float(part.mesh.volume) > 1e-4, part.name
+
+
+def assert_disjoint(phantom: Phantom) -> None:
+    named = zip(phantom.parts, solids(phantom), strict=True)
+    for (one, a), (other, b) in itertools.combinations(named, 2):
+        shared = abs((a ^ b).volume())
+        assert shared < 1e-6 * min(a.volume(), b.volume()), (one.name, other.name)
+
+
+def assert_nothing_floats(phantom: Phantom) -> None:
+    """Every loose body of every part touches another, so that all hang together."""
+    bodies = [body for s in solids(phantom) for body in s.decompose() if body.volume() > 0]
+    touching = np.zeros((len(bodies), len(bodies)))
+    for i, j in itertools.combinations(range(len(bodies)), 2):
+        touching[i, j] = bodies[i].min_gap(bodies[j], 0.02) < 0.005
+    assert connected_components(touching, directed=False)[0] == 1
+
+
+def test_parts_are_closed_and_wound_outwards(phantom: Phantom) -> None:
+    assert_closed(phantom)
+
+
+def test_parts_do_not_overlap(phantom: Phantom) -> None:
+    assert_disjoint(phantom)
+
+
+def test_no_part_floats(phantom: Phantom) -> None:
+    assert_nothing_floats(phantom)
+
+
+def test_object_is_of_everyday_size_and_centred(phantom: Phantom) -> None:
+    corners = np.concatenate([part.mesh.bounds for part in phantom.parts])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    np.testing.assert_allclose(low + high, 0.0, atol=1e-6)
+    assert 2.0 <= (high - low).max() <= 60.0
+    size = np.sort(high - low)[::-1]
+    least, most = phantom.plan.category.size_cm
+    assert 0.75 * least <= np.hypot(size[0], size[1])
+    assert size[0] <= 1.05 * most
+
+
+def test_object_is_inside_both_views(phantom: Phantom) -> None:
+    for view in VIEWS:
+        geometry = Scanner().geometry(view)
+        for part in phantom.parts:
+            columns, rows, _ = geometry.project(part.mesh.vertices).T
+            assert 4 < columns.min() < columns.max() < 507
+            assert 4 < rows.min() < rows.max() < 507
+
+
+def test_materials_and_densities_are_the_librarys(phantom: Phantom) -> None:
+    for part in phantom.parts:
+        material = load_materials()[part.material]
+        assert material.name == part.material
+        assert material.density_low_g_cm3 <= part.density_g_cm3 <= material.density_high_g_cm3
+        assert all(0.0 <= value <= 1.0 for value in part.color_rgb)
+
+
+def test_parts_are_named_uniquely_and_sorted(phantom: Phantom) -> None:
+    names = [part.name for part in phantom.parts]
+    assert names == sorted(set(names))
+    assert all(name.replace("_", "").isalnum() for name in names)
+
+
+def test_parts_of_one_role_are_of_one_batch(phantom: Phantom) -> None:
+    batches = {(p.role, p.material, p.density_g_cm3, p.color_rgb) for p in phantom.parts}
+    assert len(batches) == len({part.role for part in phantom.parts})
+
+
+def test_same_object_twice_is_the_same_to_the_bit(phantom: Phantom) -> None:
+    again = make_phantom(phantom.plan)
+    for part, other in zip(phantom.parts, again.parts, strict=True):
+        assert part.density_g_cm3 == other.density_g_cm3
+        assert part.mesh.vertices.tobytes() == other.mesh.vertices.tobytes()
+        assert part.mesh.faces.tobytes() == other.mesh.faces.tobytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("seed", range(12))
+def test_shape_stays_sound_over_many_draws(name: str, seed: int) -> None:
+    phantom = make_phantom(Plan.of(seed, f"{name}-0001"))
+    assert_closed(phantom)
+    assert_disjoint(phantom)
+    assert_nothing_floats(phantom)
+    test_object_is_inside_both_views(phantom)
+    test_object_is_of_everyday_size_and_centred(phantom)
+
+
+@pytest.mark.parametrize("category", CATALOGUE, ids=NAMES)
+def test_catalogue_names_materials_of_the_library_for_every_role(category: object) -> None:
+    roles = set()
+    for seed in range(6):  # a sleeve, for one, is there in some only
+        build = ARCHETYPES[category.archetype]
+        roles |= {piece.role for piece in build(np.random.default_rng(seed), category.size_cm[0])}
+    assert roles <= set(category.materials)
+    for role, names in category.materials.items():
+        assert names.split(), role
+        assert all(name in load_materials() for name in names.split()), role
+
+
+def test_every_archetype_is_used_and_categories_are_named_once() -> None:
+    assert {category.archetype for category in CATALOGUE} == set(ARCHETYPES)
+    assert len(set(NAMES)) == len(NAMES)
+    assert all(name.replace("_", "").isalnum() for name in NAMES)
+
+
+def test_seeds_and_numbers_give_different_objects() -> None:
+    ids = [(0, "mug-0000"), (0, "mug-0001"), (1, "mug-0000")]
+    masses = [make_phantom(Plan.of(*key)).mass_properties.mass_g for key in ids]
+    assert len(set(masses)) == 3
+
+
+def test_objects_do_not_depend_on_count_or_selection() -> None:
+    few, many = plan_objects(5, seed=3), plan_objects(200, seed=3)
+    assert many[:5] == few
+    chosen = plan_objects(3, seed=3, categories=["mug", "hammer"])
+    assert {plan.object_id for plan in chosen} == {"hammer-0000", "hammer-0001", "mug-0000"}
+    assert set(chosen) <= set(many)
+
+
+@pytest.mark.parametrize("count", range(5, 60))
+def test_every_split_has_an_object(count: int) -> None:
+    assert {plan.split for plan in plan_objects(count, 0)} == {"train", "val", "test"}
+
+
+def test_splits_are_70_10_20_and_train_knows_every_category() -> None:
+    plans = plan_objects(10 * len(CATALOGUE), 0)
+    shares = Counter(plan.split for plan in plans)
+    assert [shares[s] / len(plans) for s in ("train", "val", "test")] == [0.7, 0.1, 0.2]
+    three_each = plan_objects(3 * len(CATALOGUE), 0)
+    assert {plan.category.name for plan in three_each if plan.split == "train"} == set(NAMES)
+
+
+def test_plan_of_an_id_and_back() -> None:
+    for plan in plan_objects(60, 5):
+        assert Plan.of(5, plan.object_id) == plan
+
+
+@pytest.mark.parametrize("name", ["hammer", "hammer-x", "anvil-0000", ""])
+def test_unknown_id_is_refused(name: str) -> None:
+    with pytest.raises(MissingObjectError, match="expected CATEGORY-NUMBER"):
+        Plan.of(0, name)
+
+
+def test_bad_requests_are_refused() -> None:
+    with pytest.raises(DataError, match="must be positive, got 0"):
+        plan_objects(0, 0)
+    with pytest.raises(DataError, match="must not be negative, got -1"):
+        plan_objects(1, -1)
+    with pytest.raises(DataError, match=r"unknown categories \['anvil'\]; known are \['ballpoint"):
+        plan_objects(1, 0, ["anvil"])
+
+
+# --- what some objects must have inside ---
+
+
+def part_box(phantom: Phantom, name: str) -> np.ndarray:
+    return next(part.mesh.bounds for part in phantom.parts if part.name == name)
+
+
+def flat_draw(name: str) -> dict[str, Manifold]:
+    """An archetype's own solids, before the pose: lying along x or standing along z."""
+    category = CATALOGUE[NAMES.index(name)]
+    build = ARCHETYPES[category.archetype]
+    return {p.name: p.solid for p in build(np.random.default_rng(0), category.size_cm[1])}
+
+
+def test_screwdriver_has_a_tang_inside_its_handle() -> None:
+    parts = flat_draw("screwdriver")
+    handle_end, tang_start = parts["handle"].bounding_box()[3], parts["shaft"].bounding_box()[0]
+    assert 0.5 * handle_end < handle_end - tang_start < 0.9 * handle_end
+    assert tang_start > 0.1 * handle_end
+
+
+def test_hammer_handle_goes_through_the_head() -> None:
+    parts = flat_draw("hammer")
+    head, handle = parts["head"].bounding_box(), parts["handle"].bounding_box()
+    assert handle[0] == 0.0
+    assert handle[3] > head[3] - 0.05
+    assert (parts["head"] - parts["handle"]).genus() == 1 + parts["head"].genus()
+
+
+def test_bottle_is_about_half_full_and_its_air_is_enclosed() -> None:
+    phantom = make_phantom(Plan.of(2, "water_bottle-0000"))
+    meshes = [part.mesh for part in phantom.parts]
+    shell, liquid = part_box(phantom, "shell"), part_box(phantom, "liquid")
+    assert 0.25 < (liquid[1] - liquid[0])[2] / (shell[1] - shell[0])[2] < 0.6
+    enclosed = outer_surface(meshes).volume - sum(mesh.volume for mesh in meshes)
+    liquid_cm3 = next(part.mesh.volume for part in phantom.parts if part.name == "liquid")
+    assert 0.4 * liquid_cm3 < enclosed < 2.5 * liquid_cm3
+
+
+def test_mug_is_open() -> None:
+    phantom = make_phantom(Plan.of(2, "mug-0000"))
+    (body,) = phantom.parts
+    assert float(outer_surface([body.mesh]).volume) == pytest.approx(float(body.mesh.volume))
+    assert body.mesh.euler_number == 0  # one handle to put a finger through
+
+
+def test_some_balls_are_hollow_and_some_are_not() -> None:
+    kinds = set()
+    for number in range(8):
+        (body,) = make_phantom(Plan.of(0, f"rubber_ball-{number:04d}")).parts
+        filled = float(outer_surface([body.mesh]).volume)
+        kinds.add(float(body.mesh.volume) < 0.7 * filled)
+    assert kinds == {True, False}
+
+
+@pytest.mark.parametrize("name", ["remote_control", "flashlight"])
+def test_device_holds_board_and_cells_inside_its_shell(name: str) -> None:
+    phantom = make_phantom(Plan.of(4, f"{name}-0000"))
+    grids = object_grids([part.mesh for part in phantom.parts], range(len(phantom.parts)))
+    assert grids.envelope.sum() > 1.1 * grids.occupancy.sum()  # there is air in it
+    names = {part.name for part in phantom.parts}
+    assert {"cell_1", "cell_2", "board"} < names
+    everything = np.concatenate([part.mesh.bounds for part in phantom.parts])
+    for inner in ("cell_1", "cell_2", "board"):
+        box = part_box(phantom, inner)
+        assert (box[0] > everything.min(axis=0) + 0.05).all()
+        assert (box[1] < everything.max(axis=0) - 0.05).all()
