@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import chain
 from typing import Final
 
 import numpy as np
@@ -16,6 +18,9 @@ __all__ = ["starting_point"]
 DARKEST: Final = 0.02
 """Transmissions below it are cut: their logarithm is mostly noise."""
 DARK_WEIGHT: Final = 1e-4
+VALUES_AT_ONCE: Final = 1 << 21
+
+Linearised = tuple[Float64[np.ndarray, "n k"], Float64[np.ndarray, "n"], Float64[np.ndarray, "n"]]
 
 
 def starting_point(problem: Problem) -> Float64[np.ndarray, "u"]:
@@ -26,8 +31,7 @@ def starting_point(problem: Problem) -> Float64[np.ndarray, "u"]:
     """
     parts = problem.parts
     gram, projection = np.zeros((parts, parts)), np.zeros(parts)
-    for view in problem.views:
-        lengths, attenuation, weights = _linearised(view)
+    for lengths, attenuation, weights in chain(*map(_linearised, problem.views)):
         weighted = lengths * weights[:, None]
         gram += weighted.T @ lengths
         projection += weighted.T @ attenuation
@@ -38,12 +42,14 @@ def starting_point(problem: Problem) -> Float64[np.ndarray, "u"]:
     return np.append(lac, [view.air.mean for view in problem.views])
 
 
-def _linearised(
-    view: ViewData,
-) -> tuple[Float64[np.ndarray, "n k"], Float64[np.ndarray, "n"], Float64[np.ndarray, "n"]]:
-    """Mean lengths, -ln T and weights."""
-    lengths = view.lengths.lengths_cm.mean(axis=1, dtype=np.float64)
+def _linearised(view: ViewData) -> Iterator[Linearised]:
+    """Give mean lengths, -ln T and weights of some pixels at a time, to bound the memory."""
     transmission = view.measured / view.air.mean
     bright = np.maximum(transmission, DARKEST)
     weights = np.where(transmission > DARKEST, bright**2, DARK_WEIGHT)
-    return lengths, -np.log(bright), np.where(view.usable, weights, 0.0)
+    weights[~view.usable] = 0.0
+    step = max(VALUES_AT_ONCE // view.parts, 1)
+    for begin in range(0, len(bright), step):
+        some = slice(begin, begin + step)
+        lengths = view.lengths.lengths_cm[some].mean(axis=1, dtype=np.float64)
+        yield lengths, -np.log(bright[some]), weights[some]
