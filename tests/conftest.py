@@ -10,6 +10,10 @@ SHARED_DATA = Path(
 )
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--update-golden", action="store_true", help="Rewrite tests/golden.")
+
+
 @pytest.fixture
 def shared_data() -> Path:
     """The folder of real and independent test data, which is not in the repository."""

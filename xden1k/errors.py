@@ -6,6 +6,7 @@
     ├── DataError(ValueError)             a file or an array breaks the format
     │   └── SubmissionError               the same, in a file sent for scoring
     ├── MissingObjectError(LookupError)   no object of that id
+    ├── ModalityError                     a method touched what it did not declare (modality.py)
     └── MissingExtraError(ImportError)    an optional dependency is not installed
 
 The commands turn each of them into one line on stderr and exit code 1.

@@ -177,6 +177,9 @@ def leaderboard(check: bool, results: Path, out: Path, as_json: bool) -> None:
     help="What to learn and predict.",
 )
 @click.option("--seed", default=0, show_default=True, help="Of methods that draw random numbers.")
+@click.option(
+    "--from", "built", type=FOLDER, help="With the NAME root: the dataset folder to submit."
+)
 @click.option("--out", type=FILE, help="The submission to write. [default: NAME.npz]")
 @json_option
 @click.pass_context
@@ -188,25 +191,30 @@ def baseline(
     split: str,
     target: Any,
     seed: int,
+    built: Path | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
     """Run an installed method and write its submission.
 
-    Methods are found by the entry-point group xden1k.predictors; any package can add one.
+    Methods are found by the entry-point group xden1k.predictors; any package can add one. The name
+    root submits a dataset folder that the builder made: --from BUILT.
     """
     from xden1k.folder import open_folder
     from xden1k.hub import data_root
     from xden_bench.baseline import find_predictor, run_predictor
+    from xden_bench.rebuilt import Rebuilt
 
     if list_all:
         _echo_methods(as_json)
         return
     if name is None:
         raise click.UsageError("Give the NAME of a method, or --list.")
+    if (name == "root") != (built is not None):
+        raise click.UsageError("The name root and the option --from go together.")
     out = out or Path(f"{name}.npz")
     meta = run_predictor(
-        find_predictor(name),
+        find_predictor(name) if built is None else Rebuilt(open_folder(built), target),
         open_folder(data_root(root)),
         split,
         out,

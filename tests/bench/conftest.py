@@ -18,17 +18,13 @@ from xden_bench.reference import Reference
 GOLDEN = Path(__file__).parents[1] / "golden"
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--update-golden", action="store_true", help="Rewrite tests/golden.")
-
-
 @pytest.fixture
 def golden(request: pytest.FixtureRequest) -> Callable[[str, Mapping[str, Any]], None]:
     """Compare numbers with those of tests/golden; --update-golden rewrites them."""
 
     def compare(name: str, values: Mapping[str, Any]) -> None:
         path = GOLDEN / f"{name}.json"
-        if request.config.getoption("--update-golden", default=False):
+        if request.config.getoption("--update-golden"):
             path.parent.mkdir(exist_ok=True)
             path.write_text(json.dumps(values, indent=2) + "\n")
         expected = json.loads(path.read_text())

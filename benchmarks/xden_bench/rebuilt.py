@@ -1,0 +1,72 @@
+"""A dataset folder as a submission: what the builder reconstructed, against the truth.
+
+On phantoms this is the upper row of the X-ray track: the simulator knows the truth and the builder
+has seen none of it. On scans the truth *is* the builder's reconstruction, so that the row would
+compare a thing with itself.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from xden1k.arrays import Grid
+from xden1k.errors import DataError
+from xden1k.folder import DatasetFolder
+from xden1k.modality import Modality
+from xden1k.predictions import Target
+from xden1k.predictor import Examples, SampleView
+from xden1k.records import decode_array
+
+__all__ = ["Rebuilt"]
+
+SAME_PLACE = 0.01
+"""Grids further apart than this share of a voxel are not the same."""
+
+
+class Rebuilt:
+    """The densities of another dataset folder of the same objects.
+
+    Parameters
+    ----------
+    built
+        What the builder wrote.
+    target
+        ``density`` or ``apparent_density``.
+    """
+
+    name = "builder"
+    version = "1"
+    reads = Modality.GEOMETRY | Modality.PARTS | Modality.XRAY
+    trainable = False
+    external_data = False
+
+    def __init__(self, built: DatasetFolder, target: Target) -> None:
+        self._built = built
+        self._target = target
+        self.notes = f"reconstructed by {built.manifest.builder}"
+
+    def fit(self, train: Examples, *, seed: int) -> None:
+        """Learn nothing."""
+
+    def predict(self, sample: SampleView) -> Grid:
+        """Look up an object's density.
+
+        Raises
+        ------
+        MissingObjectError
+            If it was not rebuilt.
+        DataError
+            If it lies on another grid, or only its attenuation is known.
+        """
+        columns = [self._target, "grid_origin_cm", "voxel_size_cm"]
+        row = self._built.row(sample.object_id, columns)
+        apart = np.abs(np.array(row["grid_origin_cm"]) - sample.origin_cm).max()
+        stretched = abs(row["voxel_size_cm"] / sample.voxel_size_cm - 1)
+        if not (apart < SAME_PLACE * sample.voxel_size_cm and stretched < SAME_PLACE / 64):
+            raise DataError(
+                f"{sample.object_id}: its grid in {self._built.root} is not that of the dataset: "
+                f"origin {apart:.3g} cm apart, voxels {stretched:.2%} of another size"
+            )
+        if row[self._target] is None:
+            raise DataError(f"{sample.object_id}: {self._built.root} has no {self._target} of it")
+        return decode_array(row, self._target)

@@ -1,0 +1,73 @@
+"""A dataset folder of the builder's as a submission."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from tests.phantoms import BAR, box_object
+from xden1k.errors import DataError, MissingObjectError
+from xden1k.folder import open_folder, write_folder
+from xden1k.modality import track_of
+from xden1k.predictor import SampleView
+from xden1k.types import DensityField
+from xden_bench.baseline import run_predictor
+from xden_bench.cli import cli
+from xden_bench.protocol import load_protocol
+from xden_bench.rebuilt import Rebuilt
+from xden_bench.reference import Reference
+from xden_bench.scoring import score
+
+
+def folder_of(obj, root):
+    write_folder([obj], root, version="0.1.0", builder="tests")
+    return open_folder(root)
+
+
+def sample_of(folder, obj):
+    return SampleView(folder, obj.object_id, Rebuilt.reads)
+
+
+def test_the_truth_rebuilt_scores_zero_in_the_xray_track(dataset, tmp_path):
+    folder = open_folder(dataset)
+    meta = run_predictor(Rebuilt(folder, "density"), folder, "test", tmp_path / "root.npz")
+    scored = score(tmp_path / "root.npz", Reference(folder, "test"), load_protocol())
+    assert track_of(Rebuilt.reads) == meta.track == "xray"
+    assert scored.metrics["density_mae_g_cm3"].mean == 0
+    assert scored.metrics["mass_mape"].mean == 0
+    assert scored.metrics["com_l1_cm"].mean == 0
+
+
+def test_an_object_on_another_grid_is_refused(tmp_path):
+    obj = box_object("bar-0001", BAR, split="test")
+    moved = replace(obj, origin_cm=obj.origin_cm + np.array([0.0, 0.1, 0.0]))
+    truth, built = folder_of(obj, tmp_path / "truth"), folder_of(moved, tmp_path / "built")
+    with pytest.raises(DataError, match=r"bar-0001: its grid .* origin 0\.1 cm apart"):
+        Rebuilt(built, "density").predict(sample_of(truth, obj))
+
+
+def test_an_object_of_unknown_density_is_refused(tmp_path):
+    obj = box_object("bar-0001", BAR, split="test")
+    truth = folder_of(obj, tmp_path / "truth")
+    unknown = folder_of(replace(obj, density=None), tmp_path / "built")
+    with pytest.raises(DataError, match="has no density of it"):
+        Rebuilt(unknown, "density").predict(sample_of(truth, obj))
+    apparent = Rebuilt(unknown, "apparent_density").predict(sample_of(truth, obj))
+    assert isinstance(obj.apparent_density, DensityField)
+    np.testing.assert_allclose(apparent, obj.apparent_density.density_g_cm3, rtol=1e-3)
+
+
+def test_an_object_that_was_not_rebuilt_is_named(tmp_path):
+    obj = box_object("bar-0001", BAR, split="test")
+    truth = folder_of(obj, tmp_path / "truth")
+    built = folder_of(replace(obj, object_id="bar-0002"), tmp_path / "built")
+    with pytest.raises(MissingObjectError, match="bar-0001"):
+        Rebuilt(built, "density").predict(sample_of(truth, obj))
+
+
+@pytest.mark.parametrize("words", [["root"], ["water", "--from", "built"]])
+def test_the_name_root_and_the_option_from_go_together(dataset, words):
+    ran = CliRunner().invoke(cli, ["baseline", *words, "--root", str(dataset)])
+    assert ran.exit_code == 2
+    assert "go together" in ran.stderr
