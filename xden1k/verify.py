@@ -10,6 +10,7 @@ from typing import get_args
 import numpy as np
 import pyarrow as pa
 
+from xden1k.closed import edge_faults
 from xden1k.errors import DataError
 from xden1k.folder.writer import CHECKSUMS_NAME, OBJECT_ID, file_sha256
 from xden1k.manifest import MANIFEST_NAME, DataFile, Manifest
@@ -209,7 +210,7 @@ def _label_problems(obj: DensityObject) -> Iterator[str]:
 
 def _mesh_problems(obj: DensityObject) -> Iterator[str]:
     for part in obj.parts:
-        if len(part.mesh.faces) and not part.mesh.is_watertight:
+        if any(edge_faults(np.asarray(part.mesh.faces))):
             yield f"mesh of part {part.name} is not closed"
         elif len(part.mesh.faces) and not part.mesh.volume > 0:
             yield f"mesh of part {part.name} has volume {part.mesh.volume:.3g} cm³"

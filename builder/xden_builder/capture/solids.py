@@ -11,6 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from xden1k.arrays import Faces, Vec3
+from xden1k.closed import edge_faults
 from xden1k.errors import DataError
 
 __all__ = ["closed_mesh"]
@@ -79,21 +80,15 @@ def _merged(mesh: trimesh.Trimesh, cm_per_unit: float, where: str) -> trimesh.Tr
 
 
 def _check_closed(faces: Faces, where: str) -> None:
-    """Refuse an edge that is not run as often one way as the other."""
-    starts = faces[:, [0, 1, 2]].ravel().astype(np.int64)
-    ends = faces[:, [1, 2, 0]].ravel().astype(np.int64)
-    vertices = int(faces.max()) + 1
-    if np.array_equal(np.sort(starts * vertices + ends), np.sort(ends * vertices + starts)):
-        return
-    keys = np.minimum(starts, ends) * vertices + np.maximum(starts, ends)
-    _, edge, count = np.unique(keys, return_inverse=True, return_counts=True)
-    if n_open := int((count % 2).sum()):
-        raise DataError(f"{where}: the mesh is not closed: {n_open} open edges")
-    turns = np.bincount(edge, weights=np.sign(ends - starts))
-    raise DataError(
-        f"{where}: triangles are wound against each other at {int((turns != 0).sum())} edges: "
-        "expected all counter-clockwise seen from outside"
-    )
+    """Refuse open edges, and neighbours wound against each other."""
+    faults = edge_faults(faces)
+    if faults.open:
+        raise DataError(f"{where}: the mesh is not closed: {faults.open} open edges")
+    if faults.twisted:
+        raise DataError(
+            f"{where}: triangles are wound against each other at {faults.twisted} edges: expected "
+            "all counter-clockwise seen from outside"
+        )
 
 
 def _check_pieces(solid: trimesh.Trimesh, where: str) -> None:
