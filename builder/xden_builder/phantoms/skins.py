@@ -56,8 +56,11 @@ def _solid(vertices: Points, faces: np.ndarray) -> Manifold:
     solid = Manifold(
         Mesh64(np.ascontiguousarray(vertices), np.ascontiguousarray(wound, dtype=np.uint64))
     )
-    if solid.status() != Error.NoError or solid.is_empty():
-        raise DataError(f"a skinned surface must bound a solid, got {solid.status()}")
+    if solid.status() != Error.NoError or not solid.volume() > 0:
+        raise DataError(
+            f"a skinned surface must bound a solid, got {solid.status().name} and "
+            f"{solid.volume():g} cm³"
+        )
     return solid
 
 

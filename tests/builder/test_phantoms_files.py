@@ -1,0 +1,208 @@
+"""Phantoms on disk: capture folders that read back, truth as a dataset, always the same bytes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from xden1k.errors import DataError
+from xden1k.folder import open_folder
+from xden1k.rays import disjoint_regions, ownership_order
+from xden_builder.capture import CaptureFolder
+from xden_builder.phantoms import (
+    Plan,
+    Scanner,
+    gallery,
+    make_phantom,
+    plan_objects,
+    truth_object,
+    write_captures,
+    write_truth_dataset,
+)
+from xden_builder.phantoms.sheet import cut_open, shaded
+
+SMALL = ["screwdriver", "hammer", "mug", "padlock"]
+
+
+@pytest.fixture(scope="module")
+def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("phantoms") / "captures"
+    write_captures(out, 19, 1, size=64)
+    return out
+
+
+def digests(folder: Path) -> dict[str, str]:
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def test_builder_reads_every_object_and_finds_nothing_to_say(captures: Path) -> None:
+    folder = CaptureFolder(captures)
+    plans = plan_objects(19, 1)
+    assert list(folder.object_ids) == [plan.object_id for plan in plans]
+    for plan in plans:
+        capture = folder.read(plan.object_id)
+        assert capture.flags == ()
+        assert (capture.category, capture.split) == (plan.category.name, plan.split)
+        assert capture.source == "phantom"
+        assert capture.weighed_mass_g is None
+        assert capture.tube is not None
+        assert capture.tube.energy_kev == 100.0
+        assert capture.noise_sd["pa"] == pytest.approx(5 / 50_000, rel=0.2)
+
+
+def test_parts_read_back_as_they_were_and_nothing_is_left_to_cut(captures: Path) -> None:
+    folder = CaptureFolder(captures)
+    for plan in plan_objects(19, 1):
+        parts, phantom = folder.read(plan.object_id).parts, make_phantom(plan)
+        for part, made in zip(parts, phantom.parts, strict=True):
+            assert (part.name, part.material) == (made.name, made.material)
+            assert part.priority is None
+            assert float(part.mesh.volume) == pytest.approx(float(made.mesh.volume), rel=1e-6)
+        meshes = [part.mesh for part in parts]
+        regions = disjoint_regions(meshes, ownership_order(meshes))
+        assert all(one is other for one, other in zip(regions, meshes, strict=True))
+
+
+def test_views_read_back_as_the_scanner_corrects_them(captures: Path) -> None:
+    scanner = Scanner(size_px=64)
+    for object_id in ("hammer-0000", "kettle-0000"):
+        phantom = make_phantom(Plan.of(1, object_id))
+        for view in CaptureFolder(captures).read(object_id).views:
+            ours = scanner.corrected(phantom, view.name)
+            np.testing.assert_array_equal(view.valid, ours.valid)
+            np.testing.assert_allclose(view.transmission, ours.transmission, rtol=1e-6)
+            for key in ("source_cm", "pixel00_cm", "column_step_cm", "row_step_cm"):
+                expected = getattr(ours.geometry, key)
+                np.testing.assert_array_equal(getattr(view.geometry, key), expected)
+
+
+def test_truth_says_what_the_object_is(captures: Path) -> None:
+    truth = json.loads((captures / "kettle-0000" / "truth.json").read_text())
+    phantom = make_phantom(Plan.of(1, "kettle-0000"))
+    mass = phantom.mass_properties
+    assert truth["mass_g"] == mass.mass_g
+    assert truth["com_cm"] == mass.com_cm.tolist()
+    np.testing.assert_array_equal(truth["inertia_g_cm2"], mass.inertia_g_cm2)
+    assert truth["energy_kev"] == 100.0
+    total = 0.0
+    for part, made in zip(truth["parts"], phantom.parts, strict=True):
+        assert part["material"] == made.material
+        assert part["lac_per_cm"] == Scanner().lac_per_cm(made)
+        total += part["density_g_cm3"] * part["volume_cm3"]
+    assert total == pytest.approx(truth["mass_g"])
+    assert 0.85 < truth["gain"]["pa"] < 1.15
+
+
+def test_settings_of_the_simulation_are_kept(captures: Path) -> None:
+    kept = json.loads((captures / "simulation.json").read_text())
+    assert kept["seed"] == 1
+    assert Scanner(**kept["scanner"]) == Scanner(size_px=64)
+
+
+def test_objects_are_the_same_bytes_whatever_count_and_processes(
+    captures: Path, tmp_path: Path
+) -> None:
+    write_captures(tmp_path / "few", 3, 1, size=64, workers=2)
+    few, many = digests(tmp_path / "few"), digests(captures)
+    few.pop("objects.csv")
+    assert few
+    assert few.items() <= many.items()
+
+
+def test_another_seed_gives_other_objects(captures: Path, tmp_path: Path) -> None:
+    write_captures(tmp_path / "other", 2, 2, size=64)
+    other, these = digests(tmp_path / "other"), digests(captures)
+    same = {name for name, digest in other.items() if these.get(name) == digest}
+    assert same == {"scanner.toml"}
+
+
+def test_ideal_captures_hold_exact_transmission(tmp_path: Path) -> None:
+    write_captures(tmp_path / "ideal", 2, 0, size=48, ideal=True, categories=SMALL)
+    folder = CaptureFolder(tmp_path / "ideal")
+    for object_id in folder.object_ids:
+        phantom = make_phantom(Plan.of(0, object_id))
+        for view in folder.read(object_id).views:
+            exact = Scanner(size_px=48).transmission(phantom, view.name)
+            np.testing.assert_array_equal(view.transmission, exact)
+    assert not list((tmp_path / "ideal").glob("*.tif"))
+
+
+def test_progress_names_each_object_once(tmp_path: Path) -> None:
+    seen: list[str] = []
+    write_captures(tmp_path / "out", 4, 0, size=32, categories=SMALL, progress=seen.append)
+    assert sorted(seen) == sorted(f"{name}-0000" for name in SMALL)
+
+
+def test_folder_with_something_in_it_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(DataError, match="expected a folder that is empty or does not exist"):
+        write_captures(tmp_path, 1, 0, size=32)
+    with pytest.raises(DataError, match="expected a folder that is empty or does not exist"):
+        write_captures(tmp_path / "notes.txt", 1, 0, size=32)
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_bad_request_writes_nothing(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="unknown categories"):
+        write_captures(tmp_path / "out", 1, 0, categories=["anvil"])
+    assert not (tmp_path / "out").exists()
+
+
+def test_truth_is_a_dataset_of_the_same_objects(captures: Path, tmp_path: Path) -> None:
+    write_truth_dataset(tmp_path / "truth", 6, 1, size=64)
+    folder = open_folder(tmp_path / "truth")
+    assert sorted(folder.ids()) == sorted(plan.object_id for plan in plan_objects(6, 1))
+    for object_id in folder.ids():
+        obj, capture = folder.object(object_id), CaptureFolder(captures).read(object_id)
+        truth = json.loads((captures / object_id / "truth.json").read_text())
+        assert obj.source == "phantom"
+        assert {part.density_source for part in obj.parts} == {"truth"}
+        assert obj.mass_g == pytest.approx(truth["mass_g"], rel=1e-5)
+        np.testing.assert_allclose(obj.com_cm, truth["com_cm"], atol=1e-4)
+        measured = capture.views[0].transmission.clip(min=0.0)  # a dataset stores no less
+        np.testing.assert_allclose(obj.views[0].transmission, measured, atol=2e-5)
+        assert [part.name for part in obj.parts] == [part.name for part in capture.parts]
+
+
+def test_truth_in_voxels_weighs_what_the_meshes_weigh() -> None:
+    scanner = Scanner(size_px=32)
+    for plan in plan_objects(19, 4):
+        obj = truth_object(make_phantom(plan), scanner)
+        assert obj.density is not None
+        assert obj.density.mass_g == pytest.approx(obj.mass_g, rel=0.01)
+        np.testing.assert_allclose(obj.density.com_cm, obj.com_cm, atol=0.02)
+        assert set(np.unique(obj.labels)) <= set(range(len(obj.parts) + 1))
+        lacs = [part.lac_per_cm for part in obj.parts]
+        apparent = [part.apparent_density_g_cm3 for part in obj.parts]
+        np.testing.assert_allclose(np.array(lacs) / 0.17, apparent)
+
+
+def test_gallery_draws_a_picture(tmp_path: Path) -> None:
+    gallery(tmp_path / "sheet.png", seed=2, categories=["mug", "hammer"])
+    assert (tmp_path / "sheet.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_shaded_picture_shows_colours_on_white() -> None:
+    phantom = make_phantom(Plan.of(0, "rubber_ball-0000"))
+    picture = shaded([phantom.parts[0].mesh], [(1.0, 0.0, 0.0)], 30.0, 20.0, size_px=40)
+    assert picture.shape == (40, 40, 3)
+    np.testing.assert_array_equal(picture[0, 0], 1.0)
+    assert picture[20, 20, 0] > 0.4
+    assert picture[20, 20, 1] == 0.0
+
+
+def test_cut_open_leaves_closed_halves() -> None:
+    phantom = make_phantom(Plan.of(0, "rubber_ball-0000"))
+    whole = phantom.parts[0].mesh
+    (half,) = cut_open([whole], np.array([1.0, 0.0, 0.0]))
+    assert half.is_volume
+    assert float(half.volume) == pytest.approx(float(whole.volume) / 2, rel=0.01)
+    assert half.bounds[1][0] == pytest.approx(0.0, abs=1e-3)
