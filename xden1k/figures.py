@@ -327,7 +327,8 @@ def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4
 
     The slice is the one of the three planes through the centre of mass in which the object is
     largest. One colour scale for all, by the square root of the density. An object of which only
-    the attenuation is known shows the apparent density, and no mass.
+    the attenuation is known shows the apparent density, and no mass. A note says whether the
+    objects are scans or simulated.
 
     Parameters
     ----------
@@ -343,14 +344,17 @@ def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4
     DataError
         If there are no objects.
     """
-    cells = [_cell(obj) for obj in objects]
+    cells, sources = [], set()
+    for obj in objects:
+        cells.append(_cell(obj))
+        sources.add(obj.source)
     if not cells:
         raise DataError("a contact sheet needs at least one object")
     size, gap, caption = 1.25, 0.06, 0.5
     width, height = 3 * size + 2 * gap + 0.35, size + caption
     rows = -(-len(cells) // columns)
     columns = min(columns, len(cells))
-    page = _Page(columns * width + 0.35, rows * height + 0.95)
+    page = _Page(columns * width + 0.35, rows * height + 1.2)
     densest = max(float(np.nanmax(cut)) for _, _, (*_, cut) in cells)
     scale = _scale("magma_r", PowerNorm(0.5, 0, max(densest, 1e-3)))
     clear = ScalarMappable(scale.norm, scale.cmap.with_extremes(bad="white"))
@@ -364,6 +368,14 @@ def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4
             _picture(axes, image, look)
     bar = (0.35, rows * height + 0.25, min(5.0, page.width - 0.7), 0.09)
     page.colour_bar(bar, scale, "density through the centre of mass, g/cm³")
+    words = " or ".join(SOURCE_WORDS[source] for source in sorted(sources))
+    page.text(
+        0.35,
+        page.height - 0.3,
+        f"PA, LAT, a slice of the density; {words}",
+        fontsize=9,
+        color=FAINT,
+    )
     page.save(path)
 
 
