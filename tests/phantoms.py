@@ -55,10 +55,9 @@ class Box:
         shells = [
             trimesh.creation.box(bounds=np.stack([low, high])) for _, low, high in self.regions
         ]
-        for hole in shells[1:]:
-            hole.invert()
-        joined = trimesh.util.concatenate(shells)
-        return trimesh.Trimesh(joined.vertices, joined.faces, process=False)
+        faces = [shells[0].faces, *(8 + hole.faces[:, ::-1] for hole in shells[1:])]
+        vertices = np.concatenate([shell.vertices for shell in shells])
+        return trimesh.Trimesh(vertices, np.concatenate(faces), process=False)
 
     def share(self, axes: Sequence[np.ndarray], voxel: float) -> np.ndarray:
         """Exact share of each voxel that the part fills."""

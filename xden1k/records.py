@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from jaxtyping import Shaped, UInt16
+from jaxtyping import Float32, Shaped, UInt16
 
-from xden1k.arrays import Image
 from xden1k.codec import (
     MAX_TRANSMISSION,
     Buffer,
@@ -190,7 +189,9 @@ def preview_png(codes: UInt16[np.ndarray, "rows columns"]) -> bytes:
     return file.getvalue()
 
 
-def _block_sums(image: Shaped[np.ndarray, "rows columns"], factor: int) -> Image:
+def _block_sums(
+    image: Shaped[np.ndarray, "rows columns"], factor: int
+) -> Float32[np.ndarray, "blocks_down blocks_across"]:
     """Sum blocks of factor x factor pixels; the last ones may be smaller."""
     padding = [(0, -length % factor) for length in image.shape]
     padded = np.pad(image.astype(np.float32), padding)

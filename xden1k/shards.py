@@ -33,15 +33,16 @@ def row_table(rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> pa.Table:
     DataError
         If a row lacks a column or a value has the wrong type.
     """
+    return pa.table([_column(rows, field) for field in schema], schema=schema)
+
+
+def _column(rows: Sequence[Mapping[str, Any]], field: pa.Field) -> pa.Array:
     try:
-        columns = [
-            pa.array([_cell(row, field.name) for row in rows], type=field.type) for field in schema
-        ]
+        return pa.array([_cell(row, field.name) for row in rows], type=field.type)
     except KeyError as err:
-        raise DataError(f"row {rows[0].get('object_id')}: no column {err}") from err
+        raise DataError(f"{rows[0].get('object_id')}: no column {field.name}") from err
     except (pa.ArrowInvalid, pa.ArrowTypeError) as err:
-        raise DataError(f"row {rows[0].get('object_id')}: {err}") from err
-    return pa.table(columns, schema=schema)
+        raise DataError(f"{rows[0].get('object_id')}: column {field.name}: {err}") from err
 
 
 def _cell(row: Mapping[str, Any], name: str) -> Any:
