@@ -58,7 +58,7 @@ def segments(radius_cm: float) -> int:
     Examples
     --------
     >>> segments(0.1), segments(4.0)
-    (16, 72)
+    (12, 72)
     """
     return max(12, 4 * ceil(pi / sqrt(2 * CHORD_TOLERANCE_CM / radius_cm) / 4))
 

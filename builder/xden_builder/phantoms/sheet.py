@@ -151,17 +151,25 @@ def _points(
     pixel_cm: float,
 ) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
     """Points that cover the faces turned to the camera, and their lit colours."""
-    normals = mesh.face_normals @ camera.T
-    seen = np.flatnonzero(normals[:, 2] < 0)
-    share = mesh.area_faces[seen] * -normals[seen, 2]
-    count = np.ceil(4 * share / pixel_cm**2).astype(int)
+    toward = mesh.face_normals @ -camera[2]
+    seen = np.flatnonzero(toward > 0)
+    count = np.ceil(4 * mesh.area_faces[seen] * toward[seen] / pixel_cm**2).astype(int)
     face = np.repeat(seen, count)
     # the R2 sequence (Roberts, 2018) covers a face more evenly than random numbers
-    u, v = np.outer([0.7548776662, 0.5698402910], np.arange(len(face)))[..., None] % 1.0
+    u, v = np.outer([0.7548776662, 0.5698402910], np.arange(len(face))) % 1.0
     u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
-    a, b, c = mesh.triangles[face].transpose(1, 0, 2)
-    light = 0.4 + 0.6 * (normals[face] @ _LIGHT).clip(0.0, 1.0)
-    return (a + u * (b - a) + v * (c - a)) @ camera.T, light[:, None] * np.array(color)
+    weights = np.stack([1 - u - v, u, v], axis=1)[:, None]
+    points = (weights @ mesh.triangles[face])[:, 0] @ camera.T
+    normals = (weights @ _smooth_normals(mesh)[face])[:, 0] @ camera.T
+    light = 0.4 + 0.6 * (normals @ _LIGHT).clip(0.0, 1.0)
+    return points, light[:, None] * np.array(color)
+
+
+def _smooth_normals(mesh: trimesh.Trimesh) -> Float[np.ndarray, "faces 3 3"]:
+    """Give each corner of a face the normal of its vertex, at a sharp edge that of the face."""
+    faces, corners = mesh.face_normals[:, None], mesh.vertex_normals[mesh.faces]
+    smooth = (faces * corners).sum(axis=2, keepdims=True) > 0.93
+    return np.where(smooth, corners, faces)
 
 
 def _cropped(view: XRayView, meshes: Sequence[trimesh.Trimesh]) -> Image:
