@@ -24,7 +24,7 @@ from xden1k.schema import (
     PREVIEW_COLUMNS,
 )
 from xden1k.shards import Row, ShardReader
-from xden1k.types import FIELD_SIZE, DensityField, DensityObject, Source
+from xden1k.types import FIELD_SIZE, SPLITS, DensityField, DensityObject, Source
 
 __all__ = ["row_problems", "verify_folder"]
 
@@ -175,12 +175,13 @@ def row_problems(row: Row) -> list[str]:
     ]
     if missing:
         return [f"null in {', '.join(sorted(missing))}"]
+    if problems := list(_identity_problems(row)):
+        return problems
     try:
         obj = row_object(row)
     except DataError as err:
         return [str(err).removeprefix(f"{row['object_id']}: ")]
     return [
-        *_identity_problems(row),
         *_label_problems(obj),
         *_mesh_problems(obj),
         *_field_problems(obj),
@@ -191,8 +192,9 @@ def row_problems(row: Row) -> list[str]:
 def _identity_problems(row: Row) -> Iterator[str]:
     if not OBJECT_ID.fullmatch(row["object_id"]):
         yield "object_id must be of A-Z a-z 0-9 . _ -"
-    if row["source"] not in get_args(Source):
-        yield f"source must be one of {get_args(Source)}, got {row['source']!r}"
+    for name, known in (("split", SPLITS), ("source", get_args(Source))):
+        if row[name] not in known:
+            yield f"{name} must be one of {known}, got {row[name]!r}"
     for name in PREVIEW_COLUMNS:
         if not row[name].startswith(PNG_SIGNATURE):
             yield f"{name} is not a PNG"
