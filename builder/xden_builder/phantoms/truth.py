@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -57,7 +59,14 @@ def write_truth_dataset(
     plans, scanner = plan_objects(count, seed, categories), make_scanner(size, ideal)
     plans = sorted(plans, key=lambda plan: plan.object_id)
     rows = each_object(partial(_row, scanner, seed), plans, workers, progress)
-    return write_rows(rows, out, version=DATA_VERSION, builder=BUILDER)
+    settings = json.dumps({"seed": seed, "scanner": scanner.settings()}, sort_keys=True)
+    return write_rows(
+        rows,
+        out,
+        version=DATA_VERSION,
+        builder=BUILDER,
+        config_sha256=hashlib.sha256(settings.encode()).hexdigest(),
+    )
 
 
 def _row(scanner: Scanner, seed: int, object_id: str) -> Row:
