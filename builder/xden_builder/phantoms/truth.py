@@ -17,7 +17,7 @@ from xden1k.records import object_row
 from xden1k.shards import Row
 from xden1k.types import DensityObject, Part
 from xden_builder.phantoms.phantom import Phantom, PhantomPart, Plan, make_phantom, plan_objects
-from xden_builder.phantoms.scanner import Scanner
+from xden_builder.phantoms.scanner import VIEWS, Scanner
 from xden_builder.phantoms.writer import Progress, each_object, make_scanner
 
 __all__ = ["truth_object", "write_truth_dataset"]
@@ -96,7 +96,15 @@ def truth_object(phantom: Phantom, scanner: Scanner) -> DensityObject:
         apparent_density=grids.density([part.apparent_density_g_cm3 for part in parts]),
         origin_cm=grids.field.origin_cm,
         voxel_size_cm=grids.field.voxel_size_cm,
-        meta={"builder": BUILDER, "seed": phantom.plan.seed, "scanner": scanner.settings()},
+        meta={
+            "builder": BUILDER,
+            "seed": phantom.plan.seed,
+            "scanner": scanner.settings(),
+            "fit": {
+                "solver": "none: the simulator's truth",
+                "gain": {view: scanner.exposure(phantom.plan, view) for view in VIEWS},
+            },
+        },
     )
 
 
