@@ -73,7 +73,7 @@ def test_object_is_of_everyday_size_and_centred(phantom: Phantom) -> None:
     size = np.sort(high - low)[::-1]
     least, most = phantom.plan.category.size_cm
     assert 0.75 * least <= np.hypot(size[0], size[1])
-    assert size[0] <= 1.2 * most  # a mug may be wider than high
+    assert size[0] <= 1.3 * most  # a mug is wider than high with its handle
 
 
 def test_object_is_inside_both_views(phantom: Phantom) -> None:
