@@ -10,7 +10,17 @@ import yaml  # type: ignore[import-untyped]
 from xden1k.manifest import Manifest
 from xden1k.schema import COLUMNS, IMAGE, LIGHT_COLUMNS, Column
 
-__all__ = ["AUTHORS", "citation_text", "eval_text", "header", "provenance_text", "readme_text"]
+__all__ = [
+    "AUTHORS",
+    "CONFIGS",
+    "bibtex",
+    "citation_text",
+    "eval_text",
+    "header",
+    "provenance_text",
+    "readme_text",
+    "yaml_block",
+]
 
 AUTHORS = (
     ("Jingxuan", "Zhang"),
@@ -31,7 +41,7 @@ _GLOBS = {"default": "data/{}-*.parquet", "metadata": "metadata/{}.parquet"}
 _VALUES = {pa.float64(): "float64", pa.int32(): "int32", IMAGE: "image"}
 
 
-def header(manifest: Manifest, prefix: str = "", *, sizes: bool = True) -> dict[str, Any]:
+def header(manifest: Manifest, prefix: str = "", *, features: bool = True) -> dict[str, Any]:
     """YAML header of a Hub card.
 
     Parameters
@@ -40,10 +50,10 @@ def header(manifest: Manifest, prefix: str = "", *, sizes: bool = True) -> dict[
         Of the folder.
     prefix
         Put before each path, where the card is not in the dataset folder itself.
-    sizes
-        Whether to give ``dataset_info``: features, and the sizes ``datasets`` checks on loading.
+    features
+        Whether to list the columns and their types, which every Parquet file gives as well.
     """
-    values: dict[str, Any] = {
+    return {
         "language": ["en"],
         "license": "cc-by-4.0",
         "pretty_name": "XDen-1K",
@@ -53,10 +63,8 @@ def header(manifest: Manifest, prefix: str = "", *, sizes: bool = True) -> dict[
         "task_categories": ["image-to-3d", "robotics"],
         "tags": ["x-ray", "density", "mass", "center-of-mass", "physical-properties", "3d"],
         "configs": [_config(manifest, name, prefix) for name in CONFIGS],
+        "dataset_info": [_info(manifest, name, features) for name in CONFIGS],
     }
-    if sizes:
-        values["dataset_info"] = [_info(manifest, name) for name in CONFIGS]
-    return values
 
 
 def _config(manifest: Manifest, name: str, prefix: str) -> dict[str, Any]:
@@ -67,7 +75,7 @@ def _config(manifest: Manifest, name: str, prefix: str) -> dict[str, Any]:
     return {"config_name": name, **default, "version": manifest.version, "data_files": files}
 
 
-def _info(manifest: Manifest, name: str) -> dict[str, Any]:
+def _info(manifest: Manifest, name: str, features: bool) -> dict[str, Any]:
     shards = {split: manifest.shards(name, split) for split in manifest.splits}
     splits = [
         {
@@ -77,9 +85,10 @@ def _info(manifest: Manifest, name: str) -> dict[str, Any]:
         }
         for split, files in shards.items()
     ]
+    columns = [{"name": column.name} | _yaml_type(column.type) for column in CONFIGS[name]]
     return {
         "config_name": name,
-        "features": [{"name": column.name} | _yaml_type(column.type) for column in CONFIGS[name]],
+        **({"features": columns} if features else {}),
         "splits": splits,
         "download_size": sum(file.bytes for file in manifest.shards(name)),
         "dataset_size": sum(split["num_bytes"] for split in splits),

@@ -143,17 +143,25 @@ class _Page:
 
 def _title(page: _Page, obj: DensityObject) -> None:
     page.text(0.35, 0.28, obj.object_id, fontsize=20, weight="bold")
-    x, y, z = obj.com_cm
+    centre = ", ".join(_centimetres(value) for value in obj.com_cm)
     words = [
         obj.category,
         f"{obj.mass_g:.4g} g" if np.isfinite(obj.mass_g) else "mass unknown",
         *([] if obj.weighed_mass_g is None else [f"weighed {obj.weighed_mass_g:.4g} g"]),
-        *([f"centre of mass ({x:.2f}, {y:.2f}, {z:.2f}) cm"] if np.isfinite(x) else []),
+        *([f"centre of mass ({centre}) cm"] if np.isfinite(obj.com_cm).all() else []),
         SOURCE_WORDS[obj.source],
         f"{obj.split} split",
         *obj.flags,
     ]
-    page.text(0.35, 0.68, "   ·   ".join(words), fontsize=11, color=FAINT)
+    page.text(0.35, 0.68, _cut_short("   ·   ".join(words), 180), fontsize=11, color=FAINT)
+
+
+def _centimetres(value: float) -> str:
+    return f"{round(float(value), 2) + 0.0:.2f}"  # no minus zero
+
+
+def _cut_short(text: str, room: int) -> str:
+    return text if len(text) <= room else f"{text[: room - 1]}…"
 
 
 def _radiographs(page: _Page, left: float, obj: DensityObject, view: XRayView) -> None:
@@ -201,13 +209,13 @@ def _object_window(obj: DensityObject, view: XRayView) -> Window:
     """Rows and columns of the object and a margin: square, but for the image's edges."""
     points = np.concatenate([part.mesh.vertices for part in obj.parts])
     columns, rows, _ = view.geometry.project(points).T
-    half = 0.6 * max(np.ptp(rows), np.ptp(columns))
-    return _span(rows, half, view.geometry.shape[0]), _span(columns, half, view.geometry.shape[1])
+    side = int(np.ceil(1.2 * max(np.ptp(rows), np.ptp(columns)))) + 1
+    return _span(rows, side, view.geometry.shape[0]), _span(columns, side, view.geometry.shape[1])
 
 
-def _span(positions: Float[np.ndarray, "n"], half: float, size: int) -> slice:
-    middle = (positions.min() + positions.max()) / 2
-    return slice(max(0, round(middle - half)), min(size, round(middle + half) + 1))
+def _span(positions: Float[np.ndarray, "n"], side: int, size: int) -> slice:
+    first = round((positions.min() + positions.max() - side) / 2)
+    return slice(max(0, first), min(size, first + side))
 
 
 def _scale(name: str, norm: Normalize) -> ScalarMappable:
@@ -217,7 +225,7 @@ def _scale(name: str, norm: Normalize) -> ScalarMappable:
 def _picture(axes: Axes, image: np.ndarray, scale: ScalarMappable, **how: Any) -> None:
     norm = cast("Normalize", scale.norm)
     axes.imshow(image, cmap=scale.cmap, norm=norm, interpolation="antialiased", **how)
-    axes.set(xticks=[], yticks=[])
+    axes.set(xticks=[], yticks=[], anchor="NW")
     for spine in axes.spines.values():
         spine.set(linewidth=0.5, color=RULE)
 
@@ -228,14 +236,16 @@ def _slices(page: _Page, obj: DensityObject) -> None:
     what = "density" if obj.density else "apparent density, LAC / 0.17"
     centre = field.com_cm if field.mass_g > 0 else field.origin_cm
     cuts = [_cut(field, axis, centre) for axis in (1, 0, 2)]
-    top, size, gap = 5.2, 2.0, 0.5
+    top, size, gap = 5.2, 1.95, 0.56
     scale = _scale("magma_r", Normalize(0, max(1e-3, *(float(cut.max()) for cut in cuts))))
     for number, (axis, cut) in enumerate(zip((1, 0, 2), cuts, strict=True)):
         left = 0.75 + number * (size + gap)
-        page.text(left, top - 0.24, f"plane {AXES[axis]} = {centre[axis]:.2f} cm", fontsize=10)
+        page.text(
+            left, top - 0.24, f"plane {AXES[axis]} = {_centimetres(centre[axis])} cm", fontsize=10
+        )
         axes = page.axes(left, top, size, size)
         _draw_cut(axes, field, axis, cut, centre, scale)
-    page.colour_bar((0.84 + 3 * size + 2 * gap, top, 0.1, size), scale, f"{what}, g/cm³")
+    page.colour_bar((0.83 + 3 * size + 2 * gap, top, 0.1, size), scale, f"{what}, g/cm³")
 
 
 def _cut(field: DensityField, axis: int, centre: np.ndarray) -> Float[np.ndarray, "down across"]:
@@ -270,7 +280,7 @@ def _draw_cut(
         side.set_major_locator(MaxNLocator(4))
     axes.tick_params(labelsize=8, length=2, width=0.4, colors=FAINT)
     axes.set_xlabel(f"{AXES[across]}, cm", fontsize=9, color=INK, labelpad=2)
-    axes.set_ylabel(f"{AXES[up]}, cm", fontsize=9, color=INK, labelpad=0)
+    axes.set_ylabel(f"{AXES[up]}, cm", fontsize=9, color=INK, labelpad=1)
 
 
 def _filled(cut: Float[np.ndarray, "down across"], axis: int) -> Float[np.ndarray, "2"]:
@@ -304,14 +314,21 @@ def _part_table(page: _Page, parts: Sequence[Part]) -> None:
 
 def _table_line(axes: Axes, number: int, cells: Sequence[str], color: str) -> None:
     for text, (position, side, room) in zip(cells, TABLE_COLUMNS, strict=True):
-        short = text if len(text) <= room else f"{text[: room - 1]}…"
         middle = number * LINE + 0.02 + LINE / 2
-        axes.text(position, middle, short, ha=side, va="center", fontsize=8.5, color=color)
+        axes.text(
+            position,
+            middle,
+            _cut_short(text, room),
+            ha=side,
+            va="center",
+            fontsize=8.5,
+            color=color,
+        )
 
 
 def _part_cells(part: Part) -> tuple[str, ...]:
     known = not np.isnan(part.density_g_cm3)
-    spread = "" if np.isnan(part.density_sd_g_cm3) else f" ± {part.density_sd_g_cm3:.3f}"
+    spread = f" ± {part.density_sd_g_cm3:.3f}" if part.density_sd_g_cm3 > 0 else ""
     return (
         part.name,
         part.material or "unknown",

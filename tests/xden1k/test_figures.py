@@ -1,0 +1,95 @@
+"""Pictures of objects."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests import phantoms
+from xden1k.errors import DataError
+from xden1k.figures import contact_sheet, object_sheet, reprojection
+from xden1k.types import DensityObject
+
+
+@pytest.fixture(scope="module")
+def bar() -> DensityObject:
+    return phantoms.box_object("bar", phantoms.BAR, shape=(60, 50))
+
+
+def test_reprojection_of_an_exact_object_is_its_radiograph(bar: DensityObject) -> None:
+    for view in bar.views:
+        model = reprojection(bar, view)
+        # the radiograph has one ray a pixel, the model nine: they differ at edges
+        difference = np.abs(model - view.transmission)[view.valid]
+        assert np.median(difference) < 1e-6
+        assert np.quantile(difference, 0.8) < 1e-3
+
+
+def test_reprojection_takes_the_gain_of_the_fit(bar: DensityObject) -> None:
+    brighter = replace(bar, meta={"fit": {"gain": {"pa": 1.5, "lat": 0.5}}})
+    for view, gain in zip(bar.views, (1.5, 0.5), strict=True):
+        model = reprojection(brighter, view)
+        np.testing.assert_allclose(model, gain * reprojection(bar, view), rtol=1e-6)
+
+
+def test_reprojection_through_unknown_attenuation_is_not_a_number(bar: DensityObject) -> None:
+    steel = replace(bar.parts[1], lac_per_cm=phantoms.NAN, apparent_density_g_cm3=phantoms.NAN)
+    part_known = replace(bar, parts=(bar.parts[0], steel))
+    model = reprojection(part_known, bar.views[0])
+    assert 0.01 < np.isnan(model).mean() < 0.5
+    assert np.nanmin(model) > 0.5
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {},
+        {"density": None},
+        {"flags": ("a remark",), "weighed_mass_g": 70.0, "source": "scan"},
+        {"category": "a_category_with_a_very_long_name " * 4},
+    ],
+)
+def test_any_object_can_be_drawn(bar: DensityObject, tmp_path: Path, change: dict) -> None:
+    object_sheet(replace(bar, **change), tmp_path / "bar.png")
+    with Image.open(tmp_path / "bar.png") as image:
+        picture = np.asarray(image.convert("RGB"))
+    assert picture.shape[1] > 1500
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
+
+
+def test_an_object_of_many_parts_can_be_drawn(tmp_path: Path) -> None:
+    boxes = [phantoms.Box(f"part {i}", (i, 0, 0), (i + 1, 1, 1), 1.0 + i) for i in range(20)]
+    object_sheet(phantoms.box_object("many", boxes), tmp_path / "many.png")
+    assert (tmp_path / "many.png").is_file()
+
+
+def test_drawing_twice_gives_the_same_bytes_and_leaves_pyplot_alone(
+    bar: DensityObject, tmp_path: Path
+) -> None:
+    import sys
+
+    before = "matplotlib.pyplot" in sys.modules
+    for name in ("one.png", "two.png"):
+        object_sheet(bar, tmp_path / name)
+    assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
+    assert ("matplotlib.pyplot" in sys.modules) == before
+
+
+def test_a_contact_sheet_grows_with_its_objects(tmp_path: Path) -> None:
+    objects = phantoms.objects()
+    sizes = []
+    for count in (1, 4, 6):
+        contact_sheet(iter(objects[:count]), tmp_path / "sheet.png")
+        with Image.open(tmp_path / "sheet.png") as picture:
+            sizes.append(picture.size)
+    assert sizes[0][0] < sizes[1][0] == sizes[2][0]
+    assert sizes[0][1] == sizes[1][1] < sizes[2][1]
+
+
+def test_an_empty_contact_sheet_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="at least one object"):
+        contact_sheet([], tmp_path / "sheet.png")
