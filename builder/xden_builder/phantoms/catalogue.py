@@ -1,16 +1,25 @@
 """What there is to simulate: categories, and the materials that their parts are made of.
 
-A new category goes to the end: which split an object falls into depends on the place of its
-category.
+The table is ``catalogue.csv``. A new category goes to its end and no row ever moves: which split an
+object falls into depends on the place of its category.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import csv
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
-__all__ = ["CATALOGUE", "Category"]
+from xden1k.errors import DataError
+from xden1k.materials import load_materials
+from xden_builder.phantoms.archetypes import ARCHETYPES
+
+__all__ = ["CATALOGUE", "Category", "read_catalogue"]
+
+TABLE: Final = Path(__file__).with_name("catalogue.csv")
+COLUMNS: Final = ["category", "family", "archetype", "size_min_cm", "size_max_cm", "materials"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +36,11 @@ class Category:
         Least and largest length (of what lies) or height (of what stands).
     materials
         By role of a part: names of the material library, separated by spaces, all as likely.
+
+    Raises
+    ------
+    DataError
+        If the archetype, a role or a material is unknown, or the sizes are not ascending.
     """
 
     name: str
@@ -35,190 +49,62 @@ class Category:
     size_cm: tuple[float, float]
     materials: Mapping[str, str]
 
+    def __post_init__(self) -> None:
+        if not self.name.replace("_", "").isalnum():
+            raise DataError(f"expected letters, digits and _, got category {self.name!r}")
+        if self.archetype not in ARCHETYPES:
+            raise DataError(f"unknown archetype {self.archetype!r}")
+        known = ARCHETYPES[self.archetype].roles.split()
+        if strange := sorted(set(self.materials) - set(known)):
+            raise DataError(f"unknown roles {strange}; {self.archetype} has {sorted(known)}")
+        least, most = self.size_cm
+        if not 0 < least <= most:
+            raise DataError(f"sizes must be positive and ascending, got {least:g} and {most:g} cm")
+        for role, names in self.materials.items():
+            if not names or (strange := sorted(set(names.split()) - set(load_materials()))):
+                raise DataError(f"role {role} needs known materials, got {names!r}")
 
-_STEEL = "steel stainless_steel_304"
-_SHELL = "pp abs pc"
-_RUBBER = "silicone rubber_natural rubber_filled"
-_DEVICE = {
-    "cell": "alkaline_cell",
-    "spring": "steel",
-    "contact": "nickel_silver brass",
-    "board": "pcb_fr4",
-    "button": _RUBBER,
-    "keypad": "silicone",
-    "chip": "epoxy",
-    "lamp": "epoxy",
-}
 
-CATALOGUE: Final = (
-    Category(
-        "screwdriver",
-        "hand tools",
-        "screwdriver",
-        (14.0, 27.0),
-        {"shaft": _STEEL, "sleeve": _RUBBER, "handle": "pp abs nylon_6 wood_beech"},
-    ),
-    Category(
-        "water_bottle",
-        "containers",
-        "bottle",
-        (18.0, 26.0),
-        {"shell": "pet hdpe pp", "liquid": "water", "cap": "pp hdpe"},
-    ),
-    Category(
-        "remote_control",
-        "consumer electronics",
-        "remote_control",
-        (14.0, 20.0),
-        {**_DEVICE, "shell": "abs ps pc"},
-    ),
-    Category(
-        "hammer",
-        "hand tools",
-        "hammer",
-        (24.0, 30.0),
-        {"wedge": "steel wood_beech", "handle": "wood_beech wood_oak", "head": "steel cast_iron"},
-    ),
-    Category("rubber_ball", "toys", "ball", (3.0, 14.0), {"body": "rubber_natural rubber_filled"}),
-    Category(
-        "mug", "kitchenware", "mug", (8.0, 11.0), {"shell": "porcelain earthenware glass_soda_lime"}
-    ),
-    Category(
-        "flashlight",
-        "consumer electronics",
-        "flashlight",
-        (13.0, 24.0),
-        {
-            **_DEVICE,
-            "reflector": "abs aluminium",
-            "lens": "pmma pc glass_soda_lime",
-            "shell": "abs aluminium_6061",
-        },
-    ),
-    Category(
-        "scissors",
-        "stationery",
-        "scissors",
-        (13.0, 22.0),
-        {"rivet": _STEEL, "blade": "stainless_steel_304", "handle": "pp abs"},
-    ),
-    Category(
-        "jar",
-        "containers",
-        "jar",
-        (8.0, 16.0),
-        {"shell": "glass_soda_lime pet", "liquid": "water_like oil_vegetable", "lid": "steel pp"},
-    ),
-    Category(
-        "bolt",
-        "hardware",
-        "bolt",
-        (4.0, 12.0),
-        {"bolt": "steel brass nylon_66", "washer": "steel brass", "nut": "steel brass"},
-    ),
-    Category(
-        "baseball",
-        "sports equipment",
-        "cored_ball",
-        (7.2, 7.6),
-        {"core": "cork rubber_natural", "winding": "cotton_fabric", "cover": "leather"},
-    ),
-    Category(
-        "frying_pan",
-        "cookware",
-        "frying_pan",
-        (22.0, 29.0),
-        {
-            "rivet": "aluminium stainless_steel_304",
-            "pan": "aluminium_cast steel",
-            "bracket": "stainless_steel_304",
-            "handle": "phenolic wood_beech",
-        },
-    ),
-    Category(
-        "ballpoint_pen",
-        "stationery",
-        "pen",
-        (13.0, 15.0),
-        {
-            "point": "brass",
-            "ink": "glycerol",
-            "refill": "pp",
-            "spring": "steel",
-            "button": "abs pom",
-            "clip": "steel pc",
-            "barrel": "ps abs",
-        },
-    ),
-    Category(
-        "padlock",
-        "hardware",
-        "padlock",
-        (4.5, 9.0),
-        {
-            "shackle": "steel",
-            "pin": "brass nickel_silver",
-            "plug": "brass",
-            "shell": "brass zamak_3 aluminium_6061",
-        },
-    ),
-    Category(
-        "kettle",
-        "kitchenware",
-        "kettle",
-        (18.0, 23.0),
-        {
-            "plate": "stainless_steel_304",
-            "shell": "pp stainless_steel_304 glass_borosilicate",
-            "liquid": "water",
-            "base": "pp",
-            "lid": "pp",
-            "handle": "pp",
-        },
-    ),
-    Category(
-        "dumbbell",
-        "sports equipment",
-        "dumbbell",
-        (14.0, 24.0),
-        {"bar": "steel", "weight": "cast_iron concrete", "coat": "neoprene pvc_soft"},
-    ),
-    Category(
-        "pencil",
-        "stationery",
-        "pencil",
-        (9.0, 19.0),
-        {
-            "ferrule": "aluminium brass",
-            "lead": "graphite",
-            "eraser": "rubber_filled pvc_soft",
-            "wood": "wood_pine wood_generic",
-        },
-    ),
-    Category(
-        "glue_stick",
-        "stationery",
-        "glue_stick",
-        (8.0, 12.0),
-        {
-            "screw": "pp",
-            "holder": "pp",
-            "glue": "water_like",
-            "knob": "pp",
-            "shell": "pp",
-            "cap": "pp",
-        },
-    ),
-    Category(
-        "glass_bottle",
-        "containers",
-        "bottle",
-        (18.0, 28.0),
-        {
-            "shell": "glass_soda_lime",
-            "liquid": "water oil_vegetable ethanol",
-            "cap": "pp aluminium",
-        },
-    ),
-)
+def read_catalogue(path: Path) -> tuple[Category, ...]:
+    """Read a table of categories.
+
+    Its last column says ``role=material material; role=material``.
+
+    Raises
+    ------
+    DataError
+        If the columns are others, a row is not a sound category, or a name comes twice.
+    """
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = csv.DictReader(file, strict=True)
+        if rows.fieldnames != COLUMNS:
+            raise DataError(f"{path.name}: expected columns {COLUMNS}, got {rows.fieldnames}")
+        categories = tuple(_category(row, f"{path.name}:{rows.line_num}") for row in rows)
+    _check_names(path, [category.name for category in categories])
+    return categories
+
+
+def _category(row: Mapping[str, str], where: str) -> Category:
+    try:
+        materials = dict(entry.strip().split("=") for entry in row["materials"].split(";"))
+        size_cm = (float(row["size_min_cm"]), float(row["size_max_cm"]))
+    except (AttributeError, TypeError, ValueError) as error:
+        raise DataError(
+            f"{where}, {row['category']}: expected numbers and role=materials, got {row}"
+        ) from error
+    try:
+        return Category(row["category"], row["family"], row["archetype"], size_cm, materials)
+    except DataError as error:
+        raise DataError(f"{where}, {row['category']}: {error}") from None
+
+
+def _check_names(path: Path, names: Iterable[str]) -> None:
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise DataError(f"{path.name}: category {name} comes twice")
+        seen.add(name)
+
+
+CATALOGUE: Final = read_catalogue(TABLE)
 """Every category; an object takes the next one, over and over."""

@@ -196,7 +196,7 @@ def make_phantom(plan: Plan) -> Phantom:
     """
     shape = plan.rng("shape")
     size_cm = float(shape.uniform(*plan.category.size_cm))
-    pieces = disjoint(ARCHETYPES[plan.category.archetype](shape, size_cm))
+    pieces = disjoint(ARCHETYPES[plan.category.archetype].build(shape, size_cm))
     parts = _draw_materials(_placed(pieces, plan.rng("pose")), plan)
     return Phantom(plan, tuple(sorted(parts, key=lambda part: part.name)))
 

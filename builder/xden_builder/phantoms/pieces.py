@@ -10,7 +10,7 @@ from manifold3d import Manifold
 
 from xden1k.errors import DataError
 
-__all__ = ["Build", "Piece", "disjoint", "moved"]
+__all__ = ["Archetype", "Build", "Piece", "disjoint", "moved"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +38,22 @@ Build = Callable[[np.random.Generator, float], list[Piece]]
 Pieces come strongest first: each owns what it shares with those after it. The object stands as it
 would rest, z up; a long one lies along x.
 """
+
+
+@dataclass(frozen=True, slots=True)
+class Archetype:
+    """How one kind of object is built, and the roles its parts may have.
+
+    Parameters
+    ----------
+    build
+        Makes the pieces.
+    roles
+        Separated by spaces; some objects may lack some of them.
+    """
+
+    build: Build
+    roles: str
 
 
 def moved(pieces: Sequence[Piece], move: Callable[[Manifold], Manifold]) -> list[Piece]:

@@ -1,43 +1,28 @@
 """Archetypes: how each kind of object is built, one module for each family.
 
-Each is a function of random numbers and a size; see :data:`xden_builder.phantoms.pieces.Build`.
+A module gives those it knows in its own ``ARCHETYPES``; a new module is found by being here.
 """
 
+import pkgutil
 from collections.abc import Mapping
+from importlib import import_module
 from typing import Final
 
-from xden_builder.phantoms.archetypes.containers import bottle, jar
-from xden_builder.phantoms.archetypes.electronics import flashlight, remote_control
-from xden_builder.phantoms.archetypes.handtools import hammer, scissors, screwdriver
-from xden_builder.phantoms.archetypes.hardware import bolt, padlock
-from xden_builder.phantoms.archetypes.kitchen import frying_pan, kettle, mug
-from xden_builder.phantoms.archetypes.sports import ball, cored_ball, dumbbell
-from xden_builder.phantoms.archetypes.stationery import glue_stick, pen, pencil
-from xden_builder.phantoms.pieces import Build
+from xden1k.errors import DataError
+from xden_builder.phantoms.pieces import Archetype
 
 __all__ = ["ARCHETYPES"]
 
-ARCHETYPES: Final[Mapping[str, Build]] = {
-    build.__name__: build
-    for build in (
-        ball,
-        bolt,
-        bottle,
-        cored_ball,
-        dumbbell,
-        flashlight,
-        frying_pan,
-        glue_stick,
-        hammer,
-        jar,
-        kettle,
-        mug,
-        padlock,
-        pen,
-        pencil,
-        remote_control,
-        scissors,
-        screwdriver,
-    )
-}
-"""By name, the name of the function."""
+
+def _of_all_modules() -> dict[str, Archetype]:
+    found: dict[str, Archetype] = {}
+    for module in pkgutil.iter_modules(__path__, f"{__name__}."):
+        archetypes = import_module(module.name).ARCHETYPES
+        if twice := sorted(found.keys() & archetypes.keys()):
+            raise DataError(f"{module.name}: archetypes {twice} are in another module too")
+        found |= archetypes
+    return found
+
+
+ARCHETYPES: Final[Mapping[str, Archetype]] = _of_all_modules()
+"""By name; what follows a colon in a name is a variant, such as ``striker:mallet``."""

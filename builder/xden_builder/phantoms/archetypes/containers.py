@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from manifold3d import CrossSection, Manifold
 
 from xden_builder.phantoms import shapes
-from xden_builder.phantoms.pieces import Piece
+from xden_builder.phantoms.pieces import Archetype, Piece
 
-__all__ = ["bottle", "jar"]
+__all__ = ["ARCHETYPES"]
 
 
 def bottle(rng: np.random.Generator, size_cm: float) -> list[Piece]:
@@ -62,3 +64,9 @@ def _screw_cap(neck: float, z0: float, rim: float, wall: float) -> Manifold:
     outside = CrossSection([radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)])
     block = Manifold.extrude(outside, rim + wall - z0).translate((0.0, 0.0, z0))
     return block - shapes.cylinder(neck, z0 - 1.0, rim)
+
+
+ARCHETYPES: Final = {
+    "bottle": Archetype(bottle, "shell liquid cap"),
+    "jar": Archetype(jar, "shell liquid lid"),
+}

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from manifold3d import Manifold
 
 from xden_builder.phantoms import shapes, skins
-from xden_builder.phantoms.pieces import Piece, moved
+from xden_builder.phantoms.pieces import Archetype, Piece, moved
 
-__all__ = ["flashlight", "remote_control"]
+__all__ = ["ARCHETYPES"]
 
 AAA_CM = (0.525, 4.45)
 """Radius and length of an AAA cell, IEC 60086-2 (LR03)."""
@@ -156,3 +158,11 @@ def _torch_body(length: float, bore: float, wall: float, head: float, seat: floa
     cavity += shapes.cylinder(bore + 0.1, seat + 0.16, 0.8 * length, opening)
     cavity += shapes.cylinder(opening, 0.8 * length, lens_z + 0.2)
     return body - cavity - shapes.cylinder(0.92 * opening, lens_z, 2 * length)
+
+
+ARCHETYPES: Final = {
+    "flashlight": Archetype(
+        flashlight, "cell spring contact board lamp reflector lens button shell"
+    ),
+    "remote_control": Archetype(remote_control, "cell spring contact board chip keypad lamp shell"),
+}

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from math import pi
+from typing import Final
 
 import numpy as np
 from manifold3d import CrossSection, Manifold
 
 from xden_builder.phantoms import shapes, skins
-from xden_builder.phantoms.pieces import Piece, moved
+from xden_builder.phantoms.pieces import Archetype, Piece, moved
 
-__all__ = ["hammer", "scissors", "screwdriver"]
+__all__ = ["ARCHETYPES"]
 
 
 def screwdriver(rng: np.random.Generator, size_cm: float) -> list[Piece]:
@@ -154,3 +155,10 @@ def _finger_loop(tang: float, size_cm: float) -> Manifold:
     ring = skins.pipe(np.stack([x, y, 0 * x], axis=1), bar, 1.15 * bar, closed=True)
     arm = [(-0.14 * tang, -0.045 * tang, 0.0), (-0.5 * tang, -0.14 * tang, 0.0)]
     return ring + skins.pipe(skins.smooth_path(arm, 6), 0.9 * bar, 1.1 * bar)
+
+
+ARCHETYPES: Final = {
+    "hammer": Archetype(hammer, "wedge handle head"),
+    "scissors": Archetype(scissors, "rivet blade handle"),
+    "screwdriver": Archetype(screwdriver, "shaft handle sleeve"),
+}

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from math import pi
+from typing import Final
 
 import numpy as np
 from manifold3d import Manifold
 
 from xden_builder.phantoms import shapes, skins
-from xden_builder.phantoms.pieces import Piece, moved
+from xden_builder.phantoms.pieces import Archetype, Piece, moved
 
-__all__ = ["bolt", "padlock"]
+__all__ = ["ARCHETYPES"]
 
 
 def bolt(rng: np.random.Generator, size_cm: float) -> list[Piece]:
@@ -75,3 +76,9 @@ def _plug(radius: float, high: float, thick: float) -> tuple[Manifold, list[Mani
 def _keyway(radius: float, high: float) -> Manifold:
     """Slot for the key, from below."""
     return shapes.box((0.3 * radius, 1.3 * radius, high), (0, -0.2 * radius, high / 2 - 0.01))
+
+
+ARCHETYPES: Final = {
+    "bolt": Archetype(bolt, "bolt washer nut"),
+    "padlock": Archetype(padlock, "shackle pin plug shell"),
+}

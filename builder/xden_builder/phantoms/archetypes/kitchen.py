@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from manifold3d import Manifold
 
 from xden_builder.phantoms import shapes, skins
-from xden_builder.phantoms.pieces import Piece
+from xden_builder.phantoms.pieces import Archetype, Piece
 
-__all__ = ["frying_pan", "kettle", "mug"]
+__all__ = ["ARCHETYPES"]
 
 
 def kettle(rng: np.random.Generator, size_cm: float) -> list[Piece]:
@@ -114,3 +116,10 @@ def frying_pan(rng: np.random.Generator, size_cm: float) -> list[Piece]:
         Piece("bracket", "bracket", plate + tang),
         Piece("handle", "handle", handle),
     ]
+
+
+ARCHETYPES: Final = {
+    "frying_pan": Archetype(frying_pan, "rivet pan bracket handle"),
+    "kettle": Archetype(kettle, "plate shell liquid base lid handle"),
+    "mug": Archetype(mug, "shell"),
+}

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from xden_builder.phantoms import shapes, skins
-from xden_builder.phantoms.pieces import Piece, moved
+from xden_builder.phantoms.pieces import Archetype, Piece, moved
 
-__all__ = ["ball", "cored_ball", "dumbbell"]
+__all__ = ["ARCHETYPES"]
 
 
 def ball(rng: np.random.Generator, size_cm: float) -> list[Piece]:
@@ -57,3 +59,10 @@ def dumbbell(rng: np.random.Generator, size_cm: float) -> list[Piece]:
         pieces.append(Piece(f"{end}_weight", "weight", solids[0]))
         pieces.append(Piece(f"{end}_coat", "coat", solids[1]))
     return moved(pieces, shapes.along_x)
+
+
+ARCHETYPES: Final = {
+    "ball": Archetype(ball, "body"),
+    "cored_ball": Archetype(cored_ball, "core winding cover"),
+    "dumbbell": Archetype(dumbbell, "bar weight coat"),
+}

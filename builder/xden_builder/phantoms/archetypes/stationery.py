@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from manifold3d import Manifold
 
 from xden_builder.phantoms import shapes, skins
-from xden_builder.phantoms.pieces import Piece, moved
+from xden_builder.phantoms.pieces import Archetype, Piece, moved
 
-__all__ = ["glue_stick", "pen", "pencil"]
+__all__ = ["ARCHETYPES"]
 
 
 def pencil(rng: np.random.Generator, size_cm: float) -> list[Piece]:
@@ -109,3 +111,10 @@ def glue_stick(rng: np.random.Generator, size_cm: float) -> list[Piece]:
         Piece("tube", "shell", tube + lip),
         Piece("cap", "cap", hood),
     ]
+
+
+ARCHETYPES: Final = {
+    "glue_stick": Archetype(glue_stick, "screw holder glue knob shell cap"),
+    "pen": Archetype(pen, "point ink refill spring button clip barrel"),
+    "pencil": Archetype(pencil, "ferrule lead eraser wood"),
+}
