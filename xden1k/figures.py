@@ -46,7 +46,11 @@ TABLE_COLUMNS = (
     *((5.45, "right", 16), (5.62, "left", 9), (6.3, "left", 23)),
 )
 """Of the part table: position in inches, alignment, characters that fit."""
+CELL_GAP = 0.06
+"""Between the pictures of an object on a contact sheet, inches."""
 Window = tuple[slice, slice]
+Cell = tuple[str, str, tuple[np.ndarray, ...]]
+"""On a contact sheet: name, mass, pictures."""
 
 
 def reprojection(obj: DensityObject, view: XRayView) -> Image:
@@ -367,8 +371,8 @@ def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4
         sources.add(obj.source)
     if not cells:
         raise DataError("a contact sheet needs at least one object")
-    size, gap, caption = 1.25, 0.06, 0.5
-    width, height = 3 * size + 2 * gap + 0.35, size + caption
+    size = 1.25
+    width, height = 3 * size + 2 * CELL_GAP + 0.35, size + 0.5
     rows = -(-len(cells) // columns)
     columns = min(columns, len(cells))
     page = _Page(columns * width + 0.35, rows * height + 1.2)
@@ -376,13 +380,9 @@ def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4
     scale = _scale("magma_r", PowerNorm(0.5, 0, max(densest, 1e-3)))
     clear = ScalarMappable(scale.norm, scale.cmap.with_extremes(bad="white"))
     grey = _scale("gray", Normalize(0, 1))
-    for number, (name, note, pictures) in enumerate(cells):
+    for number, cell in enumerate(cells):
         left, top = 0.35 + number % columns * width, 0.15 + number // columns * height
-        page.text(left, top + 0.07, name, fontsize=9, weight="bold")
-        page.text(left + 3 * size + 2 * gap, top + 0.07, note, fontsize=9, ha="right", color=FAINT)
-        for column, (image, look) in enumerate(zip(pictures, (grey, grey, clear), strict=True)):
-            axes = page.axes(left + column * (size + gap), top + 0.3, size, size)
-            _picture(axes, image, look)
+        _draw_cell(page, left, top, size, cell, (grey, grey, clear))
     bar = (0.35, rows * height + 0.25, min(5.0, page.width - 0.7), 0.09)
     page.colour_bar(bar, scale, "density through the centre of mass, g/cm³")
     words = " or ".join(SOURCE_WORDS[source] for source in sorted(sources))
@@ -396,7 +396,24 @@ def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4
     page.save(path)
 
 
-def _cell(obj: DensityObject) -> tuple[str, str, tuple[np.ndarray, ...]]:
+def _draw_cell(
+    page: _Page,
+    left: float,
+    top: float,
+    size: float,
+    cell: Cell,
+    looks: Sequence[ScalarMappable],
+) -> None:
+    name, note, pictures = cell
+    right = left + 3 * size + 2 * CELL_GAP
+    page.text(left, top + 0.07, name, fontsize=9, weight="bold")
+    page.text(right, top + 0.07, note, fontsize=9, ha="right", color=FAINT)
+    for column, (image, look) in enumerate(zip(pictures, looks, strict=True)):
+        start = left + column * (size + CELL_GAP)
+        _picture(page.axes(start, top + 0.3, size, size), image, look)
+
+
+def _cell(obj: DensityObject) -> Cell:
     """Name, mass, and the three pictures, reduced so that many objects fit into memory."""
     mass = f"{obj.mass_g:.4g} g" if np.isfinite(obj.mass_g) else "attenuation only"
     field = obj.density or obj.apparent_density

@@ -47,10 +47,8 @@ def test_reprojection_through_unknown_attenuation_is_not_a_number(bar: DensityOb
 @pytest.mark.parametrize(
     "change",
     [
-        {},
-        {"density": None},
+        {"density": None, "category": "a_category_with_a_very_long_name " * 4},
         {"flags": ("a remark",), "weighed_mass_g": 70.0, "source": "scan"},
-        {"category": "a_category_with_a_very_long_name " * 4},
     ],
 )
 def test_any_object_can_be_drawn(bar: DensityObject, tmp_path: Path, change: dict) -> None:
