@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Literal, get_args
 
 from xden1k.errors import DataError
+from xden1k.rays import COLUMN_SAMPLES
 
 __all__ = ["MODELS", "BuildSettings", "Model"]
 
@@ -29,7 +30,7 @@ class BuildSettings:
         Rays along each side of a pixel whose intensities are averaged (``lac`` only). One ray a
         pixel reads a frame of thin bars 2 % low, and errs by 0.014 in transmission.
     column_samples
-        Columns along each side of a density voxel, in x and y; along z the fill is exact.
+        Density of columns through a voxel, in x and y; along z the fill is exact.
 
     Raises
     ------
@@ -39,7 +40,7 @@ class BuildSettings:
 
     model: Model = "lac"
     subrays: int = 3
-    column_samples: int = 8
+    column_samples: int = COLUMN_SAMPLES
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:

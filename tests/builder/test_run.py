@@ -2,9 +2,11 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import trimesh
 from click.testing import CliRunner
 
 from xden1k.errors import DataError
@@ -13,6 +15,7 @@ from xden_builder.audit import audit_object
 from xden_builder.capture import CaptureFolder
 from xden_builder.cli import cli
 from xden_builder.phantoms import write_captures
+from xden_builder.reconstruct import reconstruct
 from xden_builder.run import build, work_folder
 from xden_builder.settings import BuildSettings
 
@@ -163,3 +166,17 @@ def test_the_papers_way_runs_and_says_so(pristine, tmp_path):
     assert obj.meta["model"] == "paper"
     assert obj.meta["fit"]["solver"] == "adam"
     assert set(obj.meta["fit"]["gain"].values()) == {1.0}
+
+
+def test_a_part_that_crosses_itself_is_flagged(pristine):
+    capture = CaptureFolder(pristine).read(CaptureFolder(pristine).object_ids[0])
+    crossing = trimesh.util.concatenate(
+        [trimesh.creation.box((1, 1, 6)), trimesh.creation.box((1, 6, 1))]
+    )
+    part = replace(capture.parts[0], mesh=crossing, material="")
+    (flagged,) = reconstruct(replace(capture, parts=(part,))).parts
+    assert "volume_unsure" in flagged.flags
+    (sound,) = reconstruct(
+        replace(capture, parts=(replace(part, mesh=trimesh.creation.box((1, 1, 6))),))
+    ).parts
+    assert "volume_unsure" not in sound.flags

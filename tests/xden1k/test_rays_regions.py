@@ -1,14 +1,17 @@
 """Who owns what, cuts that agree with it, and the outer surface."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from xden1k.errors import DataError
 from xden1k.mass import mass_of_meshes
 from xden1k.rays import disjoint_regions, outer_surface, ownership_order, path_lengths
+from xden1k.rays.regions import NEGLIGIBLE
 from xden1k.views import ViewGeometry
 
 seeds = st.integers(0, 2**32 - 1)
@@ -39,6 +42,19 @@ def scattered(seed, count=3):
         trimesh.creation.icosphere(1, 1.2),
     ]
     return [posed([shape], rng.integers(2**32))[0] for shape in shapes[:count]]
+
+
+def overlaps(meshes):
+    """Return the share of the smaller one's volume that each pair has in common."""
+    for pair in combinations(meshes, 2):
+        common = trimesh.boolean.intersection(pair, engine="manifold")
+        volume = common.volume if len(common.faces) else 0.0
+        yield volume / min(mesh.volume for mesh in pair)
+
+
+def assume_no_slight_overlap(meshes):
+    """Leave out bodies of which a sliver overlaps that counts as none."""
+    assume(not any(0 < share < 2 * NEGLIGIBLE for share in overlaps(meshes)))
 
 
 def difference(outer, inner):
@@ -92,6 +108,7 @@ def test_ownership_refuses_what_has_no_volume_to_compare():
 @given(seed=seeds, order=st.permutations(range(3)))
 def test_cut_parts_have_the_path_lengths_that_overlapping_ones_own(seed, order):
     meshes = scattered(seed)
+    assume_no_slight_overlap(meshes)
     regions = disjoint_regions(meshes, order)
     owned = path_lengths(meshes, order, VIEW)
     cut = path_lengths(regions, order[::-1], VIEW)
@@ -111,6 +128,7 @@ def test_cut_parts_have_the_path_lengths_that_overlapping_ones_own(seed, order):
 @given(seed=seeds)
 def test_volumes_of_cut_parts_sum_to_the_union(seed):
     meshes = scattered(seed)
+    assume_no_slight_overlap(meshes)
     regions = disjoint_regions(meshes, ownership_order(meshes))
     union = trimesh.boolean.union(meshes, engine="manifold")
     assert sum(region.volume for region in regions) == pytest.approx(union.volume, rel=1e-7)
@@ -127,6 +145,28 @@ def test_parts_that_only_touch_are_left_as_they_are(seed):
     ):
         regions = disjoint_regions(meshes, ownership_order(meshes))
         assert all(region is mesh for region, mesh in zip(regions, meshes, strict=True))
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=seeds)
+def test_a_plug_and_its_socket_stored_in_single_precision_are_not_cut(seed):
+    rod = trimesh.creation.cylinder(0.3, 4.0, sections=64)
+    socket = difference(trimesh.creation.cylinder(0.5, 4.0, sections=32), rod)
+    meshes = [
+        trimesh.Trimesh(mesh.vertices.astype(np.float32).astype(float), mesh.faces, process=False)
+        for mesh in posed([rod, socket], seed)
+    ]
+    assert all(map(lambda a, b: a is b, disjoint_regions(meshes, [0, 1]), meshes))
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=seeds, share=st.floats(2e-4, 0.5))
+def test_an_overlap_that_counts_is_cut_to_its_exact_volume(seed, share):
+    lower, upper = trimesh.creation.box((1, 1, 1)), trimesh.creation.box((1, 1, 1))
+    upper.apply_translation((0, 0, 1 - share))
+    whole, cut = disjoint_regions(posed([lower, upper], seed), [0, 1])
+    assert whole.volume == pytest.approx(1)
+    assert cut.volume == pytest.approx(1 - share, abs=1e-9)
 
 
 def test_parts_stored_in_single_precision_still_only_touch():

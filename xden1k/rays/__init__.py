@@ -3,7 +3,7 @@
 Needs the extra ``build``.
 """
 
-from xden1k.rays.grids import ObjectGrids, object_grids
+from xden1k.rays.grids import COLUMN_SAMPLES, ObjectGrids, object_grids
 from xden1k.rays.lengths import PathLengths, path_lengths
 from xden1k.rays.priority import ownership_order
 from xden1k.rays.regions import disjoint_regions, outer_surface
@@ -19,6 +19,7 @@ from xden1k.rays.voxels import (
 )
 
 __all__ = [
+    "COLUMN_SAMPLES",
     "CUBE_MARGIN",
     "CubeGrid",
     "ObjectGrids",

@@ -20,7 +20,11 @@ from xden1k.rays.voxels import (
 )
 from xden1k.types import DensityField
 
-__all__ = ["ObjectGrids", "object_grids"]
+__all__ = ["COLUMN_SAMPLES", "ObjectGrids", "object_grids"]
+
+COLUMN_SAMPLES = 16
+"""Density of columns through a field voxel. With half as many, the mass of a pencil that stands on
+end is up to 3 % off; with these, below 1 %."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +56,7 @@ class ObjectGrids:
 
 
 def object_grids(
-    meshes: Sequence[trimesh.Trimesh], order: Sequence[int], subsamples: int = 8
+    meshes: Sequence[trimesh.Trimesh], order: Sequence[int], subsamples: int = COLUMN_SAMPLES
 ) -> ObjectGrids:
     """Put an object on its grids.
 
