@@ -133,12 +133,12 @@ air.
 ## Load
 
 ```python
-import xden1k                                            # pip install xden1k: arrays decode
+import xden1k  # pip install xden1k: arrays decode
 from datasets import load_dataset
 
 ds = load_dataset("xden1k", split="{next(iter(manifest.splits))}")
-train = xden1k.XDen1K(root="this/folder", split="train")   # torch samples
-obj = train.object(train.ids[0])                         # meshes, views, fields
+train = xden1k.XDen1K(root="this/folder", split="train")  # torch samples
+obj = train.object(train.ids[0])  # meshes, views, fields
 ```
 
 Without the package a binary column is bytes: little-endian, C order, all lowest bytes first, then
@@ -149,7 +149,7 @@ import numpy as np
 
 planes = np.frombuffer(row["xray_pa"], np.uint8).reshape(2, -1)
 codes = (planes[0] | planes[1].astype(np.uint16) << 8).reshape(row["xray_pa_shape"])
-transmission = codes * (1.25 / 65535)                    # 0 = invalid pixel
+transmission = codes * (1.25 / 65535)  # 0 = invalid pixel
 labels = np.frombuffer(row["labels"], np.uint8).reshape(128, 128, 128)
 ```
 
