@@ -20,17 +20,16 @@ BASELINES = ("zero", "water", "train-median", "category-median")
 
 
 def run(line: str) -> None:
-    """Show a command and run it; stop the demo if it fails."""
+    """Show a command of ours and run it; stop the demo if it fails."""
     click.secho(f"\n$ {line}", bold=True)
     words = shlex.split(line)
     program = Path(sys.executable).with_name(words[0])  # of this environment, whatever PATH says
-    subprocess.run([str(program), *words[1:]], check=True)  # noqa: S603: our own commands
+    subprocess.run([str(program), *words[1:]], check=True)  # noqa: S603
 
 
 def main() -> None:
     """Run the demo."""
     shutil.rmtree(OUT, ignore_errors=True)
-    shutil.rmtree(f"{OUT}/dataset.work", ignore_errors=True)
     same = f"--count {COUNT} --seed {SEED}"
     run(f"xden-build phantoms {OUT}/captures {same}")
     run(f"xden-build run {OUT}/captures --out {OUT}/dataset")
@@ -59,8 +58,9 @@ def load() -> None:
 
     import xden1k  # noqa: F401  registers the name
 
-    click.secho(f'\n>>> load_dataset("xden1k", data_dir="{OUT.resolve()}", split="test")', bold=True)
-    for row in load_dataset("xden1k", data_dir=str(OUT.resolve() / "dataset"), split="test"):
+    root = str(OUT.resolve() / "dataset")
+    click.secho(f'\n>>> load_dataset("xden1k", data_dir="{root}", split="test")', bold=True)
+    for row in load_dataset("xden1k", data_dir=root, split="test"):
         click.echo(f"{row['object_id']:<24} {row['mass_g']:8.1f} g  density {row['density'].shape}")
 
 
