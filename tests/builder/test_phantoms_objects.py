@@ -23,7 +23,18 @@ from xden_builder.phantoms.shapes import from_mesh
 NAMES = [category.name for category in CATALOGUE]
 
 
-@pytest.fixture(scope="module", params=NAMES)
+def named_once_per_archetype() -> list[object]:
+    """Every category; those that vary an archetype seen before are slow tests."""
+    seen: set[str] = set()
+    params: list[object] = []
+    for category in CATALOGUE:
+        build = category.archetype.partition(":")[0]
+        params.append(pytest.param(category.name, marks=[pytest.mark.slow] * (build in seen)))
+        seen.add(build)
+    return params
+
+
+@pytest.fixture(scope="module", params=named_once_per_archetype())
 def phantom(request: pytest.FixtureRequest) -> Phantom:
     return make_phantom(Plan.of(11, f"{request.param}-0000"))
 
