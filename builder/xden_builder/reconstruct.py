@@ -108,7 +108,7 @@ def default_split(object_id: str) -> Split:
     Examples
     --------
     >>> default_split("tooth"), default_split("tetra")
-    ('train', 'train')
+    ('train', 'test')
     """
     draw = int.from_bytes(hashlib.sha256(object_id.encode()).digest()[:8]) / 2**64
     edges = np.cumsum(SPLIT_SHARES)[:-1]
