@@ -16,7 +16,7 @@ from xden1k.arrays import Points
 from xden1k.errors import DataError
 from xden_builder.phantoms.shapes import segments
 
-__all__ = ["helix", "loft", "pipe", "skin", "smooth_path", "spring"]
+__all__ = ["bent_path", "helix", "loft", "pipe", "skin", "smooth_path", "spring"]
 
 
 def skin(rings: Float[np.ndarray, "rings corners 3"], closed: bool = False) -> Manifold:
@@ -87,6 +87,25 @@ def smooth_path(points: Sequence[tuple[float, ...]], count: int = 24) -> Float[n
     steps = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     at = np.concatenate([[0.0], np.cumsum(steps)])
     return np.asarray(CubicSpline(at, corners)(np.linspace(0.0, at[-1], count)))
+
+
+def bent_path(
+    points: Sequence[tuple[float, ...]], radius_cm: float, per_bend: int = 8
+) -> Float[np.ndarray, "n 3"]:
+    """Straight lines between points, each corner rounded as bent wire is.
+
+    A bend starts and ends ``radius_cm`` before and after its corner, or half way to the next.
+    """
+    corners = np.array(points, dtype=np.float64)
+    path = [corners[:1]]
+    for before, corner, after in zip(corners, corners[1:], corners[2:], strict=False):
+        steps = (before - corner, after - corner)
+        start, end = (
+            corner + step * min(radius_cm / float(np.linalg.norm(step)), 0.49) for step in steps
+        )
+        at = np.linspace(0.0, 1.0, per_bend)[:, None]
+        path.append((1 - at) ** 2 * start + 2 * at * (1 - at) * corner + at**2 * end)
+    return np.concatenate([*path, corners[-1:]])
 
 
 def helix(
