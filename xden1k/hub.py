@@ -186,8 +186,8 @@ def _check_layout(repo_id: str, files: list[str]) -> None:
         shown = ", ".join(sorted(files)[:5]) or "nothing"
         raise DataError(
             f"the Hub repository {repo_id} is not laid out as this project's dataset folders: no "
-            f"{MANIFEST_NAME} among its {len(files)} files ({shown} ...); get a copy of it and "
-            "convert that by `xden import FOLDER --map F.toml --out R`"
+            f"{MANIFEST_NAME} among its {len(files)} files ({shown} ...); only folders that "
+            "xden-build wrote can be read"
         )
 
 
