@@ -28,6 +28,9 @@ lint: setup
 	$(BIN)/mypy
 	PYTHONPATH=benchmarks:baselines:builder $(BIN)/lint-imports
 	$(BIN)/xden-bench leaderboard --check
+	rm -rf build/wheel
+	$(BIN)/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir build/wheel .
+	$(BIN)/check-wheel-contents build/wheel/*.whl
 
 speed: setup
 	$(BIN)/xden-build speed
