@@ -33,8 +33,9 @@ def write_truth_dataset(
     count: int,
     seed: int,
     *,
-    size: int = 512,
+    size: int | None = None,
     ideal: bool = False,
+    scanner: Scanner | None = None,
     workers: int = 1,
     progress: Progress = lambda _: None,
     categories: Sequence[str] = (),
@@ -48,7 +49,7 @@ def write_truth_dataset(
     ----------
     out
         The dataset folder; an older one is replaced as a whole.
-    count, seed, size, ideal, workers, progress, categories
+    count, seed, size, ideal, scanner, workers, progress, categories
         As there.
 
     Raises
@@ -56,8 +57,8 @@ def write_truth_dataset(
     DataError
         If an argument is out of range, or ``out`` is something else than a dataset folder.
     """
-    plans, scanner = plan_objects(count, seed, categories), make_scanner(size, ideal)
-    plans = sorted(plans, key=lambda plan: plan.object_id)
+    scanner = make_scanner(size, ideal, scanner)
+    plans = sorted(plan_objects(count, seed, categories), key=lambda plan: plan.object_id)
     rows = each_object(partial(_row, scanner, seed), plans, workers, progress)
     settings = json.dumps({"seed": seed, "scanner": scanner.settings()}, sort_keys=True)
     return write_rows(
@@ -76,8 +77,8 @@ def _row(scanner: Scanner, seed: int, object_id: str) -> Row:
 def truth_object(phantom: Phantom, scanner: Scanner) -> DensityObject:
     """Give the dataset object of a phantom: simulated radiographs, true densities.
 
-    Attenuation coefficients are those at the scanner's energy, apparent densities follow from them
-    by the paper's rule, as they would for a perfect fit.
+    Attenuation coefficients are those at the scanner's reference energy; apparent densities follow
+    from them by the paper's rule, as they would for a perfect fit.
     """
     parts = tuple(_part(part, scanner) for part in phantom.parts)
     meshes = [part.mesh for part in parts]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -24,9 +25,20 @@ Result = TypeVar("Result")
 Progress = Callable[[str], None]
 
 
-def make_scanner(size: int, ideal: bool) -> Scanner:
-    """Give the scanner of the command line: pixels along each side, and whether it errs."""
-    scanner = Scanner(size_px=size)
+def make_scanner(size: int | None, ideal: bool, scanner: Scanner | None = None) -> Scanner:
+    """Give the scanner of the command line.
+
+    Parameters
+    ----------
+    size
+        Pixels along each side, in place of the scanner's own.
+    ideal
+        Whether nothing errs.
+    scanner
+        The monochromatic one by default.
+    """
+    scanner = scanner or Scanner.monochromatic()
+    scanner = scanner if size is None else replace(scanner, size_px=size)
     return scanner.ideal() if ideal else scanner
 
 
@@ -35,8 +47,9 @@ def write_captures(
     count: int,
     seed: int,
     *,
-    size: int = 512,
+    size: int | None = None,
     ideal: bool = False,
+    scanner: Scanner | None = None,
     workers: int = 1,
     progress: Progress = lambda _: None,
     categories: Sequence[str] = (),
@@ -52,10 +65,8 @@ def write_captures(
         A folder that is empty or does not exist.
     count, seed, categories
         Which objects; see :func:`plan_objects`.
-    size
-        Pixels along each side of an image.
-    ideal
-        Without noise, exposure error and rounding.
+    size, ideal, scanner
+        See :func:`make_scanner`.
     workers
         Number of processes.
     progress
@@ -66,7 +77,8 @@ def write_captures(
     DataError
         If the folder is not empty, or an argument is out of range.
     """
-    plans, scanner = plan_objects(count, seed, categories), make_scanner(size, ideal)
+    plans = plan_objects(count, seed, categories)
+    scanner = make_scanner(size, ideal, scanner)
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise DataError(f"{out}: expected a folder that is empty or does not exist")
     out.mkdir(parents=True, exist_ok=True)
@@ -115,14 +127,18 @@ def _write_object(out: Path, scanner: Scanner, seed: int, object_id: str) -> Non
     phantom = make_phantom(Plan.of(seed, object_id))
     folder = out / object_id
     (folder / "parts").mkdir(parents=True)
+    error = scanner.mesh_error(phantom.plan)
     for part in phantom.parts:
-        _write_ply(folder / "parts" / f"{part.name}.ply", part.mesh)
+        _write_ply(folder / "parts" / f"{part.name}.ply", error.applied(part.mesh))
     labels = [(part.name, part.material) for part in phantom.parts]
     _write_csv(folder / "parts.csv", ("name", "material"), labels)
+    shares = {}
     for view in VIEWS:
-        image = scanner.radiograph(phantom, view)
+        signal = scanner.signal(phantom, view)
+        image = scanner.radiograph(phantom, view, signal)
         tifffile.imwrite(folder / f"{view}.tif", image, compression="zlib", metadata=None)
-    _write_json(folder / "truth.json", _truth(phantom, scanner))
+        shares[view] = signal.scatter_share
+    _write_json(folder / "truth.json", _truth(phantom, scanner, shares))
 
 
 def _write_ply(path: Path, mesh: trimesh.Trimesh) -> None:
@@ -154,15 +170,19 @@ def _write_panels(out: Path, scanner: Scanner, seed: int) -> None:
                 )
 
 
-def _truth(phantom: Phantom, scanner: Scanner) -> dict[str, Any]:
-    """Give what only the simulator knows."""
+def _truth(
+    phantom: Phantom, scanner: Scanner, scatter_share: Mapping[str, float]
+) -> dict[str, Any]:
+    """Give what only the simulator knows; all but the mesh error is of the true meshes."""
     mass = phantom.mass_properties
     return {
         "schema": "xden-truth/1",
         "object_id": phantom.plan.object_id,
         "seed": phantom.plan.seed,
-        "energy_kev": scanner.energy_kev,
+        "energy_kev": scanner.reference_kev,
         "gain": {view: scanner.exposure(phantom.plan, view) for view in VIEWS},
+        "scatter_share": scatter_share,
+        "mesh_error": scanner.mesh_error(phantom.plan).as_dict(),
         "mass_g": mass.mass_g,
         "com_cm": mass.com_cm.tolist(),
         "inertia_g_cm2": mass.inertia_g_cm2.tolist(),

@@ -1,0 +1,12 @@
+"""The simulated scanner: what its tube sends, its panel receives and its operators cannot know.
+
+Reading order: ``model`` (every effect is one of its fields), ``beam`` (spectrum and heel),
+``primary`` (the direct beam, blurred), ``scatter``, ``panel`` (noise, converter, calibration),
+``handover`` (errors of the part meshes), ``effects`` (how much each effect matters).
+"""
+
+from xden_builder.phantoms.scanner.model import VIEWS, Scanner, load_scanner
+from xden_builder.phantoms.scanner.panel import Calibration
+from xden_builder.phantoms.scanner.signal import Signal
+
+__all__ = ["VIEWS", "Calibration", "Scanner", "Signal", "load_scanner"]

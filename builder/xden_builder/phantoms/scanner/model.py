@@ -1,0 +1,483 @@
+"""The simulated scanner: cone beams along +y (PA) and +x (LAT), a tube, a flat panel.
+
+Each effect is a field of :class:`Scanner`. What the fit assumes is not what makes the images:
+more rays a pixel are averaged here than there, and nothing of the fit is imported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt16
+
+from xden1k.arrays import Image
+from xden1k.errors import DataError
+from xden1k.materials import load_materials
+from xden1k.rays import path_lengths
+from xden1k.settings import read_toml
+from xden1k.views import ViewGeometry, XRayView
+from xden_builder.attenuation import mac_cm2_g
+from xden_builder.capture import Detector, ScannerFile, Tube, ViewFile
+from xden_builder.phantoms.phantom import Phantom, PhantomPart, Plan, random_numbers
+from xden_builder.phantoms.scanner.beam import Beam, make_beam
+from xden_builder.phantoms.scanner.handover import MeshError, draw_mesh_error
+from xden_builder.phantoms.scanner.panel import Calibration, Panel
+from xden_builder.phantoms.scanner.primary import Absorber, Primary, pixel_kernel, render
+from xden_builder.phantoms.scanner.scatter import ScatterDraw, draw_scatter, scatter_image
+from xden_builder.phantoms.scanner.signal import Signal
+from xden_builder.phantoms.scanner.spread import gaussian_spread
+
+__all__ = ["VIEWS", "Scanner", "load_scanner"]
+
+VIEWS = ("pa", "lat")
+Raw = UInt16[np.ndarray, "rows columns"] | Image
+
+
+@dataclass(frozen=True, slots=True)
+class Scanner:
+    """Two sources, two panels, and what goes wrong on the way.
+
+    The defaults are :meth:`monochromatic`: one photon energy, quantum and electronic noise, an
+    exposure error and a converter. :meth:`realistic` has every effect. 0 or False switches an
+    effect off.
+
+    Parameters
+    ----------
+    size_px
+        Pixels along each side of a panel.
+    panel_cm
+        Side of a panel.
+    source_object_cm, source_detector_cm
+        From the focal spot to the origin of the object frame, and to the panel.
+    energy_kev
+        Of every photon; None for a tube.
+    kv, mas, filtration_cm
+        Voltage, charge and filters of the tube.
+    energy_groups
+        Equally wide, that stand for the tube's spectrum.
+    scintillator_g_cm2
+        Areal density of caesium iodide, which takes up a tube's photons.
+    heel
+        Whether intensity and hardness of a tube vary over the panel.
+    subrays
+        Rays along each side of a pixel; their intensities are averaged.
+    focal_spot_cm
+        Width of the focal spot. Its image, of a point in the middle of the object, is spread over
+        this times ``source_detector_cm / source_object_cm - 1``.
+    detector_blur_cm
+        Standard deviation of the light's spread in the scintillator.
+    glare_share, glare_cm
+        Share of the light that spreads further, and the standard deviation of that.
+    scatter_level
+        Mean scatter over an object's shadow, in shares of the open field; varies from object to
+        object, see :mod:`xden_builder.phantoms.scanner.scatter`.
+    scatter_near_cm, scatter_far_cm
+        Usual standard deviations of its two Gaussians, on the panel.
+    open_counts
+        Mean signal in the middle of the panel without object, above the dark. Of a monochromatic
+        source it is one count for each detected photon; of a tube, ``mas`` gives the photons.
+    dark_counts
+        Offset of the panel.
+    quantum_noise
+        Whether detected photons follow Poisson's law.
+    readout_sd_counts
+        Standard deviation of the electronic noise of a pixel.
+    dead_share
+        Share of pixels that see no light.
+    exposure_sd
+        Relative standard deviation of a view's exposure against that of its flat.
+    flat_frames
+        How many frames the flat averages; the dark is one frame.
+    bits
+        Of the converter; None stores transmission as floating-point numbers instead of counts,
+        without noise.
+    mesh_rotation_deg, mesh_shift_cm, mesh_scale_sd, mesh_tolerance_cm
+        Errors of the part meshes written: see :func:`draw_mesh_error`. The truth keeps the true
+        ones.
+
+    Raises
+    ------
+    DataError
+        If the panel has no pixel, is not behind the object, the open field does not fit the
+        converter, a size is negative, or a heel is wanted of one photon energy.
+    """
+
+    size_px: int = 512
+    panel_cm: float = 43.0
+    source_object_cm: float = 100.0
+    source_detector_cm: float = 120.0
+    energy_kev: float | None = 100.0
+    kv: float = 100.0
+    mas: float = 126.0
+    filtration_cm: Mapping[str, float] = field(default_factory=lambda: {"Al": 0.25})
+    energy_groups: int = 24
+    scintillator_g_cm2: float = 0.22
+    heel: bool = False
+    subrays: int = 6
+    focal_spot_cm: float = 0.0
+    detector_blur_cm: float = 0.0
+    glare_share: float = 0.0
+    glare_cm: float = 1.0
+    scatter_level: float = 0.0
+    scatter_near_cm: float = 2.0
+    scatter_far_cm: float = 6.0
+    open_counts: float = 50_000.0
+    dark_counts: float = 100.0
+    quantum_noise: bool = True
+    readout_sd_counts: float = 5.0
+    dead_share: float = 0.0
+    exposure_sd: float = 0.03
+    flat_frames: int = 64
+    bits: int | None = 16
+    mesh_rotation_deg: float = 0.0
+    mesh_shift_cm: float = 0.0
+    mesh_scale_sd: float = 0.0
+    mesh_tolerance_cm: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.size_px < 1:
+            raise DataError(f"a panel needs at least 1 pixel a side, got {self.size_px}")
+        if not 0 < self.source_object_cm < self.source_detector_cm:
+            raise DataError(
+                f"the panel must stand behind the object, got {self.source_detector_cm} cm and "
+                f"{self.source_object_cm} cm from the source"
+            )
+        if self.bits is not None and not self.open_counts + self.dark_counts < 2**self.bits - 1:
+            raise DataError(f"{self.open_counts:g} counts do not fit a {self.bits}-bit converter")
+        if self.heel and self.energy_kev is not None:
+            raise DataError("the heel effect needs a tube: no energy_kev")
+        numbers = {name: value for name, value in asdict(self).items() if _is_number(value)}
+        if negative := sorted(name for name, value in numbers.items() if value < 0):
+            raise DataError(f"{negative[0]} must not be negative, got {numbers[negative[0]]:g}")
+
+    @classmethod
+    def monochromatic(cls, size_px: int = 512) -> Scanner:
+        """Give a scanner that a fit of one attenuation coefficient for each part describes."""
+        return cls(size_px=size_px)
+
+    @classmethod
+    def realistic(cls, size_px: int = 512) -> Scanner:
+        """Give a scanner with every effect of a real one, of assumed but usual sizes."""
+        return cls(
+            size_px=size_px,
+            energy_kev=None,
+            heel=True,
+            focal_spot_cm=0.12,
+            detector_blur_cm=0.015,
+            glare_share=0.03,
+            scatter_level=0.05,
+            readout_sd_counts=1.5,
+            dead_share=1e-4,
+            mesh_rotation_deg=1.0,
+            mesh_shift_cm=0.1,
+            mesh_scale_sd=0.005,
+            mesh_tolerance_cm=0.01,
+        )
+
+    def ideal(self) -> Scanner:
+        """Return the same source and panel without anything that errs or blurs."""
+        return replace(
+            self,
+            heel=False,
+            focal_spot_cm=0.0,
+            detector_blur_cm=0.0,
+            glare_share=0.0,
+            scatter_level=0.0,
+            quantum_noise=False,
+            readout_sd_counts=0.0,
+            dead_share=0.0,
+            exposure_sd=0.0,
+            bits=None,
+            mesh_rotation_deg=0.0,
+            mesh_shift_cm=0.0,
+            mesh_scale_sd=0.0,
+            mesh_tolerance_cm=0.0,
+        )
+
+    @property
+    def pixel_cm(self) -> float:
+        """Width of a pixel of a panel."""
+        return self.panel_cm / self.size_px
+
+    @property
+    def tube(self) -> Tube:
+        """What sends the beam."""
+        return _tube(self.energy_kev, self.kv, self.mas, self.filtration_cm)
+
+    @property
+    def beam(self) -> Beam:
+        """The beam over a panel."""
+        return _beam(
+            self.energy_kev,
+            self.kv,
+            self.mas,
+            tuple(self.filtration_cm.items()),
+            groups=self.energy_groups,
+            scintillator_g_cm2=self.scintillator_g_cm2,
+            heel=self.heel,
+            size_px=self.size_px,
+            panel_cm=self.panel_cm,
+            distance_cm=self.source_detector_cm,
+        )
+
+    @property
+    def reference_kev(self) -> float:
+        """Photon energy, or the mean energy of the open field's signal."""
+        return self.beam.spectrum.mean_detected_kev if self.energy_kev is None else self.energy_kev
+
+    def geometry(self, view: str) -> ViewGeometry:
+        """Place source and panel of a view; columns run to the viewer's right, rows down."""
+        along, right = {
+            "pa": (np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])),
+            "lat": (np.array([1.0, 0.0, 0.0]), np.array([0.0, -1.0, 0.0])),
+        }[view]
+        pitch, down = self.pixel_cm, np.array([0.0, 0.0, -1.0])
+        behind = self.source_detector_cm - self.source_object_cm
+        return ViewGeometry(
+            beam="cone",
+            source_cm=0.0 - self.source_object_cm * along,  # 0 - x, since -x writes zeros as -0.0
+            pixel00_cm=behind * along - (self.panel_cm - pitch) / 2 * (right + down),
+            column_step_cm=pitch * right,
+            row_step_cm=pitch * down,
+            shape=(self.size_px, self.size_px),
+        )
+
+    def lac_per_cm(self, part: PhantomPart) -> float:
+        """Attenuation coefficient of a part at the energy :attr:`reference_kev`."""
+        composition = load_materials()[part.material].composition
+        return part.density_g_cm3 * float(mac_cm2_g(composition, self.reference_kev))
+
+    def transmission(self, phantom: Phantom, view: str) -> Image:
+        """Transmission without any error but that of finitely many rays a pixel.
+
+        Raises
+        ------
+        DataError
+            If the object is not wholly inside the view.
+        """
+        return replace(self, focal_spot_cm=0.0, detector_blur_cm=0.0)._primary(phantom, view)[0]
+
+    def _primary(self, phantom: Phantom, view: str) -> tuple[Image, Primary | None]:
+        """Transmission of the direct beam, and the rest of it if it is needed."""
+        geometry = self.geometry(view)
+        meshes = [part.mesh for part in phantom.parts]
+        columns, rows, _ = geometry.project(np.concatenate([m.vertices for m in meshes])).T
+        if min(columns.min(), rows.min()) < 0 or max(columns.max(), rows.max()) > self.size_px - 1:
+            raise DataError(f"{phantom.plan.object_id} reaches beyond the panel of view {view}")
+        spread_cm = self.focal_spot_cm * (self.source_detector_cm / self.source_object_cm - 1)
+        if self.energy_kev is not None and not (
+            spread_cm or self.detector_blur_cm or self.scatter_level
+        ):
+            lengths = path_lengths(meshes, range(len(meshes)), geometry, self.subrays)
+            return lengths.image(np.array([self.lac_per_cm(part) for part in phantom.parts])), None
+        kernel = pixel_kernel(self.subrays, self.pixel_cm, spread_cm, self.detector_blur_cm)
+        primary = render(self._absorber(phantom), self.beam, geometry, self.subrays, kernel)
+        return primary.transmission, primary
+
+    def _absorber(self, phantom: Phantom) -> Absorber:
+        densities = np.array([part.density_g_cm3 for part in phantom.parts])[:, None]
+        compositions = [load_materials()[part.material].composition for part in phantom.parts]
+        total, scattering = (
+            (densities * np.stack([mac(each) for each in compositions])).astype(np.float32)
+            for mac in (self.beam.mac_cm2_g, self.beam.scattering_cm2_g)
+        )
+        return Absorber([part.mesh for part in phantom.parts], total, scattering)
+
+    def signal(self, phantom: Phantom, view: str) -> Signal:
+        """Compute what the panel of a view would read on average.
+
+        Raises
+        ------
+        DataError
+            If the object is not wholly inside the view.
+        """
+        transmission, primary = self._primary(phantom, view)
+        if primary is None:
+            mean_kev = np.full_like(transmission, self.reference_kev)
+            return Signal(self._glared(transmission), mean_kev, 0.0)
+        open_field = self.beam.open_field.astype(np.float32)
+        direct = transmission * open_field
+        veil = np.zeros_like(direct)
+        if self.scatter_level:
+            veil = scatter_image(
+                primary.scattered * open_field, self.scatter(phantom.plan), self.pixel_cm
+            )
+        both = direct + veil
+        energy = direct * primary.mean_kev + veil * np.float32(self.reference_kev)
+        shadow = primary.scattered > 0
+        share = float(veil[shadow].sum() / both[shadow].sum())
+        return Signal(self._glared(both), energy / both.clip(min=1e-30), share)
+
+    def _glared(self, light: Image) -> Image:
+        if not self.glare_share:
+            return light
+        spread = gaussian_spread(light, self.glare_cm / self.pixel_cm)
+        return np.asarray((1 - self.glare_share) * light + self.glare_share * spread)
+
+    def scatter(self, plan: Plan) -> ScatterDraw:
+        """Scatter kernel of an object, the same in both views."""
+        widths_cm = (self.scatter_near_cm, self.scatter_far_cm)
+        return draw_scatter(plan.rng("scatter"), self.scatter_level, *widths_cm)
+
+    def mesh_error(self, plan: Plan) -> MeshError:
+        """How the part meshes of an object are written."""
+        return draw_mesh_error(
+            plan.rng("meshes"),
+            self.mesh_rotation_deg,
+            self.mesh_shift_cm,
+            self.mesh_scale_sd,
+            self.mesh_tolerance_cm,
+        )
+
+    def exposure(self, plan: Plan, view: str) -> float:
+        """Exposure of an object's view, as a factor on that of the flat."""
+        return float(np.exp(plan.rng(f"exposure/{view}").normal(0.0, self.exposure_sd)))
+
+    def radiograph(self, phantom: Phantom, view: str, signal: Signal | None = None) -> Raw:
+        """Take a radiograph: counts, or transmission where there is no converter.
+
+        Parameters
+        ----------
+        phantom, view
+            What, and from where.
+        signal
+            Of :meth:`signal`, where it is known already.
+        """
+        signal = signal or self.signal(phantom, view)
+        share = self.exposure(phantom.plan, view) * signal.values
+        if self.bits is None:
+            return np.asarray(share / self._open_signal(), dtype=np.float32)
+        rng = phantom.plan.rng(f"noise/{view}")
+        return self._panel(phantom.plan.seed, view, self.bits).read(
+            share.astype(np.float64), signal.mean_kev, 1, rng
+        )
+
+    def calibration(self, seed: int, view: str) -> Calibration | None:
+        """Take flat and dark of a view's panel; None where there is no converter."""
+        if self.bits is None:
+            return None
+        rng, panel = random_numbers(seed, f"panel/{view}"), self._panel(seed, view, self.bits)
+        light = self._open_signal().astype(np.float64)
+        mean_kev = np.full(light.shape, self.reference_kev, dtype=np.float32)
+        mean_kev[:] = (self.beam.row_weights @ self.beam.energies_kev)[:, None]
+        flat = panel.read(light, mean_kev, self.flat_frames, rng)
+        return Calibration(flat, panel.read(0 * light, mean_kev, 1, rng))
+
+    def _open_signal(self) -> Image:
+        """Compute the expected signal without object."""
+        return self._glared(self.beam.open_field.astype(np.float32))
+
+    def _panel(self, seed: int, view: str, bits: int) -> Panel:
+        shape = (self.size_px, self.size_px)
+        dead = random_numbers(seed, f"dead/{view}").random(shape) < self.dead_share
+        taken_up = self.beam.kev_per_cm2
+        return Panel(
+            open_counts=self.open_counts,
+            dark_counts=self.dark_counts,
+            readout_sd_counts=self.readout_sd_counts,
+            quantum_noise=self.quantum_noise,
+            bits=bits,
+            counts_per_kev=taken_up and self.open_counts / (taken_up * self.pixel_cm**2),
+            dead=dead,
+        )
+
+    def corrected(self, phantom: Phantom, view: str, signal: Signal | None = None) -> XRayView:
+        """Take a radiograph and correct it for flat and dark, as the builder does on reading."""
+        raw, calibration = (
+            self.radiograph(phantom, view, signal),
+            self.calibration(phantom.plan.seed, view),
+        )
+        if calibration is None or self.bits is None:
+            return XRayView(view, raw, np.ones(raw.shape, dtype=np.bool_), self.geometry(view))
+        panel = self._panel(phantom.plan.seed, view, self.bits)
+        return XRayView(view, *panel.corrected(raw, calibration), self.geometry(view))
+
+    def file(self) -> ScannerFile:
+        """Give what ``scanner.toml`` says of this scanner."""
+        counted = self.bits is not None
+        scintillator = "" if self.energy_kev is not None else "CsI"
+        return ScannerFile(
+            tube=self.tube,
+            detector=Detector(scintillator, self.bits),
+            views={
+                name: ViewFile(
+                    image=f"{name}.tif",
+                    quantity="counts" if counted else "transmission",
+                    geometry=self.geometry(name),
+                    polarity="linear" if counted else None,
+                    flat=f"flat_{name}.tif" if counted else None,
+                    dark=f"dark_{name}.tif" if counted else None,
+                )
+                for name in VIEWS
+            },
+        )
+
+    def settings(self) -> dict[str, Any]:
+        """Give every effect and its size, in JSON's types."""
+        return asdict(self)
+
+
+def load_scanner(path: Path) -> Scanner:
+    """Read a scanner from a TOML file.
+
+    Its key ``preset`` is ``realistic`` (the default) or ``monochromatic``; every other key is a
+    field of :class:`Scanner` that replaces the preset's.
+
+    Raises
+    ------
+    DataError
+        If the file is not TOML, has an unknown key or a value of a wrong kind, or the scanner is
+        impossible.
+    """
+    values = read_toml(path)
+    presets = {"realistic": Scanner.realistic, "monochromatic": Scanner.monochromatic}
+    preset = values.pop("preset", "realistic")
+    if preset not in presets:
+        raise DataError(f"{path}: preset: expected one of {sorted(presets)}, got {preset!r}")
+    known = {each.name: each.type for each in fields(Scanner)}
+    if unknown := sorted(values.keys() - known.keys()):
+        raise DataError(f"{path}: unknown keys {unknown}; known keys are {sorted(known)}")
+    for key, value in values.items():
+        if not _fits(value, str(known[key])):
+            raise DataError(f"{path}: {key}: expected {known[key]}, got {value!r}")
+    try:
+        return replace(presets[preset](), **values)
+    except DataError as err:
+        raise DataError(f"{path}: {err}") from err
+
+
+def _fits(value: object, kind: str) -> bool:
+    """Whether a value of TOML is of the kind that a field is annotated with."""
+    if kind.startswith("Mapping"):
+        return isinstance(value, dict) and all(_is_number(each) for each in value.values())
+    if kind == "bool":
+        return isinstance(value, bool)
+    return _is_number(value) and (kind.startswith("float") or isinstance(value, int))
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _tube(
+    energy_kev: float | None, kv: float, mas: float, filtration_cm: Mapping[str, float]
+) -> Tube:
+    if energy_kev is not None:
+        return Tube(energy_kev=energy_kev)
+    return Tube(kv=kv, mas=mas, filtration_cm=filtration_cm)
+
+
+@lru_cache(maxsize=4)
+def _beam(
+    energy_kev: float | None,
+    kv: float,
+    mas: float,
+    filters_cm: tuple[tuple[str, float], ...],
+    **panel: Any,
+) -> Beam:
+    return make_beam(_tube(energy_kev, kv, mas, dict(filters_cm)), **panel)
