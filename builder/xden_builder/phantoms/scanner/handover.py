@@ -65,8 +65,8 @@ class MeshError:
         if self.tolerance_cm == 0:
             return mesh
         buffers = Mesh64(
-            vert_properties=np.ascontiguousarray(mesh.vertices, dtype=np.float64),
-            tri_verts=np.ascontiguousarray(mesh.faces, dtype=np.uint64),
+            vert_properties=np.array(mesh.vertices, dtype=np.float64),
+            tri_verts=np.array(mesh.faces, dtype=np.uint64),
         )
         few = Manifold(buffers).simplify(self.tolerance_cm).to_mesh64()
         simple = trimesh.Trimesh(few.vert_properties[:, :3], few.tri_verts, process=False)

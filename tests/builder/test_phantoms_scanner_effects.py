@@ -1,0 +1,433 @@
+"""Each effect of the realistic scanner by itself: what it conserves and what it may not do."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from xden1k.errors import DataError
+from xden1k.materials import load_materials
+from xden_builder.attenuation import mac_cm2_g
+from xden_builder.capture import CaptureFolder, Tube
+from xden_builder.phantoms import (
+    Phantom,
+    PhantomPart,
+    Plan,
+    Scanner,
+    make_phantom,
+    truth_object,
+    write_captures,
+)
+from xden_builder.phantoms.scanner import Signal, load_scanner
+from xden_builder.phantoms.scanner.beam import make_beam
+from xden_builder.phantoms.scanner.handover import MeshError, draw_mesh_error
+from xden_builder.phantoms.scanner.primary import Absorber, pixel_kernel, render
+from xden_builder.phantoms.scanner.scatter import MOST_REACHING, ScatterDraw, scatter_image
+from xden_builder.phantoms.scanner.spread import gaussian_spread
+from xden_builder.spectrum import tube_spectrum
+
+WATER = (("H2O", 1.0),)
+TUBE = Tube(kv=100.0, mas=126.0, filtration_cm={"Al": 0.25})
+BARE = Scanner.realistic(128).ideal()
+"""A tube, and nothing else that differs from the formulas."""
+
+
+def block(*size_cm: float, material: str = "water", density: float = 1.0) -> Phantom:
+    mesh = trimesh.creation.box(size_cm)
+    part = PhantomPart("block", "body", mesh, material, density, (0.5, 0.5, 0.5))
+    return Phantom(Plan(0, 0, 0), (part,))
+
+
+def middle(image: np.ndarray) -> float:
+    rows, columns = image.shape
+    return float(image[rows // 2 - 1 : rows // 2 + 1, columns // 2 - 1 : columns // 2 + 1].mean())
+
+
+# the direct beam
+
+
+def test_one_energy_gives_the_same_image_on_both_ways() -> None:
+    scanner = Scanner(size_px=64)
+    phantom = make_phantom(Plan.of(0, "screwdriver-0000"))
+    lacs = np.array([scanner.lac_per_cm(part) for part in phantom.parts], dtype=np.float32)
+    absorber = Absorber([part.mesh for part in phantom.parts], lacs[:, None], lacs[:, None])
+    kernel = pixel_kernel(6, scanner.pixel_cm, 0.0, 0.0)
+    made = render(absorber, scanner.beam, scanner.geometry("pa"), 6, kernel).transmission
+    np.testing.assert_allclose(made, scanner.transmission(phantom, "pa"), atol=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("material", "density", "depth_cm"), [("water", 1.0, 6.0), ("steel", 7.85, 0.2)]
+)
+def test_slab_weakens_the_beam_as_its_spectrum_says(
+    material: str, density: float, depth_cm: float
+) -> None:
+    scanner = replace(BARE, size_px=129, subrays=1)
+    composition = load_materials()[material].composition
+    image = scanner.transmission(
+        block(12.0, depth_cm, 12.0, material=material, density=density), "pa"
+    )
+    spectrum = tube_spectrum(TUBE)
+    path = mac_cm2_g(composition, spectrum.energies_kev) * density * depth_cm
+    expected = float(spectrum.transmission(path))
+    assert -np.log(image[64, 64]) == pytest.approx(-np.log(expected), rel=0.003)
+
+
+def test_image_does_not_depend_on_how_many_rows_are_made_at_a_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scanner = replace(Scanner.realistic(48), bits=None)
+    phantom = make_phantom(Plan.of(0, "hammer-0000"))
+    whole = scanner.signal(phantom, "lat").values
+    monkeypatch.setattr("xden_builder.phantoms.scanner.primary.LENGTHS_AT_ONCE", 1)
+    np.testing.assert_allclose(scanner.signal(phantom, "lat").values, whole, atol=1e-6)
+
+
+def test_heel_weakens_and_hardens_the_upper_rows() -> None:
+    beam = make_beam(
+        TUBE,
+        groups=24,
+        scintillator_g_cm2=0.22,
+        heel=True,
+        size_px=129,
+        panel_cm=43.0,
+        distance_cm=120.0,
+    )
+    hardness = beam.row_weights @ beam.energies_kev
+    assert (np.diff(hardness) < 0).all()
+    assert hardness[0] - hardness[-1] > 4.0
+    assert beam.open_field[64, 64] == pytest.approx(1.0)
+    assert beam.open_field[0, 64] == pytest.approx(0.58, abs=0.03)
+    np.testing.assert_allclose(beam.open_field, beam.open_field[:, ::-1])
+    np.testing.assert_allclose(beam.open_field[64, 0], (1 + (21.33 / 120) ** 2) ** -1.5, rtol=1e-3)
+    np.testing.assert_allclose(beam.row_weights.sum(axis=1), 1.0)
+
+
+def test_without_heel_rows_are_alike() -> None:
+    assert (BARE.beam.open_field == 1.0).all()
+    assert (BARE.beam.row_weights == BARE.beam.row_weights[0]).all()
+
+
+# blur and glare
+
+
+@given(
+    subrays=st.integers(1, 8),
+    box=st.floats(0.0, 3.0),
+    gauss=st.floats(0.0, 2.0),
+)
+def test_blur_moves_light_and_loses_none(subrays: int, box: float, gauss: float) -> None:
+    kernel = pixel_kernel(subrays, 1.0, box, gauss)
+    assert (kernel >= 0).all()
+    np.testing.assert_allclose(kernel.sum(axis=0), 1 / subrays)
+    np.testing.assert_allclose(kernel, kernel[::-1, ::-1], atol=1e-12)
+
+
+def test_blur_has_the_width_asked_for() -> None:
+    kernel, subrays = pixel_kernel(24, 1.0, 1.5, 0.7), 24
+    at = (np.arange(kernel.size) + 0.5) / subrays - 0.5 - len(kernel) // 2
+    assert at @ kernel.ravel() == pytest.approx(0.0, abs=1e-9)
+    assert at**2 @ kernel.ravel() == pytest.approx(1 / 12 + 1.5**2 / 12 + 0.7**2, rel=0.005)
+
+
+@pytest.mark.parametrize("fault", [{"focal_spot_cm": 2.0}, {"detector_blur_cm": 0.3}])
+def test_blurred_object_takes_as_much_light(fault: dict[str, float]) -> None:
+    phantom = block(5.0, 5.0, 5.0)
+    sharp, soft = (
+        scanner.signal(phantom, "pa").values.astype(np.float64)
+        for scanner in (BARE, replace(BARE, **fault))
+    )
+    assert (1 - soft).sum() == pytest.approx((1 - sharp).sum(), rel=1e-5)
+    assert np.abs(soft - sharp).max() > 0.05
+    assert middle(soft) == pytest.approx(middle(sharp), rel=1e-5)
+
+
+@given(st.integers(0, 39), st.integers(0, 39), st.floats(0.3, 4.0))
+def test_spread_keeps_what_stays_on_the_panel(row: int, column: int, sd_px: float) -> None:
+    image = np.zeros((40, 40), dtype=np.float32)
+    image[row, column] = 3.0
+    spread = gaussian_spread(image, sd_px)
+    assert (spread >= 0).all()
+    assert spread.sum() <= 3.0 + 1e-5
+    if min(row, column, 39 - row, 39 - column) > 5 * sd_px:
+        assert spread.sum() == pytest.approx(3.0, rel=1e-5)
+
+
+def test_glare_brightens_the_dark_and_keeps_the_sum() -> None:
+    phantom = block(4.0, 12.0, 4.0, material="steel", density=7.85)
+    dark = BARE.signal(phantom, "pa").values.astype(np.float64)
+    lit = replace(BARE, glare_share=0.04).signal(phantom, "pa").values.astype(np.float64)
+    assert middle(dark) < 1e-6
+    assert 1e-4 < middle(lit) < 0.04
+    inner = slice(20, -20)
+    open_field = BARE._open_signal().astype(np.float64)
+    glared = replace(BARE, glare_share=0.04)._open_signal().astype(np.float64)
+    assert (glared - lit).sum() == pytest.approx((open_field - dark).sum(), rel=1e-4)
+    np.testing.assert_allclose(glared[inner, inner], 1.0, atol=1e-5)
+
+
+# scatter
+
+
+def test_scatter_never_darkens_and_reaches_its_level() -> None:
+    scanner = replace(BARE, scatter_level=0.02)
+    phantom = block(14.0, 10.0, 14.0)
+    clear, veiled = (each.signal(phantom, "pa").values for each in (BARE, scanner))
+    veil = veiled.astype(np.float64) - clear
+    assert veil.min() > -1e-6
+    shadow = clear < 0.999
+    level = scanner.scatter(phantom.plan).level
+    assert 0.01 <= level <= 0.03
+    assert veil[shadow].mean() == pytest.approx(level, rel=0.02)
+    assert veil.max() < 3 * level
+    share = scanner.signal(phantom, "pa").scatter_share
+    assert share == pytest.approx(veil[shadow].sum() / veiled[shadow].sum(), rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["screwdriver-0000", "water_bottle-0000", "padlock-0000"])
+def test_no_more_is_scattered_than_was_lost(name: str) -> None:
+    scanner, phantom = replace(BARE, scatter_level=0.5), make_phantom(Plan.of(2, name))
+    kernel = pixel_kernel(scanner.subrays, scanner.pixel_cm, 0.0, 0.0)
+    absorber = scanner._absorber(phantom)
+    made = render(absorber, scanner.beam, scanner.geometry("pa"), scanner.subrays, kernel)
+    lost = (1.0 - made.transmission).astype(np.float64)
+    assert made.scattered.sum(dtype=np.float64) < lost.sum()
+    veil = scanner.signal(phantom, "pa").values - made.transmission
+    assert veil.sum(dtype=np.float64) <= MOST_REACHING * lost.sum()
+
+
+def test_metal_scatters_less_than_plastic_of_the_same_shadow() -> None:
+    water, steel = block(8.0, 6.0, 8.0), block(8.0, 0.11, 8.0, material="steel", density=7.85)
+    kernel = pixel_kernel(1, BARE.pixel_cm, 0.0, 0.0)
+    made = [
+        render(BARE._absorber(each), BARE.beam, BARE.geometry("pa"), 1, kernel)
+        for each in (water, steel)
+    ]
+    depths = [-np.log(middle(each.transmission)) for each in made]
+    assert depths[0] == pytest.approx(depths[1], rel=0.1)
+    assert middle(made[1].scattered) < 0.3 * middle(made[0].scattered)
+
+
+def test_scatter_of_nothing_is_nothing() -> None:
+    draw = ScatterDraw(level=0.05, near_cm=2.0, far_cm=6.0, near_share=0.5)
+    assert (scatter_image(np.zeros((8, 8), dtype=np.float32), draw, 0.5) == 0).all()
+
+
+def test_scatter_varies_from_object_to_object() -> None:
+    draws = [Scanner.realistic().scatter(Plan(0, 0, number)) for number in range(200)]
+    levels = np.array([draw.level for draw in draws])
+    assert levels.min() >= 0.025
+    assert levels.max() <= 0.075
+    assert levels.mean() == pytest.approx(0.05, abs=0.003)
+
+
+# noise and panel
+
+
+def test_noise_is_that_of_quanta_which_leave_their_energy() -> None:
+    scanner = replace(Scanner.realistic(400), mas=0.002, readout_sd_counts=0.0, heel=False)
+    scanner = replace(scanner, scatter_level=0.0, glare_share=0.0, dead_share=0.0)
+    spectrum = scanner.beam.spectrum.grouped(24)
+    pixel_cm2 = (scanner.pixel_cm * 100 / 120) ** 2
+    mac = scanner.beam.spectrum.group_means(
+        mac_cm2_g(WATER, scanner.beam.spectrum.energies_kev), 24
+    )
+    for depth_cm in (0.0, 8.0):
+        behind = np.exp(-mac * depth_cm)
+        quanta = spectrum.quanta_per_cm2 * pixel_cm2 * behind
+        signal, second = quanta @ spectrum.energies_kev, quanta @ spectrum.energies_kev**2
+        per_kev = scanner.open_counts / (spectrum.signal_kev_per_cm2.sum() * pixel_cm2)
+        share = np.full((400, 400), signal * per_kev / scanner.open_counts)
+        mean_kev = np.full((400, 400), second / signal, dtype=np.float32)
+        panel = scanner._panel(0, "pa", 16)
+        raw = panel.read(share, mean_kev, 1, np.random.default_rng(1)).astype(np.float64)
+        rng = np.random.default_rng(2)  # quantum by quantum, in each group
+        drawn = rng.poisson(quanta, (40_000, 24)) @ spectrum.energies_kev * per_kev
+        assert raw.mean() - 100 == pytest.approx(drawn.mean(), rel=0.002)
+        assert raw.var() == pytest.approx(drawn.var() + 1 / 12, rel=0.03)
+
+
+def test_mean_energy_behind_an_object_is_that_of_its_hardened_beam() -> None:
+    phantom = block(12.0, 8.0, 12.0)
+    signal = replace(BARE, detector_blur_cm=1e-4).signal(phantom, "pa")
+    spectrum = BARE.beam.spectrum
+    behind = spectrum.weights * np.exp(-8.0 * mac_cm2_g(WATER, spectrum.energies_kev))
+    hardened = spectrum.energies_kev @ behind / behind.sum()
+    assert middle(signal.mean_kev) == pytest.approx(hardened, rel=0.003)
+    assert signal.mean_kev[0, 0] == pytest.approx(spectrum.mean_detected_kev, rel=1e-3)
+
+
+def test_dead_pixels_are_dead_in_every_image_and_not_valid() -> None:
+    scanner = replace(Scanner.realistic(128), dead_share=0.01)
+    dead = scanner._panel(0, "pa", 16).dead
+    assert 100 < dead.sum() < 230
+    first, second = (scanner.corrected(block(*size), "pa") for size in ((3, 3, 3), (9, 2, 2)))
+    np.testing.assert_array_equal(first.valid, ~dead)
+    np.testing.assert_array_equal(second.valid, ~dead)
+    assert (scanner._panel(1, "pa", 16).dead != dead).any()
+
+
+def test_flat_shows_the_heel_and_correction_removes_it() -> None:
+    scanner, phantom = Scanner.realistic(96), block(6.0, 1.0, 6.0)
+    panel = scanner.calibration(0, "pa")
+    assert panel is not None
+    assert panel.flat[5].mean() < 0.75 * panel.flat[48].mean()
+    view = scanner.corrected(phantom, "pa")
+    gain = scanner.exposure(phantom.plan, "pa")
+    air = np.zeros_like(view.valid)
+    air[2:15] = air[-15:-2] = True
+    # scatter of so small an object is what remains
+    np.testing.assert_allclose(view.transmission[air & view.valid] / gain, 1.0, atol=0.012)
+
+
+# what is handed over
+
+
+def test_mesh_errors_have_the_sizes_asked_for() -> None:
+    scanner = Scanner.realistic()
+    errors = [scanner.mesh_error(Plan(0, 0, number)) for number in range(400)]
+    angles = np.linalg.norm([error.rotation_deg for error in errors], axis=1)
+    shifts = np.linalg.norm([error.shift_cm for error in errors], axis=1)
+    assert np.sqrt((angles**2).mean()) == pytest.approx(1.0, rel=0.1)
+    assert np.sqrt((shifts**2).mean()) == pytest.approx(0.1, rel=0.1)
+    assert np.std([error.scale for error in errors]) == pytest.approx(0.005, rel=0.15)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 1000))
+def test_moved_mesh_is_the_same_shape_elsewhere(seed: int) -> None:
+    error = draw_mesh_error(np.random.default_rng(seed), 30.0, 2.0, 0.1, 0.0)
+    mesh = trimesh.creation.box((1.0, 2.0, 3.0))
+    moved = error.applied(mesh)
+    assert moved.is_volume
+    assert float(moved.volume) == pytest.approx(6.0 * error.scale**3)
+    np.testing.assert_allclose(moved.center_mass, error.shift_cm, atol=1e-9)
+    matrix = error.matrix
+    np.testing.assert_allclose(moved.vertices, mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3])
+
+
+def test_simplified_mesh_is_closed_lighter_and_near() -> None:
+    sphere = trimesh.creation.icosphere(subdivisions=5, radius=2.0)
+    simple = MeshError((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0, 0.01).applied(sphere)
+    assert simple.is_volume
+    assert len(simple.faces) < 0.5 * len(sphere.faces)
+    assert np.abs(np.linalg.norm(simple.vertices, axis=1) - 2.0).max() < 0.011
+    assert float(simple.volume) == pytest.approx(float(sphere.volume), rel=0.02)
+
+
+def test_foil_is_not_simplified_away() -> None:
+    foil = trimesh.creation.cylinder(radius=1.0, height=0.005, sections=64)
+    error = MeshError((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0, 0.02)
+    np.testing.assert_array_equal(error.applied(foil).faces, foil.faces)
+
+
+def test_without_mesh_error_the_mesh_stays_itself() -> None:
+    mesh = trimesh.creation.box((1.0, 1.0, 1.0))
+    assert Scanner().mesh_error(Plan(0, 0, 0)).applied(mesh) is mesh
+
+
+# settings and files
+
+
+def test_ideal_has_no_effect_but_the_spectrum() -> None:
+    ideal = Scanner.realistic(64).ideal()
+    phantom = make_phantom(Plan.of(0, "mug-0000"))
+    np.testing.assert_allclose(
+        ideal.radiograph(phantom, "pa"), ideal.transmission(phantom, "pa"), atol=1e-6
+    )
+    assert ideal.mesh_error(phantom.plan).is_none
+    assert ideal.exposure(phantom.plan, "pa") == 1.0
+    on = {name for name, value in ideal.settings().items() if value != getattr(Scanner(), name)}
+    assert on == {
+        "energy_kev",
+        "size_px",
+        "quantum_noise",
+        "readout_sd_counts",
+        "exposure_sd",
+        "bits",
+    }
+
+
+def test_default_scanner_is_the_monochromatic_one() -> None:
+    assert Scanner() == Scanner.monochromatic()
+    assert Scanner().energy_kev == 100.0
+
+
+def test_scanner_file_replaces_what_it_names(tmp_path: Path) -> None:
+    path = tmp_path / "scanner.toml"
+    path.write_text("size_px = 1024\nscatter_level = 0.1\nkv = 90\nfiltration_cm = { Cu = 0.01 }\n")
+    expected = replace(
+        Scanner.realistic(1024), scatter_level=0.1, kv=90, filtration_cm={"Cu": 0.01}
+    )
+    assert load_scanner(path) == expected
+    path.write_text('preset = "monochromatic"\nenergy_kev = 60.0\n')
+    assert load_scanner(path) == Scanner(energy_kev=60.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("scater_level = 0.1", r"unknown keys \['scater_level'\]; known keys are"),
+        ('preset = "ideal"', r"preset: expected one of .*'realistic'.*, got 'ideal'"),
+        ("heel = 1", "heel: expected bool, got 1"),
+        ("size_px = 64.5", "size_px: expected int, got 64.5"),
+        ("glare_share = -0.1", "glare_share must not be negative, got -0.1"),
+        ("energy_kev = 60.0", "heel effect needs a tube"),
+        ("filtration_cm = { Al = '1 mm' }", "filtration_cm: expected Mapping"),
+    ],
+)
+def test_scanner_file_with_a_fault_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "scanner.toml"
+    path.write_text(text)
+    with pytest.raises(DataError, match=message):
+        load_scanner(path)
+
+
+def test_realistic_captures_read_back_as_corrected_and_say_what_only_we_know(
+    tmp_path: Path,
+) -> None:
+    scanner = Scanner.realistic(96)
+    write_captures(tmp_path / "out", 2, 5, scanner=scanner, categories=["hammer", "mug"])
+    folder = CaptureFolder(tmp_path / "out")
+    for object_id in folder.object_ids:
+        capture, phantom = folder.read(object_id), make_phantom(Plan.of(5, object_id))
+        assert capture.tube == TUBE
+        for view in capture.views:
+            ours = scanner.corrected(phantom, view.name)
+            np.testing.assert_array_equal(view.valid, ours.valid)
+            np.testing.assert_allclose(view.transmission, ours.transmission, rtol=1e-6)
+        truth = json.loads((tmp_path / "out" / object_id / "truth.json").read_text())
+        assert truth["mass_g"] == phantom.mass_properties.mass_g
+        assert 0 < truth["scatter_share"]["pa"] < 0.5
+        matrix = np.array(truth["mesh_error"]["matrix"])
+        turned_back = np.linalg.inv(matrix)
+        for part, made in zip(capture.parts, phantom.parts, strict=True):
+            assert not np.allclose(part.mesh.bounds, made.mesh.bounds, atol=1e-4)
+            back = part.mesh.copy().apply_transform(turned_back)
+            np.testing.assert_allclose(back.bounds, made.mesh.bounds, atol=0.02)
+    kept = json.loads((tmp_path / "out" / "simulation.json").read_text())
+    assert Scanner(**kept["scanner"]) == scanner
+
+
+def test_truth_of_a_tube_is_taken_at_the_mean_energy_of_its_signal() -> None:
+    scanner, phantom = Scanner.realistic(48), make_phantom(Plan.of(0, "mug-0000"))
+    assert scanner.reference_kev == pytest.approx(52.07, abs=0.05)
+    obj = truth_object(phantom, scanner)
+    expected = replace(Scanner(), energy_kev=scanner.reference_kev).lac_per_cm(phantom.parts[0])
+    assert obj.parts[0].lac_per_cm == pytest.approx(expected)
+
+
+def test_signal_can_be_given_where_it_is_known() -> None:
+    scanner, phantom = Scanner.realistic(48), make_phantom(Plan.of(0, "mug-0000"))
+    signal = scanner.signal(phantom, "pa")
+    assert isinstance(signal, Signal)
+    np.testing.assert_array_equal(
+        scanner.radiograph(phantom, "pa", signal), scanner.radiograph(phantom, "pa")
+    )
