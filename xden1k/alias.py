@@ -16,6 +16,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable
 from importlib.machinery import ModuleSpec
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -116,12 +117,12 @@ def _resolve(
     """Load the data root's folder, but under our name, by our builder, and never stale."""
     from dataclasses import replace
 
-    from xden1k.hub import check_revision, data_root, folder_digest
+    from xden1k.hub import check_revision, folder_digest
+    from xden1k.manifest import Manifest
 
-    absolute = data_dir is not None and os.path.isabs(data_dir)
-    root = data_root(data_dir if absolute else None)
-    inside = None if absolute else data_dir
+    root, inside = _root_and_inside(data_dir)
     check_revision(root, revision)
+    Manifest.read(root).check_files(root)  # else a damaged shard is an error that names no file
     module = original(
         str(root),
         download_config=download_config,
@@ -136,3 +137,23 @@ def _resolve(
         hash=folder_digest(root),
         builder_kwargs={**module.builder_kwargs, "dataset_name": NAME, "data_dir": inside},
     )
+
+
+def _root_and_inside(data_dir: str | os.PathLike[str] | None) -> tuple[Path, str | None]:
+    """Return the dataset folder, and the folder inside it that alone is to be read, if one is."""
+    from xden1k.errors import DataError
+    from xden1k.hub import data_root
+    from xden1k.manifest import MANIFEST_NAME
+
+    if data_dir is None:
+        return data_root(), None
+    named = Path(data_dir).expanduser()
+    if named.is_absolute() or (named / MANIFEST_NAME).is_file():
+        return data_root(named), None
+    root = data_root()
+    if not (root / named).is_dir():
+        raise DataError(
+            f"data_dir={os.fspath(data_dir)!r} is neither a dataset folder ({named.absolute()} "
+            f"has no {MANIFEST_NAME}) nor a folder inside {root}"
+        )
+    return root, os.fspath(data_dir)

@@ -41,6 +41,7 @@ def cli() -> None:
 def info(root: Path | None, as_json: bool) -> None:
     """Say what a dataset folder holds, and where it comes from."""
     folder = _open(root)
+    folder.manifest.check_files(folder.root)
     values = _summary(folder)
     if as_json:
         print_json(values)

@@ -57,7 +57,8 @@ def load_dataset(
     Raises
     ------
     DataError
-        If there is no such config, the folder is no dataset folder, or it holds another revision.
+        If there is no such config, the folder is no dataset folder or holds another revision, or
+        a file of it is missing or cut short.
     """
     builder = _builder(name or "default", root, revision, cache_dir, options)
     if streaming:
@@ -78,6 +79,7 @@ def _builder(
     folder = data_root(root)
     check_revision(folder, revision)
     manifest = Manifest.read(folder)
+    manifest.check_files(folder)
     return Rows(
         cache_dir=cache_dir,
         dataset_name=NAME,

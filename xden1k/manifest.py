@@ -45,6 +45,24 @@ class DataFile:
     num_bytes: int
     sha256: str
 
+    def check(self, root: Path) -> None:
+        """Refuse a file that is not there or not of its size; nothing of it is read.
+
+        Raises
+        ------
+        DataError
+            With the file, the size expected and the size found.
+        """
+        path = root / self.path
+        hint = f"`xden verify {root}` lists every such file"
+        if not path.is_file():
+            raise DataError(f"{path} is missing: the manifest lists it, {self.bytes} bytes; {hint}")
+        if (size := path.stat().st_size) != self.bytes:
+            raise DataError(
+                f"{path}: {size} bytes, the manifest says {self.bytes}: cut short or changed; "
+                f"{hint}"
+            )
+
 
 @dataclass(frozen=True, slots=True)
 class Manifest:
@@ -91,6 +109,17 @@ class Manifest:
         return tuple(
             file for file in self.files if file.config == config and split in (None, file.split)
         )
+
+    def check_files(self, root: Path) -> None:
+        """Refuse a folder in which a file is missing or of another size; checksums are not read.
+
+        Raises
+        ------
+        DataError
+            With the first such file.
+        """
+        for file in self.files:
+            file.check(root)
 
     def to_json(self) -> str:
         """Text of ``manifest.json``."""

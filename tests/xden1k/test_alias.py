@@ -158,6 +158,31 @@ def test_an_absolute_data_dir_is_the_root_and_a_relative_one_lies_inside(
         load_dataset("xden1k", data_dir=str(tmp_path))
 
 
+def test_a_relative_data_dir_is_a_dataset_folder_or_lies_inside_the_root(tmp_path: Path) -> None:
+    write_folder(objects()[:1], tmp_path / "other", version="1.2.0", builder="test")
+    assert load_dataset("xden1k", data_dir="other", split="train")["object_id"][:] == ["bar-0001"]
+    with pytest.raises(DataError, match=r"data_dir='nope' is neither a dataset folder .* nor a"):
+        load_dataset("xden1k", data_dir="nope")
+
+
+@pytest.mark.parametrize("flaw", ["missing", "cut short"])
+def test_a_damaged_shard_is_named_by_both_forms(tmp_path: Path, flaw: str) -> None:
+    write_folder(objects()[4:], tmp_path / "mine", version="1.2.0", builder="test")
+    shard = tmp_path / "mine" / "data" / "test-00000-of-00001.parquet"
+    whole = shard.read_bytes()
+    shard.unlink() if flaw == "missing" else shard.write_bytes(whole[:1000])
+    for load in (
+        lambda: load_dataset("xden1k", data_dir=str(tmp_path / "mine")),
+        lambda: xden1k.load_dataset(root=tmp_path / "mine"),
+        lambda: xden1k.load_dataset("metadata", root=tmp_path / "mine", streaming=True),
+    ):
+        with pytest.raises(DataError, match=flaw) as caught:
+            load()
+        assert str(shard) in str(caught.value)
+        assert f"{len(whole)}" in str(caught.value)
+        assert ("1000 bytes" in str(caught.value)) == (flaw == "cut short")
+
+
 def test_a_rewritten_folder_is_seen_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -47,6 +47,17 @@ def test_info_finds_the_folder_by_the_environment(
     assert f"{folder}\n" in run("info").stdout
 
 
+def test_info_names_a_shard_that_is_cut_short_or_missing(folder: Path, tmp_path: Path) -> None:
+    broken = Path(shutil.copytree(folder, tmp_path / "broken"))
+    shard = broken / "data/train-00000-of-00001.parquet"
+    shard.write_bytes(shard.read_bytes()[:99])
+    assert f"Error: {shard}: 99 bytes, the manifest says " in run("info", "--root", broken).stderr
+    shard.unlink()
+    result = run("info", "--root", broken)
+    assert (result.exit_code, result.stderr.count("\n")) == (1, 1)
+    assert f"Error: {shard} is missing" in result.stderr
+
+
 def test_show_writes_a_picture_and_prints_the_parts(folder: Path, tmp_path: Path) -> None:
     picture = tmp_path / "bar.png"
     result = run("show", "bar-0002", "--root", folder, "-o", picture)

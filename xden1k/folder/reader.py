@@ -140,13 +140,8 @@ class DatasetFolder:
         return self._readers[file.path]
 
     def _open(self, file: DataFile) -> ShardReader:
-        path = self.root / file.path
-        if path.is_file() and (size := path.stat().st_size) != file.bytes:
-            raise DataError(
-                f"{path}: {size} bytes, the manifest says {file.bytes}: cut short or changed; "
-                f"`xden verify {self.root}` lists every such file"
-            )
-        return ShardReader(path)
+        file.check(self.root)
+        return ShardReader(self.root / file.path)
 
     def _missing_message(self, object_id: str) -> str:
         near = difflib.get_close_matches(object_id, self._places, n=3)
