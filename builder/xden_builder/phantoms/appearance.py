@@ -1,4 +1,4 @@
-"""Colours that a camera would see, by material."""
+"""Colours and finish that a camera would see, by material."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from xden1k.materials import load_materials
 
-__all__ = ["draw_color"]
+__all__ = ["draw_color", "draw_finish", "draw_paint"]
 
 Color = tuple[float, float, float]
 
@@ -48,6 +48,16 @@ _BY_NAME: Final[dict[str, tuple[Color, ...]]] = {
     "phenolic": ((0.12, 0.11, 0.11),),
     "water_like": ((0.93, 0.90, 0.80),),
 }
+_METALNESS: Final = {"metal": 1.0}
+_ROUGHNESS: Final = {
+    "metal": (0.2, 0.5),
+    "polymer": (0.25, 0.6),
+    "elastomer": (0.6, 0.9),
+    "glass": (0.02, 0.12),
+    "ceramic": (0.1, 0.5),
+    "liquid": (0.0, 0.05),
+}
+"""Of a microfacet model as glTF 2.0 has it; what is not here is as rough as wood or paper."""
 _SHADE_SD, _HUE_SD = 0.03, 0.008
 
 
@@ -59,3 +69,16 @@ def draw_color(rng: np.random.Generator, material: str) -> Color:
     color = color * rng.normal(1.0, _SHADE_SD) + rng.normal(0.0, _HUE_SD, 3)
     red, green, blue = color.clip(0.0, 1.0).round(3).tolist()
     return red, green, blue
+
+
+def draw_finish(rng: np.random.Generator, material: str) -> tuple[float, float]:
+    """Draw metalness and roughness, both from 0 to 1, of a bare part."""
+    family = load_materials()[material].family
+    rough = rng.uniform(*_ROUGHNESS.get(family, (0.6, 0.95)))
+    return _METALNESS.get(family, 0.0), round(float(rough), 3)
+
+
+def draw_paint(rng: np.random.Generator) -> tuple[Color, float]:
+    """Draw base colour and roughness of a coat of paint; it is never metallic."""
+    red, green, blue = _PAINTS[rng.integers(len(_PAINTS))]
+    return (red, green, blue), round(float(rng.uniform(0.2, 0.7)), 3)

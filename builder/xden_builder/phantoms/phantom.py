@@ -7,8 +7,9 @@ whatever the count, the order or the number of processes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -17,10 +18,11 @@ from xden1k.errors import DataError, MissingObjectError
 from xden1k.mass import MassProperties, mass_of_meshes
 from xden1k.materials import load_materials
 from xden1k.types import Split
-from xden_builder.phantoms.appearance import draw_color
+from xden_builder.phantoms.appearance import draw_color, draw_finish, draw_paint
 from xden_builder.phantoms.archetypes import ARCHETYPES
 from xden_builder.phantoms.catalogue import CATALOGUE, Category
 from xden_builder.phantoms.pieces import Piece, disjoint, moved
+from xden_builder.phantoms.realism import TIDY, Realism, draw_label, draw_solid_share
 from xden_builder.phantoms.shapes import to_mesh
 
 __all__ = ["Phantom", "PhantomPart", "Plan", "make_phantom", "plan_objects", "random_numbers"]
@@ -151,9 +153,17 @@ class PhantomPart:
     material
         A name of the material library.
     density_g_cm3
-        Within the material's range.
+        Within the material's range, times ``solid_share``.
     color_rgb
         Base colour, three values from 0 to 1.
+    solid_share
+        Share of the volume that is material; the rest is pores.
+    metalness, roughness
+        Of the surface, from 0 to 1, as glTF 2.0 has them.
+    painted
+        Whether colour and finish are those of a coat, not of the material.
+    label
+        What an annotator takes the material for: empty when left out, None when right.
     """
 
     name: str
@@ -162,6 +172,16 @@ class PhantomPart:
     material: str
     density_g_cm3: float
     color_rgb: tuple[float, float, float]
+    solid_share: float = 1.0
+    metalness: float = 0.0
+    roughness: float = 0.5
+    painted: bool = False
+    label: str | None = None
+
+    @property
+    def label_material(self) -> str:
+        """The material an annotator writes down; empty when left out."""
+        return self.material if self.label is None else self.label
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,8 +207,11 @@ class Phantom:
         )
 
 
-def make_phantom(plan: Plan) -> Phantom:
+def make_phantom(plan: Plan, realism: Realism = TIDY) -> Phantom:
     """Build an object: shape, pose, materials.
+
+    ``realism`` changes what parts are like, never their shape, and leaves what it does not concern
+    as it is: the same material, the same place.
 
     It rests as on a table, the centre of its bounding box at the origin, z up. What lies flat, an
     operator may also hold up on end in a block of foam, and turns it across both views'
@@ -198,6 +221,7 @@ def make_phantom(plan: Plan) -> Phantom:
     size_cm = float(shape.uniform(*plan.category.size_cm))
     pieces = disjoint(ARCHETYPES[plan.category.archetype].build(shape, size_cm))
     parts = _draw_materials(_placed(pieces, plan.rng("pose")), plan)
+    parts = _labelled(_weathered(parts, plan, realism), plan, realism)
     return Phantom(plan, tuple(sorted(parts, key=lambda part: part.name)))
 
 
@@ -232,6 +256,33 @@ def _draw_materials(pieces: Sequence[Piece], plan: Plan) -> list[PhantomPart]:
         PhantomPart(piece.name, piece.role, to_mesh(piece.solid), *batches[piece.role])
         for piece in pieces
     ]
+
+
+def _weathered(parts: Sequence[PhantomPart], plan: Plan, realism: Realism) -> list[PhantomPart]:
+    """Give the parts of each batch their finish, pores and paint."""
+    finish, pores, paint = (plan.rng(purpose) for purpose in ("finish", "pores", "paint"))
+    batches: dict[str, dict[str, Any]] = {}
+    for part in parts:
+        if part.role in batches:
+            continue
+        metalness, roughness = draw_finish(finish, part.material)
+        solid_share = draw_solid_share(pores, part.material, realism.porous_share)
+        batch: dict[str, Any] = {
+            "density_g_cm3": part.density_g_cm3 * solid_share,
+            "solid_share": solid_share,
+            "metalness": metalness,
+            "roughness": roughness,
+        }
+        chance, (color, coat) = paint.random(), draw_paint(paint)
+        if chance < realism.paint_share:
+            batch |= {"color_rgb": color, "metalness": 0.0, "roughness": coat, "painted": True}
+        batches[part.role] = batch
+    return [replace(part, **batches[part.role]) for part in parts]
+
+
+def _labelled(parts: Sequence[PhantomPart], plan: Plan, realism: Realism) -> list[PhantomPart]:
+    rng = plan.rng("labels")
+    return [replace(part, label=draw_label(rng, part.material, realism)) for part in parts]
 
 
 def _draw_density(rng: np.random.Generator, material: str) -> float:
