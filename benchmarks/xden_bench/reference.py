@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import UInt8
+import trimesh
 
-from xden1k.arrays import Grid, Labels, Vec3
+from xden1k.arrays import Grid, Vec3
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.manifest import MANIFEST_NAME
 from xden1k.predictions import Target
-from xden1k.records import decode_array
+from xden1k.records import decode_array, split_meshes
 
 __all__ = ["Reference", "Truth"]
 
@@ -125,14 +125,7 @@ class Reference:
             parts=len(row["part_names"]),
         )
 
-    def layout(self, object_id: str) -> tuple[Labels, Grid]:
-        """Read where the parts are.
-
-        Returns
-        -------
-        labels, occupancy
-            Shapes (128, 128, 128) and (64, 64, 64): see :class:`xden1k.types.DensityObject`.
-        """
-        row = self.folder.row(object_id, ["labels", "occupancy"])
-        labels: UInt8[np.ndarray, "x y z"] = decode_array(row, "labels")
-        return labels, decode_array(row, "occupancy")
+    def part_meshes(self, object_id: str) -> list[trimesh.Trimesh]:
+        """Read the closed mesh of each part, cm."""
+        columns = ["mesh_vertices", "mesh_faces", "face_part", "part_names"]
+        return split_meshes(self.folder.row(object_id, columns))

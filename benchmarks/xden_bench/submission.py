@@ -10,7 +10,7 @@ import numpy as np
 
 from xden1k.arrays import Grid
 from xden1k.modality import Modality, Track
-from xden1k.predictions import Predictions, Problem, SubmissionMeta, listed
+from xden1k.predictions import CODES, Predictions, Problem, SubmissionMeta, listed
 from xden_bench.expand import grid_of_parts
 from xden_bench.protocol import Protocol
 from xden_bench.reference import Reference, Truth
@@ -84,7 +84,8 @@ class Check:
             if problem := _part_problem(truth, len(values), meta.reads):
                 problems, values = [problem], None
             else:
-                values = grid_of_parts(values, *self.reference.layout(truth.object_id))
+                meshes = self.reference.part_meshes(truth.object_id)
+                values = grid_of_parts(values, meshes, truth.origin_cm, truth.voxel_size_cm)
         if values is not None and values.any() and not values[truth.envelope > 0].any():
             message = "it has mass, but none where the object is: check axes and origin"
             problems, values = [Problem("E405", truth.object_id, message)], None
@@ -101,7 +102,7 @@ class Check:
         outside = grid[truth.envelope == 0].sum(dtype=np.float64)
         if outside > self.protocol.max_outside_share * grid.sum(dtype=np.float64):
             self._warned.setdefault("W503", []).append(truth.object_id)
-        if np.array_equal(grid.astype(np.float16), truth.density_g_cm3.astype(np.float16)):
+        if _same_to_float16(grid, truth.density_g_cm3):
             self._warned.setdefault("W504", []).append(truth.object_id)
 
     def _warnings(self) -> Iterator[Problem]:
@@ -121,7 +122,7 @@ class Check:
             message = f"over {share:.0%} of the mass lies outside the object, not scored: "
             yield Problem("W503", None, message + listed(ids))
         if ids := self._warned.get("W504"):
-            yield Problem("W504", None, f"identical to the reference: {listed(ids)}")
+            yield Problem("W504", None, f"{CODES['W504']}: {listed(ids)}")
 
 
 def validate(
@@ -198,3 +199,8 @@ def _part_problem(truth: Truth, count: int, reads: Modality) -> Problem | None:
         message = f"shape must be ({truth.parts + 1},), air and {truth.parts} parts, got ({count},)"
         return Problem("E402", truth.object_id, message)
     return None
+
+
+def _same_to_float16(one: Grid, other: Grid) -> bool:
+    """Whether no value is further off than a step of float16, as which the truth is stored."""
+    return np.allclose(one, other, rtol=2**-10, atol=2**-10)

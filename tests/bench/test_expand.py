@@ -2,53 +2,82 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from xden1k.errors import MissingExtraError
+from xden1k.folder import open_folder
+from xden1k.hub import SAMPLE
+from xden1k.predictions import SubmissionMeta, write_predictions
 from xden_bench.expand import grid_of_parts
+from xden_bench.protocol import load_protocol
 from xden_bench.reference import Reference
+from xden_bench.scoring import score
+
+DENSITIES = {
+    "bar-0002": [0.0, 1.0, 8.0],
+    "cube-0003": [0.0, 2.0],
+    "filled-0001": [0.0, 1.0, 4.0],
+    "hollow-0002": [0.0, 1.5],
+}
 
 
-def loop_reference(
-    part_density: np.ndarray, labels: np.ndarray, occupancy: np.ndarray
-) -> np.ndarray:
-    field = np.zeros(occupancy.shape)
-    for i, j, k in np.ndindex(*occupancy.shape):
-        block = labels[2 * i : 2 * i + 2, 2 * j : 2 * j + 2, 2 * k : 2 * k + 2].ravel()
-        found = [part_density[label] for label in block if label]
-        field[i, j, k] = occupancy[i, j, k] * sum(found) / len(found) if found else 0.0
-    return field
-
-
-def test_it_agrees_with_a_loop() -> None:
-    rng = np.random.default_rng(0)
-    labels = rng.integers(0, 4, (8, 6, 10)).astype(np.uint8)
-    occupancy = rng.random((4, 3, 5))
-    occupancy[labels.reshape(4, 2, 3, 2, 5, 2).max(axis=(1, 3, 5)) == 0] = 0
-    densities = np.array([0.0, 1.0, 7.8, 2.5])
-    expected = loop_reference(densities, labels, occupancy)
-    np.testing.assert_allclose(grid_of_parts(densities, labels, occupancy), expected, rtol=1e-6)
-
-
-def test_matter_without_a_label_takes_the_nearest_part() -> None:
-    labels = np.zeros((6, 2, 2), np.uint8)
-    labels[4:] = 2
-    occupancy = np.array([[[0.0]], [[0.1]], [[1.0]]])
-    field = grid_of_parts(np.array([0.0, 1.0, 8.0]), labels, occupancy)
-    np.testing.assert_allclose(field.ravel(), [0.0, 0.8, 8.0], rtol=1e-6)
-
-
-@pytest.mark.parametrize("object_id", ["cube-0003", "hollow-0002"])
-def test_an_object_of_one_part_is_exact(reference: Reference, object_id: str) -> None:
+def expanded(reference: Reference, object_id: str) -> np.ndarray:
     truth = reference.truth(object_id)
-    density = {"cube-0003": 2.0, "hollow-0002": 1.5}[object_id]
-    field = grid_of_parts(np.array([0.0, density]), *reference.layout(object_id))
-    np.testing.assert_allclose(field, truth.density_g_cm3, atol=density / 255)
+    densities = np.array(DENSITIES[object_id])
+    meshes = reference.part_meshes(object_id)
+    return grid_of_parts(densities, meshes, truth.origin_cm, truth.voxel_size_cm)
 
 
-def test_two_parts_are_good_to_an_eighth_of_the_voxels_they_share(reference: Reference) -> None:
-    truth = reference.truth("bar-0002")
-    field = grid_of_parts(np.array([0.0, 1.0, 8.0]), *reference.layout("bar-0002"))
-    off = np.abs(field - truth.density_g_cm3)
-    assert (off > 0.05).mean() < 0.02
-    assert field.sum() == pytest.approx(truth.density_g_cm3.sum(), rel=0.01)
+@pytest.mark.parametrize("object_id", DENSITIES)
+def test_a_face_is_placed_to_a_257th_of_a_voxel(reference: Reference, object_id: str) -> None:
+    # at an edge two faces of either part meet in a voxel
+    off = np.abs(expanded(reference, object_id) - reference.truth(object_id).density_g_cm3)
+    assert off.max() < max(DENSITIES[object_id]) * 4 / 257
+
+
+def truth_as_part_density(reference: Reference, out: Path, target: str) -> Path:
+    meta = SubmissionMeta(
+        method="truth",
+        dataset_revision=reference.revision,
+        config="default",
+        split=reference.split,
+        inputs=("mesh", "parts"),
+        training_data=(),
+        external_data=False,
+        target=target,
+    )
+    column = f"part_{target}_g_cm3"
+    rows = ((one, reference.folder.row(one, [column])[column]) for one in reference.ids)
+    write_predictions(out, meta, ((one, np.array([0.0, *values])) for one, values in rows))
+    return out
+
+
+@pytest.mark.parametrize("split", ["train", "val", "test"])
+@pytest.mark.parametrize("target", ["density", "apparent_density"])
+def test_the_true_part_densities_score_zero_on_the_sample(
+    tmp_path: Path, split: str, target: str
+) -> None:
+    reference = Reference(open_folder(SAMPLE), split)
+    path = truth_as_part_density(reference, tmp_path / "truth.npz", target)
+    scored = score(path, reference, load_protocol())
+    assert scored.metrics["density_mae_g_cm3"].mean < 1e-5
+    assert scored.metrics["mass_mape"].mean < 1e-5
+    assert scored.metrics["com_l1_cm"].mean < 1e-5
+    (warning,) = scored.warnings
+    assert str(warning).startswith(
+        f"W504: identical to the reference, to a step of float16: {len(reference.ids)}: "
+    )
+
+
+def test_without_the_extra_that_cuts_meshes_the_message_says_what_to_install(
+    reference: Reference, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in [name for name in sys.modules if name.startswith("xden1k.rays")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "numba", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'xden1k\[build\]'"):
+        expanded(reference, "bar-0002")

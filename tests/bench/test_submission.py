@@ -142,7 +142,9 @@ def test_w503_mass_outside(submission: Submit, reference: Reference) -> None:
 
 def test_w504_the_truth_itself(submission: Submit, reference: Reference) -> None:
     path = submission(lambda one, grid: grid if one == "bar-0002" else 1.1 * grid)
-    assert found(path, reference) == ["W504: identical to the reference: 1: 'bar-0002'"]
+    assert found(path, reference) == [
+        "W504: identical to the reference, to a step of float16: 1: 'bar-0002'"
+    ]
 
 
 def test_an_object_without_density_is_scored_on_attenuation_alone(

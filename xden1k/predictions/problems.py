@@ -31,7 +31,7 @@ CODES = {
     "W501": "units look wrong",
     "W502": "one constant for all objects",
     "W503": "mass outside the object",
-    "W504": "identical to the reference",
+    "W504": "identical to the reference, to a step of float16",
 }
 """Every code and its meaning. E: the file is refused. W: a footnote to the row."""
 
