@@ -20,6 +20,9 @@ def razor(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     points = [(0, 0, 0), (0.35 * size_cm, 0, 0.03 * size_cm), (0.75 * size_cm, 0, 0)]
     path = skins.smooth_path([*points, (0.92 * size_cm, 0, 0.05 * size_cm)], 30)
     handle = skins.pipe(path, 0.85 * radius, radius) + shapes.sphere(0.86 * radius)
+    end = (float(path[-1, 0]), 0.0, float(path[-1, 2]))
+    joints = [shapes.sphere(0.3, end), shapes.sphere(0.2, (0.95 * size_cm, 0.0, 0.06 * size_cm))]
+    handle += Manifold.batch_hull(joints)
     grip = skins.pipe(path[4:18], radius, 1.18 * radius)
     x, z = 0.95 * size_cm, 0.06 * size_cm
     head = shapes.rounded_box((1.1, wide, 0.5), 0.12, (x, 0, z))
