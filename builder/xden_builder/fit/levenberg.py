@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float64
 
+from xden_builder.fit.box import box_minimum
 from xden_builder.fit.problem import Evaluation
 
 __all__ = ["Minimum", "minimise"]
@@ -19,6 +20,8 @@ SMALL_STEP: Final = 1e-7
 """Relative to the unknown."""
 SMALL_GAIN: Final = 1e-13
 """Relative to the loss; a step that promises less cannot be told from rounding."""
+ROUNDED_GAIN: Final = 1e-10
+"""Likewise, for the best step of one unknown: no more is left where strong damping ends a run."""
 NO_CURVATURE: Final = 1e-30
 """Relative to the largest; an unknown below it leaves no trace in the images."""
 
@@ -44,41 +47,59 @@ def minimise(
 ) -> Minimum:
     """Find the least loss between the bounds.
 
-    Unknowns at a bound whose gradient points outwards rest; the others take the damped
-    Gauss-Newton step, cut at the bounds. Damping falls tenfold after a success and rises tenfold
-    after a failure. Unknowns of equal bounds never move.
+    Each step is the damped Gauss-Newton step, which is the least of the model between the bounds:
+    where it meets a bound the others are solved for again. Damping falls tenfold after a success
+    and rises tenfold after a failure. Strong damping makes any step small, so that alone it is no
+    convergence: there, no unknown must gain by itself either.
     """
     point = np.clip(start, lower, upper)
     here = evaluate(point)
     damping = FIRST_DAMPING
     for iteration in range(max_iterations):
-        free = _free(point, here, lower, upper)
-        step = np.clip(point + _damped_step(here, free, damping), lower, upper) - point
+        ahead = _damped(point, here, lower, upper, damping)
+        step = ahead - point
         promised = -step @ (2 * here.gradient + here.hessian @ step)
         settled = (np.abs(step) <= SMALL_STEP * np.maximum(np.abs(point), SMALL_STEP)).all()
-        if settled or promised <= SMALL_GAIN * here.loss:
+        if (settled or promised <= SMALL_GAIN * here.loss) and (
+            damping <= FIRST_DAMPING
+            or _best_gain(point, here, lower, upper) <= ROUNDED_GAIN * here.loss
+        ):
             return Minimum(point, here, iteration, converged=True)
-        there = evaluate(point + step)
+        there = evaluate(ahead)
         if there.loss < here.loss:
-            point, here, damping = point + step, there, max(damping / 10, LEAST_DAMPING)
+            point, here, damping = ahead, there, max(damping / 10, LEAST_DAMPING)
         else:
             damping *= 10
     return Minimum(point, here, max_iterations, converged=False)
 
 
-def _free(
-    point: Unknowns, here: Evaluation, lower: Unknowns, upper: Unknowns
-) -> Bool[np.ndarray, "u"]:
-    outwards = (point <= lower) & (here.gradient >= 0) | (point >= upper) & (here.gradient <= 0)
-    curvature = np.diag(here.hessian)
-    return np.asarray(~outwards & (curvature > NO_CURVATURE * curvature.max()))
-
-
-def _damped_step(here: Evaluation, free: Bool[np.ndarray, "u"], damping: float) -> Unknowns:
+def _damped(
+    point: Unknowns, here: Evaluation, lower: Unknowns, upper: Unknowns, damping: float
+) -> Unknowns:
     """Solve with each unknown scaled to unit curvature, so that damping means the same for all."""
-    step = np.zeros(len(free))
-    scale = 1 / np.sqrt(np.diag(here.hessian)[free])
-    scaled = here.hessian[np.ix_(free, free)] * np.outer(scale, scale)
+    told = _told(here)
+    scale = 1 / np.sqrt(np.diag(here.hessian)[told])
+    scaled = here.hessian[np.ix_(told, told)] * np.outer(scale, scale)
     scaled += damping * np.eye(len(scale))
-    step[free] = -scale * np.linalg.solve(scaled, scale * here.gradient[free])
-    return step
+    low, high = (lower - point)[told] / scale, (upper - point)[told] / scale
+    step = box_minimum(scaled, scale * here.gradient[told], low, high)
+    ahead = point.copy()
+    ahead[told] += scale * step
+    # exactly at the bounds, whatever the rounding
+    ahead[told] = np.where(
+        step <= low, lower[told], np.where(step >= high, upper[told], ahead[told])
+    )
+    return ahead
+
+
+def _best_gain(point: Unknowns, here: Evaluation, lower: Unknowns, upper: Unknowns) -> float:
+    """Most that the model's loss falls by moving one unknown alone, whatever the damping."""
+    told = _told(here)
+    slope, curvature = here.gradient[told], np.diag(here.hessian)[told]
+    move = np.clip(-slope / curvature, (lower - point)[told], (upper - point)[told])
+    return float((-move * (2 * slope + curvature * move)).max(initial=0.0))
+
+
+def _told(here: Evaluation) -> Bool[np.ndarray, "u"]:
+    curvature = np.diag(here.hessian)
+    return np.asarray(curvature > NO_CURVATURE * curvature.max())
