@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from xden1k.errors import DataError
+from xden1k.materials import load_materials
 from xden1k.views import ViewGeometry
 from xden_builder.capture.scanner import (
     Detector,
@@ -27,7 +28,7 @@ frame = "object"
 [tube]
 kv = 100
 mas = 126.0
-filtration = { Al = 0.25, "Al alloy" = 0.1 }
+filtration = { Al = 0.25, "aluminium_6061" = 0.1 }
 [detector]
 scintillator = "CsI"
 bits = 16
@@ -72,7 +73,9 @@ def as_plain(scanner: ScannerFile) -> dict[str, object]:
 
 def test_every_key_arrives(tmp_path: Path) -> None:
     scanner = read(tmp_path, WHOLE)
-    assert scanner.tube == Tube(kv=100.0, mas=126.0, filtration_cm={"Al": 0.25, "Al alloy": 0.1})
+    assert scanner.tube == Tube(
+        kv=100.0, mas=126.0, filtration_cm={"Al": 0.25, "aluminium_6061": 0.1}
+    )
     assert scanner.detector == Detector("CsI", 16)
     pa, lat = scanner.views.values()
     assert (pa.quantity, pa.polarity, pa.flat, pa.dark) == ("counts", "linear", "flat_pa.tif", 105)
@@ -96,11 +99,16 @@ def test_without_tube_and_detector_both_are_unknown(tmp_path: Path) -> None:
         ('frame = "object"', "", "frame is missing, expected object"),
         ('frame = "object"', 'frame = "lab"', "frame must be object, got 'lab'"),
         ('frame = "object"', 'frame = "object"\nmode = 1', "mode is not a known key; known keys"),
-        ("kv = 100", "kv = -1", "tube.kv must be a positive number"),
-        ("kv = 100", "", "tube.kv is missing, expected a positive number (or energy_kev instead)"),
+        ("kv = 100", "kv = -1", "tube.kv must be a number from 20 to 500 kV"),
+        ("kv = 100", "kv = 100000", "tube.kv must be a number from 20 to 500 kV (or energy_kev"),
+        ("kv = 100", "kv = true", "tube.kv must be a number from 20 to 500 kV"),
+        ("kv = 100", "", "tube.kv is missing, expected a number from 20 to 500 kV (or energy_kev"),
         ("kv = 100", "energy_kev = 60", "tube.energy_kev is a monochromatic source: no kv, mas"),
         ("kv = 100", "kv = 100\nma = 4", "tube.ma is not a known key; known keys are energy_kev"),
-        ("Al = 0.25", 'Al = "thin"', "tube.filtration.Al must be a thickness in cm, got 'thin'"),
+        ("Al = 0.25", 'Al = "thin"', "tube.filtration.Al must be a thickness in cm, 0 or more"),
+        ("Al = 0.25", "Al = -0.25", "tube.filtration.Al must be a thickness in cm, 0 or more, got"),
+        ("Al = 0.25", "Unobtainium = 0.25", "tube.filtration.Unobtainium is neither an element"),
+        ("Al = 0.25", "AL = 0.25", "tube.filtration.AL is neither an element nor a name of the"),
         ("bits = 16", "bits = 16.5", "detector.bits must be a whole number from 1 to 32, got 16.5"),
         ("bits = 16", "bits = true", "detector.bits must be a whole number from 1 to 32, got True"),
         ('"cone"', '"fan"', "views.pa.beam must be cone or parallel, got 'fan'"),
@@ -136,6 +144,15 @@ def test_a_wrong_file_is_one_line_with_the_key(
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("energy_kev", [0, -60, 0.05, 5000, "60"])
+def test_an_energy_beyond_the_attenuation_tables_is_refused(tmp_path: Path, energy_kev) -> None:
+    views = WHOLE[WHOLE.index("[views.pa]") :]
+    text = f'schema = "xden-scanner/1"\nframe = "object"\n[tube]\nenergy_kev = {energy_kev!r}\n'
+    message = r"scanner\.toml: tube\.energy_kev must be a number from 0\.1 to 800 keV, got"
+    with pytest.raises(DataError, match=message):
+        read(tmp_path, text + views)
+
+
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"scanner\.toml: no such file"):
         read_scanner(tmp_path / "scanner.toml")
@@ -155,6 +172,7 @@ positive = st.floats(1e-6, 1e6)
 names = st.text(
     st.characters(codec="utf-8", exclude_characters="/\\"), min_size=1, max_size=9
 ).filter(lambda name: name not in ("", "..") and not name.isspace())
+filters = st.sampled_from(["Al", "Cu", "W", "Be", *load_materials().labels])
 calibrations = st.one_of(names, st.floats(-1e5, 1e5))
 
 
@@ -192,12 +210,12 @@ def scanner_files(draw: st.DrawFn) -> ScannerFile:
     )
     tubes = st.one_of(
         st.none(),
-        st.builds(Tube, energy_kev=positive),
+        st.builds(Tube, energy_kev=st.floats(0.1, 800)),
         st.builds(
             Tube,
-            kv=positive,
+            kv=st.floats(20, 500),
             mas=st.none() | positive,
-            filtration_cm=st.dictionaries(names, positive, max_size=2),
+            filtration_cm=st.dictionaries(filters, st.just(0.0) | positive, max_size=2),
         ),
     )
     detectors = st.builds(Detector, names | st.just(""), st.none() | st.integers(1, 32))

@@ -10,12 +10,15 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path, PurePosixPath
-from typing import Any, Literal, cast, get_args
+from typing import Any, Final, Literal, cast, get_args
 
-from xden1k.errors import DataError
+from xden1k.errors import DataError, require
+from xden1k.materials import load_materials
 from xden1k.settings import read_toml
 from xden1k.views import ViewGeometry
+from xden_builder.attenuation import ENERGY_RANGE_KEV
 from xden_builder.capture.dicom import spacing_note
 from xden_builder.capture.images import Polarity
 from xden_builder.capture.tables import TomlTable, is_number, is_positive, is_vector
@@ -33,6 +36,8 @@ __all__ = [
 
 SCHEMA = "xden-scanner/1"
 Quantity = Literal["counts", "transmission", "attenuation"]
+KV_RANGE: Final = (20.0, 500.0)
+"""Mammography to the strongest tubes of industry; beyond it the unit is not kV."""
 
 _POSITIONS = ("pixel00_cm", "column_step_cm", "row_step_cm")
 _ABSENT: tuple[object, ...] = (None, "", {})
@@ -52,7 +57,7 @@ class Tube:
     kv, mas
         Voltage and charge of a polychromatic tube.
     filtration_cm
-        Thickness of each filter, by the name of its material.
+        Thickness of each filter, by the symbol of an element or a name of the material library.
     """
 
     energy_kev: float | None = None
@@ -165,17 +170,41 @@ def _read_tube(table: TomlTable) -> Tube | None:
     if "energy_kev" in table and len(table.values) > 1:
         raise table.error("energy_kev", "is a monochromatic source: no kv, mas or filtration")
     if "energy_kev" in table:
-        return Tube(energy_kev=float(table.get("energy_kev", is_positive, "a positive number")))
+        return Tube(energy_kev=_within(table, "energy_kev", ENERGY_RANGE_KEV, "keV"))
     mas = table.get_or_none("mas", is_positive, "a positive number")
-    filters = table.table("filtration")
     return Tube(
-        kv=float(table.get("kv", is_positive, "a positive number (or energy_kev instead)")),
+        kv=_within(table, "kv", KV_RANGE, "kV", " (or energy_kev instead)"),
         mas=None if mas is None else float(mas),
-        filtration_cm={
-            name: float(filters.get(name, is_positive, "a thickness in cm"))
-            for name in filters.values
-        },
+        filtration_cm=_read_filters(table.table("filtration")),
     )
+
+
+def _within(
+    table: TomlTable, key: str, limits: tuple[float, float], unit: str, hint: str = ""
+) -> float:
+    low, high = limits
+    expected = f"a number from {low:g} to {high:g} {unit}{hint}"
+    return float(table.get(key, lambda value: is_number(value) and low <= value <= high, expected))
+
+
+def _read_filters(table: TomlTable) -> dict[str, float]:
+    filters = {}
+    for name in table.values:
+        if name not in _elements() and name not in load_materials():
+            raise table.error(name, "is neither an element nor a name of the material library")
+        filters[name] = float(table.get(name, _is_thickness, "a thickness in cm, 0 or more"))
+    return filters
+
+
+@cache
+def _elements() -> frozenset[str]:
+    """Symbols of the elements that the attenuation tables know."""
+    xraydb = require("xraydb", "build")
+    return frozenset(xraydb.atomic_symbol(number) for number in range(1, 99))
+
+
+def _is_thickness(value: Any) -> bool:
+    return is_number(value) and value >= 0
 
 
 def _read_detector(table: TomlTable) -> Detector:
