@@ -14,6 +14,8 @@ from xden1k.types import FIELD_SIZE, LABEL_SIZE, DensityField, DensityObject, Pa
 from xden1k.views import ViewGeometry, XRayView
 
 NAN = float("nan")
+APPARENT = 1.25
+"""Apparent over true density of every box, so that no test can take one for the other."""
 SOURCE_DISTANCE_CM = 100.0
 DETECTOR_DISTANCE_CM = 40.0
 
@@ -41,6 +43,11 @@ class Box:
         return self.density_g_cm3 * sum(
             sign * float(np.prod(high - low)) for sign, low, high in self.regions
         )
+
+    @property
+    def apparent_density_g_cm3(self) -> float:
+        """What the paper's rule makes of its attenuation."""
+        return APPARENT * self.density_g_cm3
 
     @property
     def moment_g_cm(self) -> np.ndarray:
@@ -101,13 +108,14 @@ def geometry(name: str, shape: tuple[int, int], half_cm: float) -> ViewGeometry:
 
 
 def view(name: str, boxes: Sequence[Box], shape: tuple[int, int], half_cm: float) -> XRayView:
-    """Noise-free radiograph, one ray a pixel, each box attenuating 0.17 cm²/g; one dead pixel."""
+    """Noise-free radiograph, one ray a pixel, each box of its apparent density; one dead pixel."""
     place = geometry(name, shape, half_cm)
     rows, columns = np.meshgrid(*(np.arange(n, dtype=float) for n in shape), indexing="ij")
     rays = place.pixel_centres_cm(rows, columns) - place.source_cm
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     depth = sum(
-        box.density_g_cm3 * PAPER_MAC_CM2_G * box.lengths_cm(place.source_cm, rays) for box in boxes
+        box.apparent_density_g_cm3 * PAPER_MAC_CM2_G * box.lengths_cm(place.source_cm, rays)
+        for box in boxes
     )
     valid = np.ones(shape, dtype=bool)
     valid[-1, -1] = False
@@ -132,6 +140,7 @@ def box_object(
     origin = corner + voxel / 2
     density = sum(box.density_g_cm3 * share for box, share in zip(boxes, shares, strict=True))
     field = DensityField(density, origin, voxel)
+    apparent = DensityField(APPARENT * density, origin, voxel)
     half_cm = 1.2 * float(np.abs([low, high]).max())
     envelope = sum(Box("", box.low, box.high).share(axes, voxel) for box in boxes)
     return DensityObject(
@@ -143,7 +152,7 @@ def box_object(
         occupancy=np.clip(sum(shares), 0, 1),
         envelope=np.clip(envelope, 0, 1),
         density=field if density_known else None,
-        apparent_density=field,
+        apparent_density=apparent,
         origin_cm=origin,
         voxel_size_cm=voxel,
     )
@@ -154,8 +163,8 @@ def _part(box: Box, density_known: bool) -> Part:
         name=box.name,
         mesh=box.mesh,
         material=box.material,
-        lac_per_cm=box.density_g_cm3 * PAPER_MAC_CM2_G,
-        apparent_density_g_cm3=box.density_g_cm3,
+        lac_per_cm=box.apparent_density_g_cm3 * PAPER_MAC_CM2_G,
+        apparent_density_g_cm3=box.apparent_density_g_cm3,
         density_g_cm3=box.density_g_cm3 if density_known else NAN,
         density_sd_g_cm3=0.01 * box.density_g_cm3 if density_known else NAN,
         density_source="truth" if density_known else "none",

@@ -126,9 +126,13 @@ def test_part_densities_score_like_their_grid(submission: Submit, reference: Ref
 def test_apparent_density_is_scored_against_itself(
     submission: Submit, reference: Reference
 ) -> None:
-    # in these phantoms the two densities are one
-    found = means(score(submission(target="apparent_density"), reference, RULES))
-    assert found["density_mae_g_cm3"] == 0.0
+    def apparent(object_id: str, _: np.ndarray) -> np.ndarray:
+        return reference.truth(object_id, "apparent_density").density_g_cm3
+
+    right = submission(apparent, name="right.npz", target="apparent_density")
+    assert means(score(right, reference, RULES))["density_mae_g_cm3"] == 0.0
+    for wrong in (submission(target="apparent_density"), submission(apparent, name="other.npz")):
+        assert means(score(wrong, reference, RULES))["density_mae_g_cm3"] > 0.3
 
 
 def test_a_split_that_is_not_there(folder: DatasetFolder) -> None:

@@ -155,7 +155,7 @@ def test_an_object_without_density_is_scored_on_attenuation_alone(
     reference = Reference(open_folder(tmp_path / "dataset"), "val")
     with pytest.raises(DataError, match="cube-0009 has no density, only attenuation"):
         reference.truth("cube-0009")
-    assert reference.truth("cube-0009", "apparent_density").density_g_cm3.max() == 2.0
+    assert reference.truth("cube-0009", "apparent_density").density_g_cm3.max() == 2.5
 
 
 def test_the_protocol_is_the_file_that_design_names() -> None:

@@ -72,7 +72,7 @@ def test_show_gives_json_without_not_a_number(folder: Path, tmp_path: Path) -> N
     values = json.loads(result.stdout, parse_constant=pytest.fail)
     assert values["mass_g"] is None
     assert values["parts"][0]["density_g_cm3"] is None
-    assert values["parts"][0]["lac_per_cm"] == pytest.approx(0.34)
+    assert values["parts"][0]["lac_per_cm"] == pytest.approx(1.25 * 0.34)
 
 
 def test_show_of_a_missing_object_is_one_line_and_exit_code_1(folder: Path) -> None:
