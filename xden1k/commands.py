@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from xden1k.errors import XDenError
+from xden1k.plain import plain
 
 __all__ = ["DONE_IN_PART", "Group", "json_option", "print_json"]
 
@@ -34,5 +35,5 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, 
 
 
 def print_json(values: Any) -> None:
-    """Write values as indented JSON to stdout."""
-    click.echo(json.dumps(values, indent=2, ensure_ascii=False))
+    """Write values as indented JSON to stdout; nan and infinities are null."""
+    click.echo(json.dumps(plain(values), indent=2, ensure_ascii=False, allow_nan=False))

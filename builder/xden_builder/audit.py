@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import trimesh
@@ -30,6 +30,7 @@ __all__ = [
     "audit_ct",
     "audit_object",
     "audit_view",
+    "noise_floor",
 ]
 
 GOOD_CORRELATION = 0.9
@@ -53,7 +54,7 @@ class ViewAudit:
         False for an audit view, which the fit has not seen.
     gain
         Open-field factor of the model: the fit's, or for an audit view the median transmission
-        of the background.
+        of the background, 1 if it has none.
     transmission_mae, transmission_corr
         On the object, in T.
     attenuation_mae, attenuation_corr
@@ -76,9 +77,16 @@ class ViewAudit:
     object_pixels: int
 
     @property
+    def verdict(self) -> Literal["good", "bad", "not seen"]:
+        """Whether the parts are where the image shows them."""
+        if not self.object_pixels:
+            return "not seen"
+        return "good" if self.transmission_corr >= GOOD_CORRELATION else "bad"
+
+    @property
     def good(self) -> bool:
         """Whether the parts are where the image shows them."""
-        return self.transmission_corr >= GOOD_CORRELATION
+        return self.verdict == "good"
 
 
 def audit_view(
@@ -105,7 +113,10 @@ def audit_view(
         Smallest transmission that is told from none: three times the noise of the dark image.
     """
     on_object, background = _pixel_sets(view, lengths)
-    factor = float(np.median(view.transmission[background])) if gain is None else gain
+    if gain is None:
+        factor = float(np.median(view.transmission[background])) if background.any() else 1.0
+    else:
+        factor = gain
     model = lengths.image(lac_per_cm, factor)
     inside = _errors(view.transmission[on_object], model[on_object], floor)
     outside = _errors(view.transmission[background], model[background], floor)
@@ -257,12 +268,19 @@ class ObjectAudit:
 
     @property
     def good(self) -> bool:
-        """Whether every view shows these parts."""
-        return all(view.good for view in self.views)
+        """Whether every view shows these parts, but for audit views they lie outside of."""
+        return all(
+            view.good or (view.verdict == "not seen" and not view.fitted) for view in self.views
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Values for JSON."""
         return asdict(self) | {"good": self.good}
+
+
+def noise_floor(capture: Capture, view: str) -> float:
+    """Smallest transmission that is told from none: three times the noise of the dark image."""
+    return max(3 * capture.noise_sd.get(view, 0.0), SMALLEST_TRANSMISSION)
 
 
 def audit_object(
@@ -288,7 +306,7 @@ def audit_object(
     views = []
     for view in (*capture.views, *capture.audit_views):
         lengths = path_lengths(meshes, range(len(meshes)), view.geometry, subrays)
-        floor = max(3 * capture.noise_sd.get(view.name, 0.0), SMALLEST_TRANSMISSION)
+        floor = noise_floor(capture, view.name)
         views.append(audit_view(view, lengths, lac, gain=gains.get(view.name), floor=floor))
     return ObjectAudit(
         obj.object_id, tuple(views), None if ct is None else audit_ct(meshes, lac.tolist(), ct)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterator, Sequence
+import sys
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,8 +15,8 @@ import click
 from xden1k.commands import DONE_IN_PART, Group, json_option, print_json
 
 if TYPE_CHECKING:
-    from xden_builder.audit import ObjectAudit
-    from xden_builder.run import BuildReport
+    from xden_builder.audit_run import AuditReport
+    from xden_builder.run import BuildReport, Outcome
 
 __all__ = ["cli"]
 
@@ -64,7 +65,7 @@ def phantoms(
     from xden_builder.phantoms import write_captures, write_truth_dataset
 
     write = write_truth_dataset if as_dataset else write_captures
-    with _bar(count) as advance:
+    with _bar(count) as bar:
         write(
             out,
             count,
@@ -72,7 +73,7 @@ def phantoms(
             size=size,
             ideal=ideal,
             workers=workers,
-            progress=lambda _: advance(),
+            progress=lambda _: bar.update(),
             categories=[name for name in categories.split(",") if name],
         )
     kind = "dataset" if as_dataset else "captures"
@@ -92,7 +93,11 @@ def phantoms(
     show_default=True,
     help="lac: Levenberg-Marquardt with a gain per view; paper: Adam on full frames.",
 )
-@click.option("--parts", type=FOLDER, help="Other part meshes in place of the annotated ones.")
+@click.option(
+    "--parts",
+    type=click.Path(path_type=Path, file_okay=False, exists=True),
+    help="Other part meshes in place of the annotated ones.",
+)
 @workers_option
 @json_option
 def run(
@@ -107,12 +112,15 @@ def run(
     from xden_builder.run import build
     from xden_builder.settings import BuildSettings
 
-    count = len(CaptureFolder(captures).object_ids)
-    with _bar(count) as advance:
-        settings = BuildSettings(model=model)
-        report = build(
-            captures, out, settings, workers=workers, parts=parts, on_done=lambda _: advance()
-        )
+    settings = BuildSettings(model=model)
+    with _bar(len(CaptureFolder(captures).object_ids)) as bar:
+
+        def on_done(outcome: Outcome) -> None:
+            bar.update()
+            if outcome.status == "failed":
+                bar.write(f"failed: {outcome.object_id}: {outcome.message}", file=sys.stderr)
+
+        report = build(captures, out, settings, workers=workers, parts=parts, on_done=on_done)
     if as_json:
         print_json(report.to_dict())
     else:
@@ -124,29 +132,24 @@ def run(
 @cli.command(epilog="Example: xden-build audit dataset --captures captures")
 @click.argument("root", type=FOLDER)
 @click.option("--captures", type=FOLDER, required=True, help="What the dataset was made from.")
+@workers_option
 @json_option
-def audit(root: Path, captures: Path, as_json: bool) -> None:
+def audit(root: Path, captures: Path, workers: int, as_json: bool) -> None:
     """Reproject a dataset and compare it with its radiographs, and with a CT where there is one.
 
-    Exits with 3 if a view does not show its object's parts (correlation below 0.9).
+    Exits with 3 if a view does not show its object's parts (correlation below 0.9), or an object
+    could not be audited.
     """
     from xden1k.folder import open_folder
-    from xden_builder.audit import audit_object
-    from xden_builder.capture import CaptureFolder
+    from xden_builder.audit_run import audit_folder
 
-    folder, source = open_folder(root), CaptureFolder(captures)
-    audits = []
-    with _bar(len(folder.ids())) as advance:
-        for object_id in folder.ids():
-            audits.append(
-                audit_object(folder.object(object_id), source.read(object_id), source.ct(object_id))
-            )
-            advance()
+    with _bar(len(open_folder(root).ids())) as bar:
+        report = audit_folder(root, captures, workers=workers, on_done=lambda _: bar.update())
     if as_json:
-        print_json([one.to_dict() for one in audits])
+        print_json(report.to_dict())
     else:
-        _echo_audits(audits)
-    if not all(one.good for one in audits):
+        _echo_audits(report)
+    if not report.good:
         raise SystemExit(DONE_IN_PART)
 
 
@@ -191,26 +194,24 @@ def speed(size: int, as_json: bool) -> None:
 
 @contextmanager
 def _bar(total: int) -> Iterator[Any]:
-    """Progress bar on a terminal; gives the function that advances it."""
+    """Progress bar, on a terminal only."""
     from tqdm import tqdm
 
     with tqdm(total=total, unit="object", disable=None) as bar:
-        yield bar.update
+        yield bar
 
 
 def _echo_report(report: BuildReport, out: Path) -> None:
-    from xden_builder.run import work_folder
+    from xden_builder.run import REPORT_NAME, work_folder
 
-    for outcome in report.failures:
-        click.echo(f"failed: {outcome.object_id}: {outcome.message}", err=True)
     for outcome in report.outcomes:
         if outcome.flags:
             click.echo(f"flagged: {outcome.object_id}: {', '.join(outcome.flags)}")
     counts = ", ".join(f"{report.count(s)} {s}" for s in ("built", "kept", "failed"))
-    click.echo(f"{out}: {counts}; report in {work_folder(out) / 'build_report.json'}")
+    click.echo(f"{out}: {counts}; report in {work_folder(out) / REPORT_NAME}")
 
 
-def _echo_audits(audits: Sequence[ObjectAudit]) -> None:
+def _echo_audits(report: AuditReport) -> None:
     from tabulate import tabulate
 
     headers = ["object", "view", "T MAE", "T corr", "p MAE", "p corr", "T MAE beside", "verdict"]
@@ -223,13 +224,13 @@ def _echo_audits(audits: Sequence[ObjectAudit]) -> None:
             f"{view.attenuation_mae:.2g}",
             f"{view.attenuation_corr:.5f}",
             f"{view.background_transmission_mae:.2g}",
-            "good" if view.good else "BAD",
+            view.verdict.upper() if view.verdict == "bad" else view.verdict,
         )
-        for one in audits
+        for one in report.audits
         for view in one.views
     ]
     click.echo(tabulate(rows, headers, disable_numparse=True))
-    for one in audits:
+    for one in report.audits:
         if one.ct:
             click.echo(
                 f"{one.object_id} against its CT: voxel MAE {one.ct.voxel_mae_per_cm:.3g}/cm "
@@ -237,3 +238,5 @@ def _echo_audits(audits: Sequence[ObjectAudit]) -> None:
                 f"centre of mass off by {one.ct.com_l1_cm:.2g} cm (L1)"
             )
     click.echo("T = transmission, p = -ln T, on pixels whose ray meets the object; beside = air")
+    for object_id, message in report.failures:
+        click.echo(f"failed: {object_id}: {message}", err=True)

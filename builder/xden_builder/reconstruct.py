@@ -13,6 +13,7 @@ import trimesh
 
 from xden1k.errors import DataError
 from xden1k.physics import apparent_density_g_cm3
+from xden1k.plain import plain
 from xden1k.rays import (
     ObjectGrids,
     PathLengths,
@@ -22,9 +23,11 @@ from xden1k.rays import (
     path_lengths,
 )
 from xden1k.types import SPLITS, DensityObject, Part, Split
+from xden_builder.audit import ViewAudit, audit_view, noise_floor
 from xden_builder.capture import Capture, CapturePart
 from xden_builder.density import PartDensity, part_densities
 from xden_builder.fit import LacFit, fit_lac, fit_lac_adam
+from xden_builder.plausible import check_places, check_size, view_flags
 from xden_builder.settings import BuildSettings
 
 __all__ = ["default_split", "reconstruct"]
@@ -56,8 +59,10 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
     Raises
     ------
     DataError
-        If stronger parts leave nothing of one, or a part reaches behind the source.
+        If stronger parts leave nothing of one, a part reaches behind the source or through the
+        detector, or the meshes are in other units than ``objects.csv`` says.
     """
+    check_places(capture.parts, capture.views)
     meshes = [part.mesh for part in capture.parts]
     order = ownership_order(meshes, [part.priority for part in capture.parts])
     regions = disjoint_regions(meshes, order)
@@ -65,6 +70,8 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
     subrays = 1 if settings.model == "paper" else settings.subrays
     lengths = [path_lengths(meshes, order, view.geometry, subrays) for view in capture.views]
     fit = _fit(capture, lengths, settings)
+    audits = _audits(capture, lengths, fit)
+    check_size(capture.parts, capture.views, audits)
     densities = part_densities(fit, capture.parts, capture.tube)
     grids = object_grids(meshes, order, settings.column_samples)
     parts = [
@@ -97,8 +104,8 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
         origin_cm=grids.field.origin_cm,
         voxel_size_cm=grids.field.voxel_size_cm,
         weighed_mass_g=capture.weighed_mass_g,
-        flags=_object_flags(capture),
-        meta=_meta(capture, lengths, fit, settings),
+        flags=(*_object_flags(capture), *view_flags(audits)),
+        meta=_meta(capture, lengths, fit, audits, settings),
     )
 
 
@@ -128,6 +135,15 @@ def _fit(capture: Capture, lengths: Sequence[PathLengths], settings: BuildSettin
     if settings.model == "paper":
         return fit_lac_adam(views)
     return fit_lac(views, dark_sd=capture.noise_sd)
+
+
+def _audits(capture: Capture, lengths: Sequence[PathLengths], fit: LacFit) -> tuple[ViewAudit, ...]:
+    """How well the fit explains its own images."""
+    lac = np.nan_to_num(fit.lac_per_cm)
+    return tuple(
+        audit_view(view, each, lac, gain=gain, floor=noise_floor(capture, view.name))
+        for view, each, gain in zip(capture.views, lengths, fit.gain.tolist(), strict=True)
+    )
 
 
 def _unseen_flags(lengths: Sequence[PathLengths]) -> list[tuple[str, ...]]:
@@ -176,11 +192,15 @@ def _object_flags(capture: Capture) -> tuple[str, ...]:
 
 
 def _meta(
-    capture: Capture, lengths: Sequence[PathLengths], fit: LacFit, settings: BuildSettings
+    capture: Capture,
+    lengths: Sequence[PathLengths],
+    fit: LacFit,
+    audits: Sequence[ViewAudit],
+    settings: BuildSettings,
 ) -> dict[str, Any]:
     """Fit report and provenance: nothing of the machine or the hour, so that bytes repeat."""
     names = [view.name for view in capture.views]
-    return {
+    meta = {
         "model": settings.model,
         "settings": asdict(settings),
         "tube": None if capture.tube is None else asdict(capture.tube),
@@ -193,12 +213,21 @@ def _meta(
             },
             "gain": dict(zip(names, fit.gain.tolist(), strict=True)),
         },
+        "reprojection": {
+            audit.name: {
+                "transmission_mae": audit.transmission_mae,
+                "transmission_corr": audit.transmission_corr,
+            }
+            for audit in audits
+        },
         "overlap_share": {
             name: _overlap_share(view) for name, view in zip(names, lengths, strict=True)
         },
         "priorities": {part.name: part.priority for part in capture.parts},
         "notes": capture.notes,
     }
+    cleaned: dict[str, Any] = plain(meta)  # a part that no ray meets has no standard deviation
+    return cleaned
 
 
 def _overlap_share(lengths: PathLengths) -> float:

@@ -8,31 +8,35 @@ from __future__ import annotations
 
 import hashlib
 import json
-import logging
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
 
 from xden1k import __version__
-from xden1k.errors import DataError, XDenError
+from xden1k.errors import DataError
 from xden1k.folder import refuse_to_replace_others, write_rows
 from xden1k.records import object_row
 from xden_builder.capture import CaptureFolder
 from xden_builder.reconstruct import reconstruct
 from xden_builder.settings import BuildSettings
 from xden_builder.work import load_row, save_row
-from xden_builder.workers import run_each
+from xden_builder.workers import explain, run_each
 
-__all__ = ["BuildReport", "Outcome", "build", "work_folder"]
-
-logger = logging.getLogger(__name__)
+__all__ = [
+    "REPORT_NAME",
+    "BuildReport",
+    "Outcome",
+    "build",
+    "work_folder",
+]
 
 BUILDER = f"xden-build {__version__}"
+REPORT_NAME = "build_report.json"
 DATA_VERSION = "0.1.0"
 """Of the data a rebuild makes; a release sets its own tag."""
 
@@ -127,19 +131,22 @@ def build(
     refuse_to_replace_others(out)
     work = work_folder(out)
     work.mkdir(parents=True, exist_ok=True)
-    task = partial(_build_object, captures, parts, settings, work)
+    made_by = _made_by(settings)
+    task = partial(_build_object, captures, parts, settings, made_by, work)
     outcomes = []
-    with _one_thread_each():
-        for object_id, answer in run_each(task, folder.object_ids, workers):
-            outcomes.append(_outcome(object_id, answer))
-            on_done(outcomes[-1])
+    for object_id, answer in run_each(task, folder.object_ids, workers):
+        outcomes.append(_outcome(object_id, answer))
+        on_done(outcomes[-1])
     report = BuildReport(tuple(sorted(outcomes, key=lambda outcome: outcome.object_id)))
-    _write_report(work / "build_report.json", report)
+    _write_report(work / REPORT_NAME, report)
     if report.count("failed") == len(report.outcomes):
-        listed = "; ".join(f"{outcome.object_id}: {outcome.message}" for outcome in report.failures)
-        raise DataError(f"{captures}: no object could be built, nothing written: {listed}")
+        first = report.failures[0]
+        raise DataError(
+            f"{captures}: no object could be built, {out} is not written; the first, "
+            f"{first.object_id}: {first.message}; all in {work / REPORT_NAME}"
+        )
     write_rows(
-        _rows(folder, settings, work, report),
+        _rows(folder, made_by, work, report),
         out,
         version=DATA_VERSION,
         builder=BUILDER,
@@ -154,12 +161,17 @@ def work_folder(out: Path) -> Path:
 
 
 def _build_object(
-    captures: Path, parts: Path | None, settings: BuildSettings, work: Path, object_id: str
+    captures: Path,
+    parts: Path | None,
+    settings: BuildSettings,
+    made_by: str,
+    work: Path,
+    object_id: str,
 ) -> Outcome:
     """Build one object in a worker process, unless it is kept from before."""
     start = time.perf_counter()
     folder = CaptureFolder(captures, parts)
-    digest, path = _digest(folder, settings, object_id), work / f"{object_id}.h5"
+    digest, path = _digest(folder, made_by, object_id), work / f"{object_id}.h5"
     row = load_row(path, digest)
     status: Status = "kept"
     if row is None:
@@ -169,10 +181,20 @@ def _build_object(
     return Outcome(object_id, status, "", _flags(row), time.perf_counter() - start)
 
 
-def _digest(folder: CaptureFolder, settings: BuildSettings, object_id: str) -> str:
+def _digest(folder: CaptureFolder, made_by: str, object_id: str) -> str:
     """Checksum of everything a work file depends on."""
-    text = "\n".join([BUILDER, settings.digest, folder.digest(object_id)])
-    return hashlib.sha256(text.encode()).hexdigest()
+    return hashlib.sha256(f"{made_by}\n{folder.digest(object_id)}".encode()).hexdigest()
+
+
+def _made_by(settings: BuildSettings) -> str:
+    """Checksum of settings and code, so that a corrected builder makes its objects anew."""
+    digest = hashlib.sha256(f"{BUILDER}\n{settings.digest}\n".encode())
+    for package, folder in ((name, Path(str(files(name)))) for name in ("xden1k", "xden_builder")):
+        for path in sorted(folder.rglob("*")):
+            if path.suffix in (".py", ".csv") and "phantoms" not in path.parts:
+                digest.update(f"{package}/{path.relative_to(folder).as_posix()}\n".encode())
+                digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def _flags(row: Mapping[str, Any]) -> tuple[str, ...]:
@@ -183,19 +205,16 @@ def _flags(row: Mapping[str, Any]) -> tuple[str, ...]:
 def _outcome(object_id: str, answer: Outcome | BaseException) -> Outcome:
     if isinstance(answer, Outcome):
         return answer
-    if isinstance(answer, (XDenError, OSError)):
-        return Outcome(object_id, "failed", str(answer))
-    logger.error("%s: internal error", object_id, exc_info=answer)
-    return Outcome(object_id, "failed", f"internal error: {type(answer).__name__}: {answer}")
+    return Outcome(object_id, "failed", explain(object_id, answer))
 
 
 def _rows(
-    folder: CaptureFolder, settings: BuildSettings, work: Path, report: BuildReport
+    folder: CaptureFolder, made_by: str, work: Path, report: BuildReport
 ) -> Iterator[Mapping[str, Any]]:
     """Rows of the objects that are there, sorted by id."""
     for outcome in report.outcomes:
         if outcome.status != "failed":
-            digest = _digest(folder, settings, outcome.object_id)
+            digest = _digest(folder, made_by, outcome.object_id)
             row = load_row(work / f"{outcome.object_id}.h5", digest)
             if row is None:
                 raise DataError(f"{outcome.object_id}: its capture changed during the rebuild")
@@ -207,19 +226,3 @@ def _write_report(path: Path, report: BuildReport) -> None:
     text = json.dumps(report.to_dict(), indent=2, ensure_ascii=False) + "\n"
     partial_path.write_text(text, encoding="utf-8")
     os.replace(partial_path, path)
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Let the worker processes, not the libraries in them, fill the cores."""
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

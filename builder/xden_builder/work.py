@@ -7,6 +7,7 @@ means that inputs, settings or the builder have changed, and the object is made 
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from collections.abc import Mapping
@@ -19,6 +20,8 @@ import numpy as np
 __all__ = ["load_row", "save_row"]
 
 SCHEMA = "xden-work/1"
+DAMAGE = (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError)
+"""What reading no file, a file that is none of ours, or a damaged one may raise in h5py."""
 
 
 def save_row(path: Path, digest: str, row: Mapping[str, Any]) -> None:
@@ -33,6 +36,8 @@ def save_row(path: Path, digest: str, row: Mapping[str, Any]) -> None:
     row
         Columns of the dataset; binary ones as ``bytes``, the rest of JSON's types.
     """
+    for stale in path.parent.glob(f"{path.name}.*.partial"):  # of runs that were killed
+        stale.unlink(missing_ok=True)
     partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
     with h5py.File(partial, "w", libver="latest") as file:
         binary = file.create_group("binary")
@@ -42,7 +47,7 @@ def save_row(path: Path, digest: str, row: Mapping[str, Any]) -> None:
                 binary.create_dataset(name, data=values, compression="gzip", compression_opts=1)
         light = {name: value for name, value in row.items() if not isinstance(value, bytes)}
         file.create_dataset("light", data=json.dumps(light))
-        file.attrs.update(schema=SCHEMA, digest=digest, columns=list(row))
+        file.attrs.update(schema=SCHEMA, digest=digest, columns=list(row), content=_content(row))
         file.attrs["complete"] = True
     os.replace(partial, path)
 
@@ -62,6 +67,16 @@ def load_row(path: Path, digest: str) -> dict[str, Any] | None:
                 return None
             light = json.loads(file["light"][()])
             binary = {name: values[()].tobytes() for name, values in file["binary"].items()}
-            return {name: (light | binary)[name] for name in file.attrs["columns"]}
-    except (OSError, KeyError):  # no file, or not one of ours that was closed properly
+            row = {name: (light | binary)[name] for name in file.attrs["columns"]}
+            return row if file.attrs["content"] == _content(row) else None
+    except DAMAGE:
         return None
+
+
+def _content(row: Mapping[str, Any]) -> str:
+    """Checksum of the values of a row."""
+    digest = hashlib.sha256()
+    for name, value in row.items():
+        data = value if isinstance(value, bytes) else json.dumps(value).encode()
+        digest.update(f"{name} {len(data)} ".encode() + data)
+    return digest.hexdigest()

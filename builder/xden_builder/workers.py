@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import logging
+import os
+import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
+from contextlib import contextmanager
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import wait as wait_for
 from typing import TypeVar
 
 from xden1k.errors import XDenError
 
-__all__ = ["WorkerDiedError", "run_each"]
+__all__ = ["WorkerDiedError", "explain", "run_each"]
+
+logger = logging.getLogger(__name__)
 
 Result = TypeVar("Result")
 Answer = tuple[str, Result | BaseException]
@@ -48,11 +55,35 @@ def run_each(
         suspects = yield from _with_pool(task, waiting, workers, 2 * workers)
 
 
+def explain(key: str, error: BaseException) -> str:
+    """Put an exception into one line; our own faults are logged with their traceback."""
+    if isinstance(error, XDenError | OSError):
+        return str(error)
+    logger.error("%s: internal error", key, exc_info=error)
+    return f"internal error: {type(error).__name__}: {error}"
+
+
 def _with_pool(
     task: Callable[[str], Result], keys: Iterator[str], workers: int, window: int
 ) -> Generator[Answer[Result], None, list[str]]:
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    context = get_context("spawn")
+    with (
+        _one_thread_each(),
+        ProcessPoolExecutor(workers, context, initializer=_end_with_the_parent) as pool,
+    ):
         return (yield from _finish(pool, task, keys, window))
+
+
+def _end_with_the_parent() -> None:
+    """Let a worker end at once when its parent has been killed, instead of waiting for ever."""
+    parent = parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        wait_for([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _finish(
@@ -76,3 +107,19 @@ def _finish(
                 died.append(key)
             else:
                 yield key, error if error is not None else future.result()
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Let the worker processes, not the libraries in them, fill the cores."""
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(dict.fromkeys(names, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

@@ -96,6 +96,6 @@ def test_run_and_audit_a_real_capture_from_the_command_line(shared_data, tmp_pat
     assert "1 built, 0 kept, 0 failed" in ran.output
     audited = runner.invoke(cli, ["audit", str(out), "--captures", str(captures), "--json"])
     assert audited.exit_code == 0, audited.output
-    (report,) = json.loads(audited.output)
+    (report,) = json.loads(audited.output)["objects"]
     assert report["good"]
     assert report["ct"]["voxel_mae_rel"] < 0.07

@@ -51,3 +51,21 @@ def test_writing_twice_gives_the_same_bytes(tmp_path):
         save_row(tmp_path / name, "d", {"x": b"1" * 5000, "y": [1.5, 2]})
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a", "b"]
+
+
+@given(place=st.integers(0, 10**6), flip=st.integers(1, 255))
+def test_a_damaged_work_file_is_made_again_or_gives_the_same_row(tmp_path_factory, place, flip):
+    path = tmp_path_factory.mktemp("work") / "a.h5"
+    row = {"x": bytes(range(256)) * 4, "y": [1.5, 2], "z": "text"}
+    save_row(path, "d", row)
+    data = bytearray(path.read_bytes())
+    data[place % len(data)] ^= flip
+    path.write_bytes(data)
+    assert load_row(path, "d") in (None, row)
+
+
+def test_what_a_killed_run_left_unfinished_is_cleared_away(tmp_path):
+    (tmp_path / "a.h5.123.partial").write_bytes(b"half")
+    (tmp_path / "b.h5.123.partial").write_bytes(b"another object's")
+    save_row(tmp_path / "a.h5", "d", {"x": b"1"})
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.h5", "b.h5.123.partial"]

@@ -1,5 +1,8 @@
 import os
 import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 from xden_builder.workers import WorkerDiedError, run_each
@@ -43,3 +46,52 @@ def test_an_object_whose_process_was_killed_from_outside_is_made_again(tmp_path)
     keys = [str(tmp_path / name) for name in ("a", "victim", "b")]
     answers = dict(run_each(killed_once, keys, workers=2))
     assert sorted(answers.values()) == ["a", "b", "victim"]
+
+
+PARENT = """
+import sys, time
+from pathlib import Path
+from xden_builder.workers import run_each
+from test_workers_tasks import linger
+if __name__ == "__main__":
+    list(run_each(linger, [sys.argv[1] + "/a", sys.argv[1] + "/b"], workers=2))
+"""
+TASKS = """
+import os, time
+from pathlib import Path
+def linger(key):
+    Path(key).write_text(str(os.getpid()))
+    time.sleep(60)
+"""
+
+
+def test_workers_end_when_their_parent_is_killed(tmp_path):
+    (tmp_path / "parent.py").write_text(PARENT)
+    (tmp_path / "test_workers_tasks.py").write_text(TASKS)
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    parent = subprocess.Popen(  # noqa: S603
+        [sys.executable, str(tmp_path / "parent.py"), str(tmp_path)],
+        env={**os.environ, "PYTHONPATH": path},
+    )
+    marks = [tmp_path / "a", tmp_path / "b"]
+    assert _becomes_true(lambda: all(mark.exists() and mark.read_text() for mark in marks))
+    parent.kill()
+    parent.wait()
+    workers = [int(mark.read_text()) for mark in marks]
+    assert _becomes_true(lambda: not any(map(_alive, workers)))
+
+
+def _becomes_true(condition) -> bool:
+    for _ in range(300):
+        if condition():
+            return True
+        time.sleep(0.1)
+    return False
+
+
+def _alive(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
