@@ -6,7 +6,7 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from manifold3d import CrossSection
+from manifold3d import CrossSection, Manifold
 
 from xden_builder.phantoms import shapes
 from xden_builder.phantoms.pieces import Archetype, Piece, moved
@@ -173,18 +173,7 @@ def caster(rng: np.random.Generator, size_cm: float) -> list[Piece]:
         shapes.slab(shapes.disc(wheel), -wide / 2, wide / 2, 0.2 * wide)
         - shapes.cylinder(0.74 * wheel, -wide, wide)
     ) + shapes.along_y(shapes.tube(0.8 * wheel, 0.73 * wheel, -0.3 * wide, 0.3 * wide))
-    cheek = CrossSection.batch_hull(
-        [shapes.disc(0.3 * wheel), shapes.disc(0.55 * wheel, (trail, high - 0.7 * wheel))]
-    )
-    cheek += CrossSection.batch_hull(
-        [
-            shapes.disc(0.5 * wheel, (trail, high - 0.9 * wheel)),
-            shapes.disc(0.2 * wheel, (trail + 0.5 * wheel, high - 0.34 * wheel)),
-            shapes.disc(0.2 * wheel, (trail - 0.5 * wheel, high - 0.34 * wheel)),
-        ]
-    )
-    side = shapes.upright(cheek, 0.2 * wide)
-    fork = side.translate((0, 0.62 * wide, 0)) + side.translate((0, -0.62 * wide, 0))
+    fork = _fork(wheel, wide, trail, high)
     crown_z = high - 0.3 * wheel
     crown = shapes.box((1.3 * wheel, 1.44 * wide, 0.2 * wide), (trail, 0, crown_z - 0.1 * wide))
     race = shapes.cylinder(0.5 * wheel, crown_z - 0.02, high - 0.1 * size_cm * 0.4)
@@ -214,6 +203,22 @@ def caster(rng: np.random.Generator, size_cm: float) -> list[Piece]:
         Piece("plate", "plate", top[2]),
         Piece("fork", "fork", fork + crown),
     ]
+
+
+def _fork(wheel: float, wide: float, trail: float, high: float) -> Manifold:
+    """Two cheeks from the axle at the origin up to the swivel behind it."""
+    cheek = CrossSection.batch_hull(
+        [shapes.disc(0.3 * wheel), shapes.disc(0.55 * wheel, (trail, high - 0.7 * wheel))]
+    )
+    cheek += CrossSection.batch_hull(
+        [
+            shapes.disc(0.5 * wheel, (trail, high - 0.9 * wheel)),
+            shapes.disc(0.2 * wheel, (trail + 0.5 * wheel, high - 0.34 * wheel)),
+            shapes.disc(0.2 * wheel, (trail - 0.5 * wheel, high - 0.34 * wheel)),
+        ]
+    )
+    side = shapes.upright(cheek, 0.2 * wide)
+    return side.translate((0, 0.62 * wide, 0)) + side.translate((0, -0.62 * wide, 0))
 
 
 ARCHETYPES: Final = {
