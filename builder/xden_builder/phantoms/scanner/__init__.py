@@ -2,10 +2,12 @@
 
 Reading order: ``model`` (every effect is one of its fields), ``beam`` (spectrum and heel),
 ``primary`` (the direct beam, blurred), ``scatter``, ``panel`` (noise, converter, calibration),
-``handover`` (errors of the part meshes), ``effects`` (how much each effect matters).
+``handover`` (errors of the part meshes), ``file`` (settings), ``effects`` (how much each
+matters).
 """
 
-from xden_builder.phantoms.scanner.model import VIEWS, Scanner, load_scanner
+from xden_builder.phantoms.scanner.file import load_scanner
+from xden_builder.phantoms.scanner.model import VIEWS, Scanner
 from xden_builder.phantoms.scanner.panel import Calibration
 from xden_builder.phantoms.scanner.signal import Signal
 

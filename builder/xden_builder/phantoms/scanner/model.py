@@ -7,9 +7,8 @@ more rays a pixel are averaged here than there, and nothing of the fit is import
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,10 +18,10 @@ from xden1k.arrays import Image
 from xden1k.errors import DataError
 from xden1k.materials import load_materials
 from xden1k.rays import path_lengths
-from xden1k.settings import read_toml
 from xden1k.views import ViewGeometry, XRayView
 from xden_builder.attenuation import mac_cm2_g
 from xden_builder.capture import Detector, ScannerFile, Tube, ViewFile
+from xden_builder.capture.tables import is_number
 from xden_builder.phantoms.phantom import Phantom, PhantomPart, Plan, random_numbers
 from xden_builder.phantoms.scanner.beam import Beam, make_beam
 from xden_builder.phantoms.scanner.handover import MeshError, draw_mesh_error
@@ -32,7 +31,7 @@ from xden_builder.phantoms.scanner.scatter import ScatterDraw, draw_scatter, sca
 from xden_builder.phantoms.scanner.signal import Signal
 from xden_builder.phantoms.scanner.spread import gaussian_spread
 
-__all__ = ["VIEWS", "Scanner", "load_scanner"]
+__all__ = ["VIEWS", "Scanner"]
 
 VIEWS = ("pa", "lat")
 Raw = UInt16[np.ndarray, "rows columns"] | Image
@@ -151,7 +150,7 @@ class Scanner:
             raise DataError(f"{self.open_counts:g} counts do not fit a {self.bits}-bit converter")
         if self.heel and self.energy_kev is not None:
             raise DataError("the heel effect needs a tube: no energy_kev")
-        numbers = {name: value for name, value in asdict(self).items() if _is_number(value)}
+        numbers = {name: value for name, value in asdict(self).items() if is_number(value)}
         if negative := sorted(name for name, value in numbers.items() if value < 0):
             raise DataError(f"{negative[0]} must not be negative, got {numbers[negative[0]]:g}")
 
@@ -420,48 +419,6 @@ class Scanner:
     def settings(self) -> dict[str, Any]:
         """Give every effect and its size, in JSON's types."""
         return asdict(self)
-
-
-def load_scanner(path: Path) -> Scanner:
-    """Read a scanner from a TOML file.
-
-    Its key ``preset`` is ``realistic`` (the default) or ``monochromatic``; every other key is a
-    field of :class:`Scanner` that replaces the preset's.
-
-    Raises
-    ------
-    DataError
-        If the file is not TOML, has an unknown key or a value of a wrong kind, or the scanner is
-        impossible.
-    """
-    values = read_toml(path)
-    presets = {"realistic": Scanner.realistic, "monochromatic": Scanner.monochromatic}
-    preset = values.pop("preset", "realistic")
-    if preset not in presets:
-        raise DataError(f"{path}: preset: expected one of {sorted(presets)}, got {preset!r}")
-    known = {each.name: each.type for each in fields(Scanner)}
-    if unknown := sorted(values.keys() - known.keys()):
-        raise DataError(f"{path}: unknown keys {unknown}; known keys are {sorted(known)}")
-    for key, value in values.items():
-        if not _fits(value, str(known[key])):
-            raise DataError(f"{path}: {key}: expected {known[key]}, got {value!r}")
-    try:
-        return replace(presets[preset](), **values)
-    except DataError as err:
-        raise DataError(f"{path}: {err}") from err
-
-
-def _fits(value: object, kind: str) -> bool:
-    """Whether a value of TOML is of the kind that a field is annotated with."""
-    if kind.startswith("Mapping"):
-        return isinstance(value, dict) and all(_is_number(each) for each in value.values())
-    if kind == "bool":
-        return isinstance(value, bool)
-    return _is_number(value) and (kind.startswith("float") or isinstance(value, int))
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _tube(
