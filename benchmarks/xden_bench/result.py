@@ -5,9 +5,10 @@ from __future__ import annotations
 import datetime
 import hashlib
 import json
+import math
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,15 +18,17 @@ import pyarrow.parquet as pq
 from xden1k.errors import DataError
 from xden_bench.bootstrap import Estimate
 from xden_bench.metrics import METRICS
+from xden_bench.protocol import Protocol, load_protocol
 from xden_bench.provenance import code_commit, package_version
 from xden_bench.reference import Reference
-from xden_bench.scoring import Score
+from xden_bench.scoring import ObjectScore, Score, by_category, by_size, summary
 
 __all__ = ["RESULTS", "SCHEMA", "entry_of", "read_entries", "write_entry", "write_text"]
 
 SCHEMA: Final = "xden-result/1"
 RESULTS: Final = Path("benchmarks/results")
 """Where entries lie in the repository."""
+_OBJECT_COLUMNS: Final = ("object_id", "category", "source", "extent_cm")
 
 
 def entry_of(
@@ -72,12 +75,7 @@ def entry_of(
         "commit": code_commit(),
         "command": command,
         "date": date.isoformat(),
-        "bootstrap": {"seed": rules.bootstrap_seed, "resamples": rules.bootstrap_resamples},
-        "n_objects": len(score.objects),
-        "metrics": _metrics(score.metrics),
-        "higher_is_better": {name: METRICS[name].higher_is_better for name in rules.metrics},
-        "by_category": _groups(score.by_category()),
-        "by_size": _groups(score.by_size()),
+        **_figures(score.objects, rules),
         "status": "self-reported",
         "warnings": [str(problem) for problem in score.warnings],
     }
@@ -150,11 +148,13 @@ def entry_path(entry: Mapping[str, Any]) -> Path:
 def read_entries(results: Path) -> tuple[dict[str, Any], ...]:
     """Every entry below a folder, sorted by path.
 
+    The numbers of each are made again from the objects beside it.
+
     Raises
     ------
     DataError
-        If there is no such folder, or a JSON file in it is no entry of this schema or lies where
-        another belongs.
+        If there is no such folder, or a JSON file in it is no entry of this schema, lies where
+        another belongs, or does not agree with its objects, or these are missing or changed.
     """
     if not results.is_dir():
         raise DataError(f"there is no folder of results at {results}")
@@ -166,18 +166,102 @@ def _read_entry(path: Path, results: Path) -> dict[str, Any]:
         entry: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         if entry["schema"] != SCHEMA:
             raise ValueError(f"schema is {entry['schema']!r}")
-        place = entry_path(entry)
+        if misfits := list(_misfits(entry, _SHAPE)):
+            raise ValueError("; ".join(misfits))
     except (ValueError, TypeError, KeyError) as err:
         raise DataError(f"{path}: not a result of schema {SCHEMA}: {err!r}") from err
-    if results / place != path:
+    if results / (place := entry_path(entry)) != path:
         raise DataError(f"{path}: its content belongs to {place}")
+    _check_figures(path, entry)
     return entry
+
+
+_TEXT_OR_NULL: Final = (str, type(None))
+_NUMBER_OR_NULL: Final = (int, float, type(None))
+_SHAPE: Final[Mapping[str, Any]] = {
+    "method": {
+        **dict.fromkeys(("name", "command", "code", "paper", "notes"), str),
+        **{"inputs": [str], "training_data": [str], "external_data": bool},
+        **dict.fromkeys(("seed", "seconds_per_object"), _NUMBER_OR_NULL),
+    },
+    **dict.fromkeys(("protocol", "track", "target", "submission_sha256", "xden_version"), str),
+    **dict.fromkeys(("command", "date", "status"), str),
+    "dataset": dict.fromkeys(("revision", "config", "split", "source", "manifest_sha256"), str),
+    "commit": _TEXT_OR_NULL,
+    "warnings": [str],
+    "objects": {"file": str, "sha256": str},
+}
+"""Types of what an entry must hold; the numbers are compared with the objects instead."""
+
+
+def _misfits(value: Any, shape: Any, key: str = "entry") -> Iterator[str]:
+    """Every place where a value is not of its shape: a type, several, a list of one, or keys."""
+    if isinstance(shape, Mapping) and isinstance(value, dict):
+        for name, inner in shape.items():
+            if name in value:
+                yield from _misfits(value[name], inner, name)
+            else:
+                yield f"{name} is missing from {key}"
+    elif isinstance(shape, list) and isinstance(value, list):
+        for one in value:
+            yield from _misfits(one, shape[0], key)
+    elif isinstance(shape, Mapping | list) or not isinstance(value, shape):
+        yield f"{key} is of the wrong type, {type(value).__name__}"
+
+
+def _check_figures(path: Path, entry: Mapping[str, Any]) -> None:
+    """Make the numbers again from the objects beside the entry, and compare."""
+    objects = path.with_suffix(".parquet")
+    if entry["objects"]["file"] != objects.name or not objects.is_file():
+        raise DataError(f"{path}: its objects must lie beside it, in {objects.name}")
+    data = objects.read_bytes()
+    if (found := hashlib.sha256(data).hexdigest()) != (stored := entry["objects"]["sha256"]):
+        raise DataError(f"{objects}: sha256 is {found}, {path.name} says {stored}")
+    try:
+        rules = load_protocol(entry["protocol"])
+        made = _figures(_read_objects(data, rules), rules)
+    except (DataError, pa.ArrowException, ValueError, TypeError, KeyError) as err:
+        raise DataError(f"{path}: its objects cannot be summed up: {err!r}") from err
+    for key, value in made.items():
+        if not _agree(entry.get(key), json.loads(json.dumps(value))):
+            raise DataError(f"{path}: {key} is not what the objects in {objects.name} give")
+
+
+def _read_objects(data: bytes, rules: Protocol) -> list[ObjectScore]:
+    return [
+        ObjectScore(
+            *(row[name] for name in _OBJECT_COLUMNS), {name: row[name] for name in rules.metrics}
+        )
+        for row in pq.read_table(pa.BufferReader(data)).to_pylist()
+    ]
+
+
+def _agree(one: Any, other: Any) -> bool:
+    """Whether two values of JSON are the same, numbers up to the rounding of another machine."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_agree(one[key], other[key]) for key in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_agree, one, other))
+    if isinstance(one, float) and isinstance(other, float):
+        return math.isclose(one, other, rel_tol=1e-9, abs_tol=1e-12)
+    return type(one) is type(other) and bool(one == other)
+
+
+def _figures(objects: Sequence[ObjectScore], rules: Protocol) -> dict[str, Any]:
+    """Every number of an entry that follows from its objects."""
+    return {
+        "bootstrap": {"seed": rules.bootstrap_seed, "resamples": rules.bootstrap_resamples},
+        "n_objects": len(objects),
+        "metrics": _metrics(summary(objects, rules)),
+        "higher_is_better": {name: METRICS[name].higher_is_better for name in rules.metrics},
+        "by_category": _groups(by_category(objects, rules)),
+        "by_size": _groups(by_size(objects, rules)),
+    }
 
 
 def _object_table(score: Score) -> pa.Table:
     columns: dict[str, list[Any]] = {
-        name: [getattr(one, name) for one in score.objects]
-        for name in ("object_id", "category", "source", "extent_cm")
+        name: [getattr(one, name) for one in score.objects] for name in _OBJECT_COLUMNS
     }
     for name in score.protocol.metrics:
         columns[name] = [one.metrics[name] for one in score.objects]

@@ -19,7 +19,7 @@ from xden_bench.protocol import Protocol
 from xden_bench.reference import Reference
 from xden_bench.submission import Check, Progress
 
-__all__ = ["ObjectScore", "Score", "score"]
+__all__ = ["ObjectScore", "Score", "by_category", "by_size", "score", "summary"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ class Score:
     @cached_property
     def metrics(self) -> Mapping[str, Estimate]:
         """Mean over objects and interval, by metric."""
-        return self._summary(self.objects)
+        return summary(self.objects, self.protocol)
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -79,33 +79,49 @@ class Score:
 
     def by_category(self) -> Mapping[str, tuple[int, Mapping[str, Estimate]]]:
         """Objects and metrics of each category."""
-        return self._groups(lambda one: one.category)
+        return by_category(self.objects, self.protocol)
 
     def by_size(self) -> Mapping[str, tuple[int, Mapping[str, Estimate]]]:
         """Objects and metrics of each class of size."""
-        edges = self.protocol.size_edges_cm
-        groups = self._groups(lambda one: _size_name(one.extent_cm, edges))
-        order = [_size_name(extent, edges) for extent in (0.0, *edges)]
-        return {name: groups[name] for name in order if name in groups}
+        return by_size(self.objects, self.protocol)
 
-    def _groups(
-        self, key: Callable[[ObjectScore], str]
-    ) -> Mapping[str, tuple[int, Mapping[str, Estimate]]]:
-        groups: dict[str, list[ObjectScore]] = {}
-        for one in self.objects:
-            groups.setdefault(key(one), []).append(one)
-        return {
-            name: (len(members), self._summary(members)) for name, members in sorted(groups.items())
-        }
 
-    def _summary(self, objects: Sequence[ObjectScore]) -> Mapping[str, Estimate]:
-        names = self.protocol.metrics
-        values: Float64[np.ndarray, "objects metrics"] = np.array(
-            [[one.metrics[name] for name in names] for one in objects]
-        )
-        rules = self.protocol
-        estimates = estimate(values, rules.bootstrap_resamples, rules.bootstrap_seed)
-        return dict(zip(names, estimates, strict=True))
+def summary(objects: Sequence[ObjectScore], protocol: Protocol) -> Mapping[str, Estimate]:
+    """Mean over objects and interval, by metric."""
+    names = protocol.metrics
+    values: Float64[np.ndarray, "objects metrics"] = np.array(
+        [[one.metrics[name] for name in names] for one in objects]
+    )
+    estimates = estimate(values, protocol.bootstrap_resamples, protocol.bootstrap_seed)
+    return dict(zip(names, estimates, strict=True))
+
+
+def by_category(
+    objects: Sequence[ObjectScore], protocol: Protocol
+) -> Mapping[str, tuple[int, Mapping[str, Estimate]]]:
+    """Objects and metrics of each category."""
+    return _groups(objects, protocol, lambda one: one.category)
+
+
+def by_size(
+    objects: Sequence[ObjectScore], protocol: Protocol
+) -> Mapping[str, tuple[int, Mapping[str, Estimate]]]:
+    """Objects and metrics of each class of size, smallest first."""
+    edges = protocol.size_edges_cm
+    groups = _groups(objects, protocol, lambda one: _size_name(one.extent_cm, edges))
+    order = [_size_name(extent, edges) for extent in (0.0, *edges)]
+    return {name: groups[name] for name in order if name in groups}
+
+
+def _groups(
+    objects: Sequence[ObjectScore], protocol: Protocol, key: Callable[[ObjectScore], str]
+) -> Mapping[str, tuple[int, Mapping[str, Estimate]]]:
+    groups: dict[str, list[ObjectScore]] = {}
+    for one in objects:
+        groups.setdefault(key(one), []).append(one)
+    return {
+        name: (len(members), summary(members, protocol)) for name, members in sorted(groups.items())
+    }
 
 
 def score(

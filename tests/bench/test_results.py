@@ -6,10 +6,12 @@ import copy
 import datetime
 import hashlib
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -100,6 +102,70 @@ def test_an_entry_lies_where_its_content_says(
     path = write_entry(entry, scored, tmp_path)
     path.rename(path.with_stem("better"))
     with pytest.raises(DataError, match=r"better.json: its content belongs to v1/0.1.0-"):
+        read_entries(tmp_path)
+
+
+def edited(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    entry = json.loads(path.read_text())
+    change(entry)
+    path.write_text(json.dumps(entry))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda one: one["metrics"]["mass_mape"].update(mean=0.01), "metrics is not what the"),
+        (lambda one: one["metrics"]["com_l1_cm"].update(ci95=[0, 1]), "metrics is not what the"),
+        (lambda one: one["metrics"].pop("density_mae_g_cm3"), "metrics is not what the objects"),
+        (lambda one: one.pop("metrics"), "metrics is not what the objects"),
+        (lambda one: one["by_category"]["bar"].update(n_objects=9), "by_category is not what"),
+        (lambda one: one.update(n_objects=400), "n_objects is not what the objects"),
+        (lambda one: one["bootstrap"].update(resamples=1), "bootstrap is not what the objects"),
+        (lambda one: one.update(protocol="v9"), "its content belongs to v9/"),
+        (lambda one: one.pop("warnings"), "warnings is missing from entry"),
+        (lambda one: one["method"].pop("inputs"), "inputs is missing from method"),
+        (lambda one: one["method"].update(inputs="mesh"), "inputs is of the wrong type, str"),
+        (lambda one: one["dataset"].update(split=3), "split is of the wrong type, int"),
+        (lambda one: one.update(objects=None), "objects is of the wrong type, NoneType"),
+        (lambda one: one["objects"].update(sha256="0" * 64), "sha256 is "),
+    ],
+)
+def test_an_edited_entry_is_refused_by_name(
+    entry: dict[str, Any],
+    scored: Score,
+    tmp_path: Path,
+    change: Callable[[dict[str, Any]], object],
+    message: str,
+) -> None:
+    path = write_entry(entry, scored, tmp_path)
+    edited(path, change)
+    with pytest.raises(DataError, match=re.escape(message)) as caught:
+        read_entries(tmp_path)
+    assert path.stem in str(caught.value)
+
+
+def test_an_entry_without_its_objects_or_with_others_is_refused(
+    entry: dict[str, Any], scored: Score, tmp_path: Path
+) -> None:
+    path = write_entry(entry, scored, tmp_path)
+    objects = path.with_suffix(".parquet")
+    better = pq.read_table(objects)
+    zero = pa.array([0.0] * len(better))
+    better = better.set_column(better.column_names.index("mass_mape"), "mass_mape", zero)
+    pq.write_table(better, objects)
+    with pytest.raises(DataError, match=r"\.parquet: sha256 is [0-9a-f]{64}, .* says"):
+        read_entries(tmp_path)
+    digest = hashlib.sha256(objects.read_bytes()).hexdigest()
+    edited(path, lambda one: one["objects"].update(sha256=digest))
+    with pytest.raises(DataError, match="metrics is not what the objects in"):
+        read_entries(tmp_path)
+    pq.write_table(better.drop(["category"]), objects)
+    digest = hashlib.sha256(objects.read_bytes()).hexdigest()
+    edited(path, lambda one: one["objects"].update(sha256=digest))
+    with pytest.raises(DataError, match=r"its objects cannot be summed up: KeyError\('category'\)"):
+        read_entries(tmp_path)
+    objects.unlink()
+    with pytest.raises(DataError, match="its objects must lie beside it"):
         read_entries(tmp_path)
 
 
