@@ -1,13 +1,24 @@
 """Standard deviations are as large as the errors, and flags go up where they should."""
 
 import json
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 import trimesh
 
-from tests.builder.fit_scenes import changed, random_views, solid_views, with_noise
-from xden_builder.fit import FitSettings, fit_lac
+from tests.builder.fit_scenes import (
+    FRAME,
+    changed,
+    ideal_view,
+    random_lengths,
+    random_views,
+    solid_views,
+    with_noise,
+)
+from xden1k.rays import PathLengths
+from xden_builder.fit import PAPER_OBJECTIVE, FitSettings, diagnostics, fit_lac
 
 PURE_NOISE = FitSettings(edge_error_px=0.0, model_error=0.0)
 
@@ -63,6 +74,84 @@ def test_report_is_made_of_json_types():
     views = with_noise(random_views(np.random.default_rng(32), [1.0]), np.random.default_rng(33))
     report = fit_lac(views).report
     assert json.loads(json.dumps(report, allow_nan=False)) == report
+
+
+NOTHING = PathLengths(
+    np.zeros(0, dtype=np.int64),
+    np.zeros((0, 1, 2), dtype=np.float32),
+    np.zeros(0, dtype=np.float32),
+    np.zeros(0, dtype=bool),
+    FRAME,
+)
+
+
+def _blind(pair, corner_only=False):
+    """The view with nothing in its beam, or with nothing valid but one pixel of air."""
+    lengths, view = pair
+    if not corner_only:
+        return NOTHING, ideal_view(view.name, NOTHING, [0.5, 1.0])
+    valid = np.zeros(FRAME, dtype=bool)
+    valid[0, 0] = True
+    return lengths, replace(view, valid=valid)
+
+
+def _filled(pair):
+    """The view without any air."""
+    _, view = pair
+    pixels = np.arange(view.valid.size)
+    lengths = replace(
+        NOTHING,
+        pixels=pixels,
+        lengths_cm=np.ones((len(pixels), 1, 2), dtype=np.float32),
+        shared_cm=np.zeros(len(pixels), dtype=np.float32),
+        broken=np.zeros(len(pixels), dtype=bool),
+    )
+    return lengths, ideal_view(view.name, lengths, [0.5, 1.0])
+
+
+@pytest.mark.parametrize(
+    "choice",
+    [FitSettings(), FitSettings(weights="none"), PAPER_OBJECTIVE],
+    ids=["edge", "none", "paper"],
+)
+@pytest.mark.parametrize(
+    "blind", [_blind, partial(_blind, corner_only=True), _filled], ids=["empty", "corner", "filled"]
+)
+@pytest.mark.parametrize("both", [False, True])
+def test_report_of_views_that_tell_little_is_of_json_types(choice, blind, both):
+    pa, lat = random_views(np.random.default_rng(34), [0.5, 1.0])
+    report = fit_lac([blind(pa) if both else pa, blind(lat)], choice).report
+    assert json.loads(json.dumps(report, allow_nan=False)) == report
+    assert report["views"]["lat"]["correlation"] is None
+
+
+def test_deviations_without_end_are_none_in_the_report(monkeypatch):
+    monkeypatch.setattr(
+        diagnostics, "standard_deviations", lambda _, moving: np.full(len(moving), np.inf)
+    )
+    report = fit_lac(random_views(np.random.default_rng(35), [1.0])).report
+    assert report["views"]["pa"]["gain_sd"] is None
+    assert json.loads(json.dumps(report, allow_nan=False)) == report
+
+
+def test_correlation_is_pearsons_over_the_object():
+    views = with_noise(
+        random_views(np.random.default_rng(36), [0.2, 1.0]), np.random.default_rng(37), quanta=50.0
+    )
+    fit = fit_lac(views)
+    for lengths, view in views:
+        model, measured = lengths.transmission(fit.lac_per_cm), view.transmission.flat
+        expected = np.corrcoef(model, measured[lengths.pixels])[0, 1]
+        assert fit.report["views"][view.name]["correlation"] == pytest.approx(expected, rel=1e-6)
+
+
+def test_view_of_something_else_correlates_badly():
+    rng = np.random.default_rng(38)
+    (pa_lengths, pa), (_, lat) = random_views(rng, [0.5, 1.0])
+    lengths = random_lengths(rng, 2)
+    reports = fit_lac([(pa_lengths, pa), (lengths, lat)]).report["views"]
+    assert reports["pa"]["correlation"] > 0.9
+    assert reports["lat"]["correlation"] < 0.5
 
 
 def test_noise_is_read_from_the_air():

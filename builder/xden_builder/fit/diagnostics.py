@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final
 
 import numpy as np
@@ -20,6 +21,8 @@ __all__ = ["finish"]
 UNCERTAIN_SHARE: Final = 0.1
 MOST: Final = 0.5
 NEAR_BOUND: Final = 1e-6
+CONSTANT: Final = 1e-7
+"""Standard deviation of transmissions that are single-precision rounding alone."""
 PLAIN, OUTLINE, STARVED = range(3)
 
 
@@ -54,7 +57,7 @@ def finish(fitted: Fitted, solver: str, iterations: int, *, converged: bool) -> 
             "gain": settings.gain,
             "iterations": iterations,
             "converged": converged,
-            "loss": fitted.evaluation.loss,
+            "loss": _or_none(fitted.evaluation.loss),
             "views": {
                 fit.view.name: _view_report(fit, settings, float(sd[parts + fit.number]))
                 for fit in fitted.views()
@@ -117,14 +120,34 @@ def _view_report(fit: ViewFit, settings: FitSettings, gain_sd: float) -> dict[st
     usable, air = fit.view.usable, fit.view.air
     variance, _ = variances(fit.view, fit.transmission, fit.gain, settings)
     squares = fit.residuals[usable] ** 2
-    return {
+    numbers = {
         "gain": fit.gain,
         "gain_sd": gain_sd,
-        "chi2_per_pixel": float((squares / variance[usable]).mean()) if squares.size else None,
-        "residual_rms": float(np.sqrt(squares.mean())) if squares.size else None,
-        "pixels": squares.size,
-        "masked_pixels": len(usable) - squares.size,
-        "air_pixels": air.count,
+        "chi2_per_pixel": _mean(squares / variance[usable]),
+        "residual_rms": math.sqrt(_mean(squares)),
+        "correlation": _correlation(fit.transmission[usable], fit.view.measured[usable]),
         "noise_sd": air.sd,
         "dark_sd": fit.view.dark_sd,
     }
+    return {name: _or_none(value) for name, value in numbers.items()} | {
+        "pixels": squares.size,
+        "masked_pixels": len(usable) - squares.size,
+        "air_pixels": air.count,
+    }
+
+
+def _or_none(value: float) -> float | None:
+    """Keep what JSON can say."""
+    return value if math.isfinite(value) else None
+
+
+def _mean(values: Float64[np.ndarray, "n"]) -> float:
+    return float(values.mean()) if values.size else math.nan
+
+
+def _correlation(one: Float64[np.ndarray, "n"], other: Float64[np.ndarray, "n"]) -> float:
+    """Pearson's; nan where either is constant."""
+    pair = np.stack([one, other])
+    if not len(one) or (pair.std(axis=1) <= CONSTANT).any():
+        return math.nan
+    return float(np.corrcoef(pair)[0, 1])

@@ -105,7 +105,8 @@ class LacFit:
         ``at_bound`` (0 or the upper bound).
     report
         Of JSON's types: solver, convergence, and for each view the gain, its standard deviation,
-        chi² per pixel, the noise and how many pixels were used.
+        chi² per pixel, the correlation of the model with the measurement over the object, the
+        noise and how many pixels were used. None where a number is not known or not finite.
     """
 
     lac_per_cm: Float64[np.ndarray, "k"]
