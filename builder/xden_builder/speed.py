@@ -161,9 +161,9 @@ def _fit_comparison(pairs: list[tuple[PathLengths, XRayView]], repeats: int) -> 
         other=f"Adam on full frames, {result.adam_steps} steps",
         ours_s=result.lm_cpu_seconds,
         other_s=result.adam_cpu_seconds,
-        ours_error=0.0,
-        other_error=result.adam_loss / result.lm_loss - 1,
-        error="loss above the minimum, relative",
+        ours_error=result.lm_excess,
+        other_error=result.adam_excess,
+        error="loss above the least seen, relative",
     )
 
 
