@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import hashlib
 import os
 from collections.abc import Iterator, Sequence
 from functools import cached_property
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from xden1k.errors import DataError, MissingObjectError
-from xden1k.manifest import DataFile, Manifest
+from xden1k.manifest import MANIFEST_NAME, DataFile, Manifest
 from xden1k.records import row_object
 from xden1k.shards import Row, ShardReader
 from xden1k.types import DensityObject
@@ -54,6 +55,11 @@ class DatasetFolder:
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_readers": {}}
+
+    @cached_property
+    def manifest_sha256(self) -> str:
+        """Checksum of the manifest, which holds those of all files: tells datasets apart."""
+        return hashlib.sha256((self.root / MANIFEST_NAME).read_bytes()).hexdigest()
 
     def ids(self, split: str | None = None) -> tuple[str, ...]:
         """Ids of one split, or of all, each split in ascending order.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal, get_args
@@ -49,6 +50,9 @@ class SubmissionMeta:
         Run time, if measured.
     seed
         Of the method, if it draws random numbers.
+    manifest_sha256
+        Checksum of the dataset's ``manifest.json``, 64 hexadecimal digits; empty if not told.
+        Unlike the revision it tells any two datasets apart.
     """
 
     method: str
@@ -66,6 +70,7 @@ class SubmissionMeta:
     notes: str = ""
     seconds_per_object: float | None = None
     seed: int | None = None
+    manifest_sha256: str = ""
     schema: str = SCHEMA
 
     @property
@@ -151,6 +156,10 @@ def _is_seed(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**63
 
 
+def _is_sha256(value: object) -> bool:
+    return isinstance(value, str) and bool(re.fullmatch("[0-9a-f]{64}", value))
+
+
 _NAME = ("E203", f"one printable line of 1 to {MAX_NAME} characters", _is_name)
 _TEXT = ("E203", f"one printable line of at most {MAX_TEXT} characters", _is_text)
 _RULES: Mapping[str, tuple[str, str, Callable[[object], bool]]] = {
@@ -169,6 +178,7 @@ _RULES: Mapping[str, tuple[str, str, Callable[[object], bool]]] = {
     "notes": _TEXT,
     "seconds_per_object": ("E203", "a number >= 0", _is_seconds),
     "seed": ("E203", "an integer from 0 to 2**63 - 1", _is_seed),
+    "manifest_sha256": ("E203", "64 hexadecimal digits", _is_sha256),
 }
 _REQUIRED = frozenset(
     {

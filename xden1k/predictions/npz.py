@@ -131,9 +131,9 @@ class NpzReader:
         BadArchiveError
             E101 to E104, E401.
         """
-        _check_entry(info, max_bytes + MAX_HEADER_BYTES)
+        _check_entry(info)
         member = _parse_header(info, self._first_bytes(info, MAX_HEADER_BYTES))
-        _check_size(member)
+        _check_size(member, max_bytes + MAX_HEADER_BYTES)
         return member
 
     def read(self, member: Member) -> Shaped[np.ndarray, "..."]:
@@ -206,7 +206,7 @@ def _check_directory(stream: BinaryIO) -> None:
         )
 
 
-def _check_entry(info: zipfile.ZipInfo, max_bytes: int) -> None:
+def _check_entry(info: zipfile.ZipInfo) -> None:
     """Refuse an entry by what the zip directory says of it."""
     if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise BadArchiveError(
@@ -214,8 +214,6 @@ def _check_entry(info: zipfile.ZipInfo, max_bytes: int) -> None:
         )
     if info.flag_bits & 0x1:
         raise BadArchiveError("E101", "encrypted")
-    if info.file_size > max_bytes:
-        raise BadArchiveError("E102", f"declares {info.file_size} bytes, at most {max_bytes}")
     if info.file_size > MAX_DEFLATE_RATIO * info.compress_size:
         raise BadArchiveError(
             "E102", f"declares {info.file_size} bytes from {info.compress_size} compressed ones"
@@ -241,12 +239,14 @@ def _parse_header(info: zipfile.ZipInfo, head: bytes) -> Member:
     return Member(info, dtype, shape, found["fortran"] == "True", first + length)
 
 
-def _check_size(member: Member) -> None:
-    """Refuse a dtype that is not a plain one, and values that do not fill the member exactly."""
+def _check_size(member: Member, max_bytes: int) -> None:
+    """Refuse a dtype that is not a plain one, and values too many or too few for the member."""
     if not re.fullmatch(r"<f[24]|<U[1-9]\d{0,6}", member.dtype):
         raise BadArchiveError(
-            "E401", f"dtype must be '<f4' or '<f2' (little-endian), got {member.dtype!a}"
+            "E401", f"dtype must be float32 or float16 ('<f4' or '<f2'), got {member.dtype!a}"
         )
+    if (size := member.info.file_size) > max_bytes:
+        raise BadArchiveError("E102", f"declares {size} bytes, at most {max_bytes}")
     count = 1
     for edge in member.shape:
         count *= edge

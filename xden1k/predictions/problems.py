@@ -19,7 +19,7 @@ CODES = {
     "E202": "schema not supported",
     "E203": "field of __meta__ missing, unknown or of the wrong type",
     "E204": "unknown units",
-    "E205": "revision, config, split, track or target is not what is being scored",
+    "E205": "revision, manifest, config, split, track or target is not what is being scored",
     "E301": "objects missing",
     "E302": "objects not in the split",
     "E401": "dtype is not little-endian float32 or float16",

@@ -237,7 +237,7 @@ def open_predictions(path: Path) -> Predictions:
 def _header_problem(kind: str, object_id: str, member: Member) -> Problem | None:
     """Compare a member's dtype and shape with the format."""
     if not member.dtype.startswith("<f"):
-        return Problem("E401", object_id, f"dtype must be '<f4' or '<f2', got {member.dtype!r}")
+        return Problem("E401", object_id, f"dtype must be float32 or float16, got {member.dtype!r}")
     if kind == "density" and member.shape != GRID_SHAPE:
         return Problem("E402", object_id, f"shape must be {GRID_SHAPE}, got {member.shape}")
     if kind == "part_density" and not (
