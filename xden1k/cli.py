@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from xden1k.commands import Group, json_option, print_json
+from xden1k.commands import Group, json_option, open_root, print_json
 
 if TYPE_CHECKING:
     from xden1k.folder import DatasetFolder
@@ -40,7 +39,7 @@ def cli() -> None:
 @json_option
 def info(root: Path | None, as_json: bool) -> None:
     """Say what a dataset folder holds, and where it comes from."""
-    folder = _open(root)
+    folder = open_root(root)
     folder.manifest.check_files(folder.root)
     values = _summary(folder)
     if as_json:
@@ -86,7 +85,7 @@ def show(object_id: str, root: Path | None, out: Path | None, as_json: bool) -> 
     require("matplotlib", "view")
     from xden1k.figures import object_sheet
 
-    obj = _open(root).object(object_id)
+    obj = open_root(root).object(object_id)
     out = Path(f"{object_id}.png") if out is None else out
     object_sheet(obj, out)
     if as_json:
@@ -175,16 +174,3 @@ def download(repo_id: str | None, revision: str | None, as_json: bool) -> None:
         print_json({"root": str(folder), "version": Manifest.read(folder).version})
     else:
         click.echo(folder)
-
-
-def _open(root: Path | None) -> DatasetFolder:
-    """Open the folder; what its finder warns of becomes a line on stderr."""
-    from xden1k.folder import open_folder
-    from xden1k.hub import data_root
-
-    with warnings.catch_warnings(record=True) as notes:
-        warnings.simplefilter("always")
-        folder = open_folder(data_root(root))
-    for note in notes:
-        click.echo(f"note: {note.message}", err=True)
-    return folder

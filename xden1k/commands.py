@@ -6,14 +6,19 @@ Exit codes: 0 done, 1 error (one line, no traceback), 2 usage, 3 done in part.
 from __future__ import annotations
 
 import json
-from typing import Any
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from xden1k.errors import XDenError
 from xden1k.plain import plain
 
-__all__ = ["DONE_IN_PART", "Group", "json_option", "print_json"]
+if TYPE_CHECKING:
+    from xden1k.folder import DatasetFolder
+
+__all__ = ["DONE_IN_PART", "Group", "json_option", "open_root", "print_json"]
 
 DONE_IN_PART = 3
 """Exit code of a command that finished although some objects failed."""
@@ -26,8 +31,12 @@ class Group(click.Group):
         """Run a command."""
         try:
             return super().invoke(ctx)
-        except (XDenError, OSError) as err:
+        except XDenError as err:
             raise click.ClickException(str(err)) from err
+        except OSError as err:
+            known = err.filename is not None and err.strerror is not None
+            said = f"{err.filename}: {err.strerror}" if known else str(err)
+            raise click.ClickException(said) from err
 
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, for machines.")
@@ -37,3 +46,24 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, 
 def print_json(values: Any) -> None:
     """Write values as indented JSON to stdout; nan and infinities are null."""
     click.echo(json.dumps(plain(values), indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def open_root(root: Path | None) -> DatasetFolder:
+    """Open the dataset folder that ``--root`` names, or the one there is without it.
+
+    What its finder warns of becomes a line on stderr.
+
+    Raises
+    ------
+    DataError
+        If it is not a dataset folder.
+    """
+    from xden1k.folder import open_folder
+    from xden1k.hub import data_root
+
+    with warnings.catch_warnings(record=True) as notes:
+        warnings.simplefilter("always")
+        folder = open_folder(data_root(root))
+    for note in notes:
+        click.echo(f"note: {note.message}", err=True)
+    return folder

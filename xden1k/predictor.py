@@ -15,11 +15,10 @@ import numpy as np
 import trimesh
 
 from xden1k.arrays import Grid, Labels, Vec3
-from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.modality import Modality, ModalityError
 from xden1k.predictions import Target
-from xden1k.records import decode_array
+from xden1k.records import decode_array, decode_target
 from xden1k.types import DensityObject
 from xden1k.views import XRayView
 
@@ -165,13 +164,8 @@ class Examples:
     def __iter__(self) -> Iterator[Example]:
         for object_id in self.folder.ids(self.split):
             row = self.folder.row(object_id, [self.target])
-            if row[self.target] is None:
-                raise DataError(
-                    f"{object_id} has no {self.target}, only attenuation: "
-                    "learn apparent_density instead"
-                )
             sample = SampleView(self.folder, object_id, self.reads)
-            yield Example(sample, decode_array(row, self.target))
+            yield Example(sample, decode_target(row, object_id, self.target))
 
 
 @runtime_checkable

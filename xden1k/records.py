@@ -13,6 +13,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float32, Shaped, UInt16
 
+from xden1k.arrays import Grid
 from xden1k.codec import (
     MAX_TRANSMISSION,
     Buffer,
@@ -221,6 +222,28 @@ def decode_array(row: Mapping[str, Any], name: str) -> np.ndarray:
         return codec.decode(data, shape)
     except DataError as err:
         raise DataError(f"{row.get('object_id', 'row')}: column {name}: {err}") from err
+
+
+def decode_target(row: Mapping[str, Any], object_id: str, target: str) -> Grid:
+    """Field of one encoded row, if it is known.
+
+    Parameters
+    ----------
+    row
+        With the column.
+    object_id
+        For the message.
+    target
+        ``density`` or ``apparent_density``.
+
+    Raises
+    ------
+    DataError
+        If only the object's attenuation is known, or the bytes do not make a grid.
+    """
+    if row[target] is None:
+        raise DataError(f"{object_id} has no {target}, only attenuation: take apparent_density")
+    return decode_array(row, target)
 
 
 def row_object(row: Mapping[str, Any]) -> DensityObject:

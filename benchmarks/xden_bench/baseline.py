@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import inspect
+import tempfile
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
+import numpy as np
+
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.modality import track_of
-from xden1k.predictions import PredictionsWriter, SubmissionMeta, Target
+from xden1k.predictions import PredictionsWriter, SubmissionMeta, Target, open_predictions
 from xden1k.predictor import Examples, Predictor, SampleView
+from xden_bench.protocol import Protocol, is_trivial
+from xden_bench.reference import Reference
 from xden_bench.submission import Progress
 
-__all__ = ["Listed", "find_predictor", "list_predictors", "run_predictor"]
+__all__ = ["Listed", "check_trivial", "find_predictor", "list_predictors", "run_predictor"]
 
 GROUP = "xden1k.predictors"
 """Entry points of this group name methods."""
@@ -128,9 +133,51 @@ def run_predictor(
             command=command,
             notes=predictor.notes,
             seed=seed if predictor.trainable else None,
+            manifest_sha256=folder.manifest_sha256,
         )
         writer.finish(meta)
     return meta
+
+
+def check_trivial(path: Path, reference: Reference, protocol: Protocol) -> None:
+    """Refuse a submission under the name of a trivial method that is not its prediction.
+
+    The installed method runs again on the dataset and each value is compared. It guards what
+    enters by ``xden-bench submit``; an entry written by hand is a matter for whoever reviews it.
+
+    Parameters
+    ----------
+    path
+        A valid submission.
+    reference
+        What it predicts.
+    protocol
+        Which names are those of trivial methods.
+
+    Raises
+    ------
+    DataError
+        If a value differs.
+    """
+    with open_predictions(path) as found, tempfile.TemporaryDirectory() as scratch:
+        meta = found.meta
+        if meta is None or not is_trivial(meta.method, protocol):
+            return
+        own, name = Path(scratch) / "own.npz", meta.method.strip().casefold()
+        predictor = find_predictor(name)
+        run_predictor(predictor, reference.folder, reference.split, own, target=meta.target)
+        with open_predictions(own) as expected:
+            for object_id in reference.ids:
+                if not _equal(found.read(object_id), expected.read(object_id)):
+                    raise DataError(
+                        f"{path}: the name {name!r} is that of a trivial method, and its value of "
+                        f"{object_id} is another: give the method a name of its own"
+                    )
+
+
+def _equal(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two grids are the same, whichever of the two dtypes they were stored as."""
+    return one.shape == other.shape and np.allclose(one, other, rtol=2**-10, atol=2**-24)
 
 
 def _entries() -> dict[str, EntryPoint]:

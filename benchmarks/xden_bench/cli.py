@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from xden1k.commands import Group, json_option, print_json
+from xden1k.commands import Group, json_option, open_root, print_json
 from xden1k.modality import TRACKS, Track
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def score(
     """Score a submission without entering it."""
     from xden_bench.result import write_text
 
-    scored, entry = _scored(submission, root, split, track)
+    scored, entry = _scored(submission, _reference(root, split), track)
     if out:
         write_text(out, json.dumps(entry, indent=2, ensure_ascii=False) + "\n")
     if as_json:
@@ -131,15 +131,30 @@ def submit(
 
     Nothing is written if anything is wrong with it. `xden-bench leaderboard` makes the table.
     """
+    from xden_bench.baseline import check_trivial
     from xden_bench.result import write_entry
 
-    scored, entry = _scored(submission, root, split, track)
+    reference = _reference(root, split)
+    scored, entry = _scored(submission, reference, track)
+    check_trivial(submission, reference, scored.protocol)
     path = write_entry(entry, scored, out or RESULTS)
     if as_json:
         print_json({"file": str(path), **entry})
     else:
         _echo_score(scored)
-        click.echo(f"entered: {path}")
+        click.echo(_entered(path, out))
+
+
+def _entered(path: Path, out: Path | None) -> str:
+    """Say where an entry went and what comes next."""
+    if out is None and not (RESULTS / "README.md").is_file():
+        return (
+            f"entered: {path.absolute()}\n"
+            "This is no checkout of the repository: to enter the leaderboard, add this file and "
+            f"the .parquet beside it to {RESULTS} of one, in a pull request."
+        )
+    more = "" if out is None else f" --results {shlex.quote(str(out))}"
+    return f"entered: {path}\n`xden-bench leaderboard{more}` makes the table."
 
 
 @cli.command(epilog="Example: xden-bench leaderboard --check")
@@ -201,7 +216,6 @@ def baseline(
     root submits a dataset folder that the builder made: --from BUILT.
     """
     from xden1k.folder import open_folder
-    from xden1k.hub import data_root
     from xden_bench.baseline import find_predictor, run_predictor
     from xden_bench.rebuilt import Rebuilt
 
@@ -215,7 +229,7 @@ def baseline(
     out = out or Path(f"{name}.npz")
     meta = run_predictor(
         find_predictor(name) if built is None else Rebuilt(open_folder(built), target),
-        open_folder(data_root(root)),
+        open_root(root),
         split,
         out,
         target=target,
@@ -247,18 +261,16 @@ def speed(
     """
     from dataclasses import asdict
 
-    from xden1k.folder import open_folder
-    from xden1k.hub import data_root
     from xden_bench.baseline import find_predictor, run_predictor
     from xden_bench.protocol import load_protocol
     from xden_bench.speed import measure_speed
 
-    folder = data_root(root)
+    folder = open_root(root)
     with tempfile.TemporaryDirectory() as scratch:
         if submission is None:
             submission = Path(scratch) / "water.npz"
-            run_predictor(find_predictor("water"), open_folder(folder), split, submission)
-        measured = measure_speed(submission, folder, split, load_protocol(), repeats)
+            run_predictor(find_predictor("water"), folder, split, submission)
+        measured = measure_speed(submission, folder.root, split, load_protocol(), repeats)
     if as_json:
         print_json({**asdict(measured), "ratio": measured.ratio})
     else:
@@ -269,21 +281,18 @@ def speed(
 
 
 def _reference(root: Path | None, split: str) -> Reference:
-    from xden1k.folder import open_folder
-    from xden1k.hub import data_root
     from xden_bench.reference import Reference
 
-    return Reference(open_folder(data_root(root)), split)
+    return Reference(open_root(root), split)
 
 
 def _scored(
-    submission: Path, root: Path | None, split: str, track: Track | None
+    submission: Path, reference: Reference, track: Track | None
 ) -> tuple[Score, dict[str, Any]]:
     from xden_bench.protocol import load_protocol
     from xden_bench.result import entry_of
     from xden_bench.scoring import score as score_file
 
-    reference = _reference(root, split)
     scored = score_file(submission, reference, load_protocol(), track, _bar)
     today = datetime.datetime.now(tz=datetime.UTC).date()
     command = _command(click.get_current_context())

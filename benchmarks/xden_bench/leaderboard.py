@@ -12,10 +12,11 @@ from tabulate import tabulate
 from xden1k.errors import DataError
 from xden1k.modality import TRACKS
 from xden_bench.metrics import METRICS
-from xden_bench.protocol import load_protocol
+from xden_bench.protocol import is_trivial, load_protocol
+from xden_bench.rebuilt import Rebuilt
 from xden_bench.result import write_text
 
-__all__ = ["check_leaderboard", "ranks", "render", "write_leaderboard"]
+__all__ = ["check_leaderboard", "ranks", "render", "unranked_because", "write_leaderboard"]
 
 Entry = Mapping[str, Any]
 
@@ -37,6 +38,7 @@ How to read the tables:
   counts the rows that are better beyond both intervals.
 - *Rows in italics* are trivial and never ranked: nothing (`zero`), 1 g/cm³ everywhere (`water`),
   and the median density of the training objects, of all or by category. A method has to beat them.
+  Another row without a rank says why in its footnote.
 - Tables of different tracks, datasets or sources (`scan`: the scanner's objects, `phantom`:
   simulated ones) are never compared.
 
@@ -46,6 +48,8 @@ How to read the tables:
 
 PRINTED: Final = ("density_mae_g_cm3", "com_l1_cm", "mass_mape", "mass_alde", "mass_mnre")
 """Metrics of the tables; the others are in the results."""
+
+TRIVIAL: Final = "trivial"
 
 PAPER_ROWS: Final = (
     ("NeRF2Physics", "1.157", "0.523", "1.174"),
@@ -85,8 +89,8 @@ def render(entries: Iterable[Entry]) -> str:
 def ranks(rows: Sequence[Entry]) -> list[int | None]:
     """Rank of each row: one more than the number of rows that are better beyond both intervals.
 
-    Rows whose intervals overlap are not told apart. Trivial rows have no rank and push nobody
-    down.
+    Rows whose intervals overlap are not told apart. Rows that :func:`unranked_because` gives a
+    reason for have no rank and push nobody down.
 
     Parameters
     ----------
@@ -101,12 +105,28 @@ def ranks(rows: Sequence[Entry]) -> list[int | None]:
         low, high = sorted(sign * end for end in row["metrics"][name]["ci95"])
         return low, high
 
-    ranked = [row for row in rows if row["method"]["name"] not in rules.unranked]
+    ranked = [row for row in rows if unranked_because(row) is None]
     highs = [interval(row)[1] for row in ranked]
     return [
         1 + sum(high < interval(row)[0] for high in highs) if row in ranked else None
         for row in rows
     ]
+
+
+def unranked_because(row: Entry) -> str | None:
+    """Why a row is printed without a rank, or None if it has one.
+
+    All an entry says of itself can only take its rank away here, so that nothing is gained by
+    saying it falsely. :func:`xden_bench.baseline.check_trivial` keeps the names of the trivial
+    methods for those.
+    """
+    if is_trivial(row["method"]["name"], load_protocol(row["protocol"])):
+        return TRIVIAL
+    if any(warning.startswith("W504") for warning in row["warnings"]):
+        return "its values are those of the reference"
+    if row["method"]["name"] == Rebuilt.name and "scan" in row["dataset"]["source"].split("+"):
+        return "circular: on scans the truth is the builder's own reconstruction"
+    return None
 
 
 def write_leaderboard(entries: Iterable[Entry], path: Path) -> None:
@@ -197,7 +217,7 @@ def _row(row: Entry, rank: int | None) -> list[str]:
     name = _plain(method["name"])
     return [
         "" if rank is None else str(rank),
-        f"*{name}*" if rank is None else name,
+        f"*{name}*" if unranked_because(row) == TRIVIAL else name,
         *(_figure(row["metrics"][one]) for one in PRINTED),
         _plain(", ".join(method["inputs"])) or "nothing",
         _plain(", ".join(method["training_data"])) or "nothing",
@@ -219,10 +239,12 @@ def _details(row: Entry) -> str:
     commit = (
         f", commit `{_code(row['commit'][:12])}{_dirty(row['commit'])}`" if row["commit"] else ""
     )
+    reason = unranked_because(row)
     facts = [
         f"**{_plain(method['name'])}**: {', then '.join(commands)}",
         f"xden1k {_plain(row['xden_version'])}{commit}",
         f"submission `{_code(row['submission_sha256'][:12])}`",
+        *([f"not ranked: {reason}"] if reason not in (None, TRIVIAL) else []),
         *(_plain(text) for text in (method["notes"], *row["warnings"]) if text),
         *(_link(method[key]) for key in ("paper", "code") if method[key]),
     ]

@@ -12,7 +12,7 @@ from xden1k.errors import DataError
 from xden1k.settings import load_settings
 from xden_bench.metrics import METRICS
 
-__all__ = ["PROTOCOLS", "Protocol", "load_protocol"]
+__all__ = ["PROTOCOLS", "Protocol", "is_trivial", "load_protocol"]
 
 PROTOCOLS: Final = ("v1",)
 """Every protocol there is, the newest last."""
@@ -95,3 +95,14 @@ def load_protocol(name: str = PROTOCOLS[-1]) -> Protocol:
     file = resources.files("xden_bench") / f"protocol-{name}.toml"
     with resources.as_file(file) as path:
         return load_settings(Protocol, Path(path))
+
+
+def is_trivial(method: str, protocol: Protocol) -> bool:
+    """Whether a name is one of a trivial method, in whatever case.
+
+    Examples
+    --------
+    >>> [is_trivial(name, load_protocol("v1")) for name in ("water", " Water", "my water")]
+    [True, True, False]
+    """
+    return method.strip().casefold() in protocol.unranked

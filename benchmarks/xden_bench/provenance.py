@@ -9,8 +9,8 @@ from pathlib import Path
 
 __all__ = ["code_commit", "package_version"]
 
-CODE = ("xden1k", "benchmarks/xden_bench", "baselines/xden_baselines")
-"""What a score depends on: a change elsewhere does not make the commit dirty."""
+CODE = ("xden1k", "benchmarks/xden_bench", "baselines/xden_baselines", "builder/xden_builder")
+"""What a score and the builder's row depend on: a change elsewhere makes no commit dirty."""
 
 
 def package_version() -> str:

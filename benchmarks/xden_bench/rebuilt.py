@@ -1,8 +1,8 @@
 """A dataset folder as a submission: what the builder reconstructed, against the truth.
 
 On phantoms this is the upper row of the X-ray track: the simulator knows the truth and the builder
-has seen none of it. On scans the truth *is* the builder's reconstruction, so that the row would
-compare a thing with itself.
+has seen none of it. On scans the truth *is* the builder's reconstruction: the row compares a thing
+with itself, says so, and has no rank.
 """
 
 from __future__ import annotations
@@ -43,7 +43,19 @@ class Rebuilt:
     def __init__(self, built: DatasetFolder, target: Target) -> None:
         self._built = built
         self._target = target
-        self.notes = f"reconstructed by {built.manifest.builder}"
+        self._circular = False
+
+    @property
+    def notes(self) -> str:
+        """By what it was made, from which folder and settings, and whether that is circular."""
+        made, settings = self._built.manifest.builder, self._built.manifest.config_sha256
+        facts = [
+            f"reconstructed by {made}",
+            f"manifest {self._built.manifest_sha256[:12]}",
+            f"settings {settings[:12] or 'unknown'}",
+            *(["circular: the truth of scans is the builder's own"] if self._circular else []),
+        ]
+        return ", ".join(facts)
 
     def fit(self, train: Examples, *, seed: int) -> None:
         """Learn nothing."""
@@ -58,8 +70,9 @@ class Rebuilt:
         DataError
             If it lies on another grid, or only its attenuation is known.
         """
-        columns = [self._target, "grid_origin_cm", "voxel_size_cm"]
+        columns = ["source", self._target, "grid_origin_cm", "voxel_size_cm"]
         row = self._built.row(sample.object_id, columns)
+        self._circular |= row["source"] == "scan"
         apart = np.abs(np.array(row["grid_origin_cm"]) - sample.origin_cm).max()
         stretched = abs(row["voxel_size_cm"] / sample.voxel_size_cm - 1)
         if not (apart < SAME_PLACE * sample.voxel_size_cm and stretched < SAME_PLACE / 64):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,9 +11,8 @@ import trimesh
 from xden1k.arrays import Grid, Vec3
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
-from xden1k.manifest import MANIFEST_NAME
 from xden1k.predictions import Target
-from xden1k.records import decode_array, split_meshes
+from xden1k.records import decode_array, decode_target, split_meshes
 
 __all__ = ["Reference", "Truth"]
 
@@ -92,10 +90,10 @@ class Reference:
         """The data's version."""
         return self.folder.manifest.version
 
-    @cached_property
+    @property
     def manifest_sha256(self) -> str:
         """Checksum of the manifest, which holds those of all files."""
-        return hashlib.sha256((self.folder.root / MANIFEST_NAME).read_bytes()).hexdigest()
+        return self.folder.manifest_sha256
 
     def truth(self, object_id: str, target: Target = "density") -> Truth:
         """Read one object.
@@ -107,11 +105,7 @@ class Reference:
         """
         names = ["category", "source", "grid_origin_cm", "voxel_size_cm", "part_names"]
         row = self.folder.row(object_id, [*names, target, "envelope"])
-        if row[target] is None:
-            raise DataError(
-                f"{object_id} has no {target}, only attenuation: score apparent_density instead"
-            )
-        density = decode_array(row, target)
+        density = decode_target(row, object_id, target)
         if not density.any():
             raise DataError(f"{object_id} has no mass in {target}: it cannot be scored")
         return Truth(

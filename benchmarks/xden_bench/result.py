@@ -23,11 +23,9 @@ from xden_bench.provenance import code_commit, package_version
 from xden_bench.reference import Reference
 from xden_bench.scoring import ObjectScore, Score, by_category, by_size, summary
 
-__all__ = ["RESULTS", "SCHEMA", "entry_of", "read_entries", "write_entry", "write_text"]
+__all__ = ["SCHEMA", "entry_of", "read_entries", "write_entry", "write_text"]
 
 SCHEMA: Final = "xden-result/1"
-RESULTS: Final = Path("benchmarks/results")
-"""Where entries lie in the repository."""
 _OBJECT_COLUMNS: Final = ("object_id", "category", "source", "extent_cm")
 
 
@@ -230,7 +228,8 @@ def _check_figures(path: Path, entry: Mapping[str, Any]) -> None:
 def _read_objects(data: bytes, rules: Protocol) -> list[ObjectScore]:
     return [
         ObjectScore(
-            *(row[name] for name in _OBJECT_COLUMNS), {name: row[name] for name in rules.metrics}
+            **{name: row[name] for name in _OBJECT_COLUMNS},
+            metrics={name: row[name] for name in rules.metrics},
         )
         for row in pq.read_table(pa.BufferReader(data)).to_pylist()
     ]

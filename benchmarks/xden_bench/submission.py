@@ -165,8 +165,10 @@ def _meta_problems(
     meta: SubmissionMeta, reference: Reference, protocol: Protocol, track: Track | None
 ) -> Iterator[Problem]:
     """Compare what the file says it predicts with what is being scored."""
+    here = reference.manifest_sha256
     for name, found, expected in (
         ("dataset_revision", meta.dataset_revision, reference.revision),
+        ("manifest_sha256", meta.manifest_sha256 or here, here),
         ("config", meta.config, protocol.config),
         ("split", meta.split, reference.split),
         ("track", meta.track, track or meta.track),

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from xden1k import hub
 from xden_bench.cli import cli
 
 Submit = Callable[..., Path]
@@ -191,7 +192,7 @@ def test_baselines_are_listed(run: Callable[..., Result]) -> None:
         (["baseline", "nope"], 1, "no method 'nope' is installed; there are ["),
         (["baseline"], 2, "Give the NAME of a method, or --list."),
         (["baseline", "water", "--split", "nope"], 1, "no split 'nope'"),
-        (["score", "nope.npz"], 1, "No such file or directory: 'nope.npz'"),
+        (["score", "nope.npz"], 1, "Error: nope.npz: No such file or directory"),
         (["score", "nope.npz", "--root", "."], 1, "is not a dataset folder"),
         (["score", "nope.npz", "--track", "sonar"], 2, "'sonar' is not one of"),
         (["leaderboard", "--check"], 1, "there is no folder of results at benchmarks/results"),
@@ -207,6 +208,53 @@ def test_errors_are_one_line(
     if code == 1:
         assert len(done.stderr.splitlines()) == 1
     assert files(tmp_path) == []
+
+
+@pytest.fixture
+def run_sample(
+    run: Callable[..., Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., Result]:
+    """Run where nothing says which dataset is meant, as after an installation."""
+    monkeypatch.delenv("XDEN1K_ROOT")
+    monkeypatch.setattr(hub, "cache_folder", lambda: tmp_path / "no cache")
+    hub._say_that_it_is_the_sample.cache_clear()
+    return run
+
+
+def test_the_sample_is_a_note_not_a_warning_of_pythons(run_sample: Callable[..., Result]) -> None:
+    done = run_sample("score", "nope.npz")
+    note, error = done.stderr.splitlines()
+    assert note.startswith("note: using the small simulated sample of the package")
+    assert error == "Error: nope.npz: No such file or directory"
+
+
+def test_submit_says_what_comes_next(
+    run: Callable[..., Result], submission: Submit, tmp_path: Path
+) -> None:
+    path = submission()
+    away = run("submit", path).stdout.splitlines()[-2:]
+    assert away[0].startswith(f"entered: {tmp_path}/benchmarks/results/v1/")
+    assert "This is no checkout of the repository" in away[1]
+    last = run("submit", path, "--out", "my results").stdout.splitlines()[-1]
+    assert last == "`xden-bench leaderboard --results 'my results'` makes the table."
+    (tmp_path / "benchmarks" / "results" / "README.md").touch()
+    last = run("submit", submission(method="other")).stdout.splitlines()[-1]
+    assert last == "`xden-bench leaderboard` makes the table."
+
+
+@pytest.mark.parametrize("name", ["water", " Water"])
+def test_only_water_is_called_water(
+    run: Callable[..., Result], submission: Submit, tmp_path: Path, name: str
+) -> None:
+    path = submission(method=name)
+    done = run("submit", path)
+    assert done.exit_code == 1
+    assert "the name 'water' is that of a trivial method, and its value of bar-0002 is another" in (
+        done.stderr
+    )
+    assert files(tmp_path) == ["preds.npz"]
+    run("baseline", "water")
+    assert run("submit", "water.npz").exit_code == 0
 
 
 def test_speed_prints_a_ratio(run: Callable[..., Result]) -> None:

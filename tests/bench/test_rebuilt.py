@@ -1,5 +1,6 @@
 """A dataset folder of the builder's as a submission."""
 
+import hashlib
 from dataclasses import replace
 
 import numpy as np
@@ -37,6 +38,19 @@ def test_the_truth_rebuilt_scores_zero_in_the_xray_track(dataset, tmp_path):
     assert scored.metrics["density_mae_g_cm3"].mean == 0
     assert scored.metrics["mass_mape"].mean == 0
     assert scored.metrics["com_l1_cm"].mean == 0
+
+
+def test_the_notes_say_from_what_it_was_made(dataset, tmp_path):
+    folder = open_folder(dataset)
+    meta = run_predictor(Rebuilt(folder, "density"), folder, "test", tmp_path / "root.npz")
+    manifest = hashlib.sha256((dataset / "manifest.json").read_bytes()).hexdigest()[:12]
+    assert meta.notes == f"reconstructed by tests, manifest {manifest}, settings unknown"
+
+
+def test_the_notes_say_that_a_scan_against_itself_is_circular(tmp_path):
+    folder = folder_of(box_object("bar-0001", BAR, split="test", source="scan"), tmp_path / "scan")
+    meta = run_predictor(Rebuilt(folder, "density"), folder, "test", tmp_path / "root.npz")
+    assert "circular: the truth of scans is the builder's own" in meta.notes
 
 
 def test_an_object_on_another_grid_is_refused(tmp_path):

@@ -208,6 +208,21 @@ def test_trivial_rows_have_no_rank_and_push_nobody_down(entry: dict[str, Any]) -
     assert ranks(rows) == [None, 1, 2]
 
 
+def test_a_row_that_is_the_reference_or_circular_has_no_rank_and_says_why(
+    entry: dict[str, Any],
+) -> None:
+    copied = row(entry, "b", 0.0, 0.0, warnings=["W504: identical to the reference: 1: 'x'"])
+    rows = [row(entry, "a", 1.0, 0.1), copied, row(entry, "builder", 0.1, 0.0)]
+    assert ranks(rows) == [2, None, 1]
+    scans = [row(entry, "a", 1.0, 0.1), row(entry, "builder", 0.1, 0.0)]
+    for one in scans:
+        one["dataset"]["source"] = "phantom+scan"
+    assert ranks(scans) == [1, None]
+    assert "not ranked: its values are those of the reference" in render(rows)
+    assert "not ranked: circular: on scans the truth is the builder's own" in render(scans)
+    assert "| *b*" not in render(rows)
+
+
 def test_what_differs_is_never_in_one_table(entry: dict[str, Any]) -> None:
     rows = [
         row(entry, "base", 1.0, 0.1),

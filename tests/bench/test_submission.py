@@ -11,6 +11,7 @@ import pytest
 from tests.phantoms import CUBE, box_object
 from xden1k.errors import DataError
 from xden1k.folder import open_folder, write_folder
+from xden_bench.baseline import find_predictor, run_predictor
 from xden_bench.protocol import load_protocol
 from xden_bench.reference import Reference
 from xden_bench.submission import validate
@@ -47,6 +48,27 @@ def test_e205_what_was_predicted(
     submission: Submit, reference: Reference, meta: dict[str, str], line: str
 ) -> None:
     assert found(submission(scaled, **meta), reference) == [line]
+
+
+def test_e205_another_dataset_of_the_same_revision(
+    submission: Submit, reference: Reference, tmp_path: Path
+) -> None:
+    path = tmp_path / "water.npz"
+    run_predictor(find_predictor("water"), reference.folder, "test", path)
+    assert not [line for line in found(path, reference) if line.startswith("E")]
+    here, other = reference.manifest_sha256, "0" * 64
+    assert found(submission(scaled, manifest_sha256=here), reference) == []
+    assert found(submission(scaled, manifest_sha256=other), reference) == [
+        f"E205: manifest_sha256 must be {here!r} here, got {other!r}"
+    ]
+    objects = [reference.folder.object(one) for one in sorted(reference.folder.ids())]
+    write_folder(objects, tmp_path / "other", version="0.1.0", builder="another")
+    (line,) = (
+        line
+        for line in found(path, Reference(open_folder(tmp_path / "other"), "test"))
+        if line.startswith("E")
+    )
+    assert line.startswith("E205: manifest_sha256 must be ")
 
 
 def test_e205_another_track(submission: Submit, reference: Reference) -> None:
