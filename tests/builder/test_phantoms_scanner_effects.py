@@ -216,7 +216,7 @@ def test_metal_scatters_less_than_plastic_of_the_same_shadow() -> None:
 
 
 def test_scatter_of_nothing_is_nothing() -> None:
-    draw = ScatterDraw(level=0.05, near_cm=2.0, far_cm=6.0, near_share=0.5)
+    draw = ScatterDraw(level=0.05, near_cm=2.0, far_cm=6.0, near_share=0.5, reaching=0.3)
     assert (scatter_image(np.zeros((8, 8), dtype=np.float32), draw, 0.5) == 0).all()
 
 
@@ -226,6 +226,7 @@ def test_scatter_varies_from_object_to_object() -> None:
     assert levels.min() >= 0.025
     assert levels.max() <= 0.075
     assert levels.mean() == pytest.approx(0.05, abs=0.003)
+    assert max(draw.reaching for draw in draws) <= MOST_REACHING
 
 
 # noise and panel

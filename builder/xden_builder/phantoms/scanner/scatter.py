@@ -10,8 +10,8 @@ Range: objects of 2 to 60 cm without a grid, some 20 cm from the panel, where sc
 cent of the open field. Multiple scattering, the object's depth and the loss of energy in a
 collision enter only through the level, which is drawn, not computed. The widths are assumed.
 The level is bounded: at most ``MOST_REACHING`` of the scattered signal reaches the panel, which
-covers 18 % of all directions from the middle of the object, forward ones favoured; hence thin and
-small objects scatter less than the level asks for.
+covers 18 % of all directions from the middle of the object, forward ones favoured. Thin and small
+objects do not scatter enough for a level of some per cent: the bound, drawn as well, rules there.
 """
 
 from __future__ import annotations
@@ -40,24 +40,28 @@ class ScatterDraw:
         Standard deviations on the panel.
     near_share
         Of the narrower Gaussian.
+    reaching
+        Largest share of the scattered signal that reaches the panel.
     """
 
     level: float
     near_cm: float
     far_cm: float
     near_share: float
+    reaching: float
 
 
 def draw_scatter(
     rng: np.random.Generator, level: float, near_cm: float, far_cm: float
 ) -> ScatterDraw:
-    """Vary a kernel from object to object: level by half, widths by a fifth, any mixture."""
-    widths = np.exp(rng.normal(0.0, 0.2, 2))
+    """Vary a kernel from object to object: level and bound threefold, widths by a fifth."""
+    widths, strength = np.exp(rng.normal(0.0, 0.2, 2)), float(rng.uniform(0.5, 1.5))
     return ScatterDraw(
-        level=level * float(rng.uniform(0.5, 1.5)),
+        level=level * strength,
         near_cm=near_cm * float(widths[0]),
         far_cm=far_cm * float(widths[1]),
         near_share=float(rng.uniform(0.3, 0.7)),
+        reaching=MOST_REACHING * strength / 1.5,
     )
 
 
@@ -77,5 +81,5 @@ def scatter_image(scattered: Image, draw: ScatterDraw, pixel_cm: float) -> Image
     near, far = (gaussian_spread(scattered, cm / pixel_cm) for cm in (draw.near_cm, draw.far_cm))
     veil = draw.near_share * near + (1 - draw.near_share) * far
     shadow = veil[scattered > 0]
-    reaching = min(draw.level / float(shadow.mean()), MOST_REACHING) if shadow.size else 0.0
+    reaching = min(draw.level / float(shadow.mean()), draw.reaching) if shadow.size else 0.0
     return np.asarray(reaching * veil, dtype=np.float32)
