@@ -12,7 +12,7 @@ import numpy as np
 
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
-from xden1k.modality import track_of
+from xden1k.modality import Modality, track_of
 from xden1k.predictions import PredictionsWriter, SubmissionMeta, Target, open_predictions
 from xden1k.predictor import Examples, Predictor, SampleView
 from xden_bench.protocol import Protocol, is_trivial
@@ -58,14 +58,14 @@ def find_predictor(name: str) -> Predictor:
     Raises
     ------
     DataError
-        If there is none of that name, it cannot be imported, or it is no predictor.
+        If there is none of that name, it cannot be imported or made, or it is no predictor.
     """
     entries = _entries()
     if name not in entries:
         raise DataError(f"no method {name!r} is installed; there are {sorted(entries)}")
     try:
         predictor = entries[name].load()()
-    except (ImportError, AttributeError) as err:
+    except (ImportError, AttributeError, TypeError, ValueError) as err:
         raise DataError(f"the method {name} ({entries[name].value}) does not load: {err}") from err
     if not isinstance(predictor, Predictor):
         raise DataError(f"the method {name} ({entries[name].value}) is no xden1k Predictor")
@@ -120,7 +120,9 @@ def run_predictor(
         predictor.fit(Examples(folder, "train", predictor.reads, target), seed=seed)
     with PredictionsWriter(out) as writer:
         for object_id in progress(folder.ids(split)):
-            writer.add(object_id, predictor.predict(SampleView(folder, object_id, predictor.reads)))
+            values = predictor.predict(SampleView(folder, object_id, predictor.reads))
+            writer.add(object_id, values)
+            _check_parts(folder, object_id, values, predictor.reads)
         meta = SubmissionMeta(
             method=predictor.name,
             dataset_revision=folder.manifest.version,
@@ -137,6 +139,21 @@ def run_predictor(
         )
         writer.finish(meta)
     return meta
+
+
+def _check_parts(
+    folder: DatasetFolder, object_id: str, values: np.ndarray, reads: Modality
+) -> None:
+    """Refuse part densities of the wrong number, or by a method that declares no parts."""
+    if values.ndim != 1:
+        return
+    if Modality.PARTS not in reads:
+        raise DataError(f"{object_id}: part densities need the modality PARTS: give a grid")
+    parts = len(folder.row(object_id, ["part_names"])["part_names"])
+    if len(values) != parts + 1:
+        raise DataError(
+            f"{object_id}: shape must be ({parts + 1},), air and {parts} parts, got {values.shape}"
+        )
 
 
 def check_trivial(path: Path, reference: Reference, protocol: Protocol) -> None:

@@ -5,15 +5,18 @@ from __future__ import annotations
 import dataclasses
 import re
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import pytest
 
 from xden1k.modality import INPUTS, TRACKS
-from xden1k.predictions import CODES, SubmissionMeta, open_predictions
+from xden1k.predictions import CODES, SubmissionMeta
+from xden_bench.baseline import run_predictor
 from xden_bench.cli import cli
 from xden_bench.metrics import METRICS
 from xden_bench.protocol import load_protocol
+from xden_bench.reference import Reference
+from xden_bench.submission import validate
 
 ROOT = Path(__file__).parents[2]
 MANUAL = (ROOT / "benchmarks" / "README.md").read_text()
@@ -23,14 +26,32 @@ def test_every_code_is_in_the_manual() -> None:
     assert dict(re.findall(r"^\| ([EW]\d{3}) \| (.*) \|$", MANUAL, re.MULTILINE)) == CODES
 
 
-def test_the_manuals_python_writes_a_submission(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def python_of(manual: str) -> dict[str, Any]:
+    """Run a manual's one piece of Python with nothing but itself."""
+    (code,) = re.findall(r"```python\n(.*?)```", manual, re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(code, names)  # noqa: S102
+    return names
+
+
+def errors_of(path: Path, reference: Reference) -> list[str]:
+    return [str(one) for one in validate(path, reference, load_protocol()) if one.is_error]
+
+
+def test_the_manuals_python_writes_a_submission_that_is_valid(
+    tmp_path: Path, reference: Reference, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (code,) = re.findall(r"```python\n(.*?)```", MANUAL, re.DOTALL)
     monkeypatch.chdir(tmp_path)
-    exec(code, {"ids": ["mug"], "predict": lambda _: np.zeros((64, 64, 64))})  # noqa: S102
-    with open_predictions(tmp_path / "preds.npz") as predictions:
-        assert predictions.ids == ("mug",)
+    monkeypatch.setenv("XDEN1K_ROOT", str(reference.folder.root))
+    python_of(MANUAL)
+    assert errors_of(tmp_path / "preds.npz", reference) == []
+
+
+def test_the_baselines_manuals_method_runs(tmp_path: Path, reference: Reference) -> None:
+    made = python_of((ROOT / "baselines" / "README.md").read_text())["MyMethod"]()
+    run_predictor(made, reference.folder, "test", tmp_path / "preds.npz")
+    assert errors_of(tmp_path / "preds.npz", reference) == []
+    assert 1 < made.density_g_cm3 < 4.5
 
 
 @pytest.mark.parametrize(

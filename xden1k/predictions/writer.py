@@ -62,7 +62,7 @@ class PredictionsWriter:
         self._archive.close()
         self._partial.unlink(missing_ok=True)
 
-    def add(self, object_id: str, values: Float[np.ndarray, "..."]) -> None:
+    def add(self, object_id: str, values: object) -> None:
         """Append one object's prediction.
 
         Parameters
@@ -70,19 +70,26 @@ class PredictionsWriter:
         object_id
             As in the dataset.
         values
-            Density in the units the meta data will declare: shape (64, 64, 64), voxel means on
-            the object's field grid; or shape (parts + 1,), entry 0 (air) being 0.
+            A NumPy array of floats or integers, in the units the meta data will declare: shape
+            (64, 64, 64), voxel means on the object's field grid; or shape (parts + 1,), entry 0
+            (air) being 0.
 
         Raises
         ------
         DataError
-            If the shape is neither, a value is negative or not finite (float16 ends at 65,504),
-            the object came before, or its id has characters other than letters, digits, ``._-``.
+            If it is no such array, the shape is neither, air has a density, a value is negative or
+            not finite (float16 ends at 65,504), the object came before, or its id has characters
+            other than letters, digits, ``._-``.
         """
         if not re.fullmatch(OBJECT_ID, object_id):
             raise DataError(f"{self._path}: object id {object_id!a} must match {OBJECT_ID}")
         if object_id in self._seen:
             raise DataError(f"{self._path}: {object_id} was predicted twice")
+        if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
+            raise DataError(
+                f"{object_id}: must be a NumPy array of floats or integers, "
+                f"got {_described(values)}"
+            )
         per_part = values.ndim == 1 and len(values) > 1
         if values.shape != GRID_SHAPE and not per_part:
             raise DataError(
@@ -92,6 +99,8 @@ class PredictionsWriter:
             stored = values.astype("float32" if per_part else self._dtype)
         if not (np.isfinite(stored).all() and (stored >= 0).all()):
             raise DataError(f"{object_id}: values must be finite and >= 0 as {stored.dtype}")
+        if per_part and stored[0] != 0:
+            raise DataError(f"{object_id}: entry 0 is air and must be 0, got {stored[0]}")
         self._seen.add(object_id)
         kind = "part_density" if per_part else "density"
         write_member(self._archive, f"{kind}/{object_id}", stored)
@@ -109,6 +118,11 @@ class PredictionsWriter:
         write_member(self._archive, "__meta__", np.array(text))
         self._archive.close()
         self._partial.replace(self._path)
+
+
+def _described(values: object) -> str:
+    kind = f"{type(values).__module__}.{type(values).__qualname__}".removeprefix("builtins.")
+    return f"{kind} of {values.dtype}" if isinstance(values, np.ndarray) else kind
 
 
 def write_predictions(

@@ -1,0 +1,107 @@
+"""Methods of other packages that do not keep to the interface."""
+
+from __future__ import annotations
+
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from xden1k.errors import DataError
+from xden1k.folder import DatasetFolder
+from xden1k.modality import Modality
+from xden_bench import baseline
+from xden_bench.baseline import find_predictor, run_predictor
+
+GRID = (64, 64, 64)
+
+
+class Gives:
+    """A method that predicts one and the same thing."""
+
+    name, version, reads = "gives", "1", Modality.PARTS
+    trainable = external_data = False
+    notes = ""
+
+    def __init__(self, values: Any) -> None:
+        self._values = values
+
+    def fit(self, train: Any, *, seed: int) -> None:
+        """Learn nothing."""
+
+    def predict(self, sample: Any) -> Any:
+        return self._values
+
+
+class Broken(Gives):
+    def __init__(self) -> None:
+        raise ValueError("no weights at ~/weights")
+
+
+@pytest.mark.parametrize(
+    ("values", "found"),
+    [
+        (None, "got NoneType"),
+        ([0.0, 1.0], "got list"),
+        (torch.zeros(GRID), "got torch.Tensor"),
+        (np.full(GRID, "1"), "got numpy.ndarray of <U1"),
+        (np.zeros(GRID, complex), "got numpy.ndarray of complex128"),
+        (np.zeros(GRID, object), "got numpy.ndarray of object"),
+        (np.zeros(GRID, bool), "got numpy.ndarray of bool"),
+        (np.array([1.0, 1.0, 1.0]), "entry 0 is air and must be 0, got 1.0"),
+        (np.zeros(4), r"shape must be (3,), air and 2 parts, got (4,)"),
+        (np.zeros((64, 64)), "shape must be (64, 64, 64) or (parts + 1,), got (64, 64)"),
+    ],
+)
+def test_what_is_no_prediction_is_refused_with_the_object(
+    folder: DatasetFolder, tmp_path: Path, values: Any, found: str
+) -> None:
+    with pytest.raises(DataError, match=r"^bar-0002: ") as caught:
+        run_predictor(Gives(values), folder, "test", tmp_path / "preds.npz")
+    assert found in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_part_densities_need_parts_to_be_declared(folder: DatasetFolder, tmp_path: Path) -> None:
+    blind = Gives(np.zeros(3))
+    blind.reads = Modality.GEOMETRY
+    with pytest.raises(DataError, match="bar-0002: part densities need the modality PARTS"):
+        run_predictor(blind, folder, "test", tmp_path / "preds.npz")
+
+
+def test_whole_numbers_are_a_prediction(folder: DatasetFolder, tmp_path: Path) -> None:
+    whole = Gives(np.ones(GRID, np.int64))
+    run_predictor(whole, folder, "test", tmp_path / "preds.npz")
+    assert (tmp_path / "preds.npz").is_file()
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("no_such_package:Method", "does not load: No module named"),
+        ("numpy:no_such_name", "does not load: module 'numpy' has no attribute"),
+        ("numpy:pi", "does not load: 'float' object is not callable"),
+        ("numpy:ndarray", "does not load: "),
+        ("builtins:dict", "is no xden1k Predictor"),
+    ],
+)
+def test_a_method_that_does_not_load_is_named(
+    monkeypatch: pytest.MonkeyPatch, value: str, message: str
+) -> None:
+    entry = EntryPoint("theirs", value, "xden1k.predictors")
+    monkeypatch.setattr(baseline, "_entries", lambda: {"theirs": entry})
+    with pytest.raises(DataError, match=f"the method theirs .*{message}"):
+        find_predictor("theirs")
+
+
+def test_a_constructor_that_fails_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Entry:
+        value = "theirs:Broken"
+        load = staticmethod(lambda: Broken)
+
+    monkeypatch.setattr(baseline, "_entries", lambda: {"theirs": Entry})
+    with pytest.raises(DataError, match="does not load: no weights at ~/weights"):
+        find_predictor("theirs")
