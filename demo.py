@@ -16,6 +16,10 @@ import click
 
 OUT = Path("demo-output")
 COUNT, SEED = 24, 1
+CATEGORIES = (
+    "screwdriver,hammer,pliers,water_bottle,mug,kettle,flashlight,remote_control,"
+    "scissors,teapot,power_drill,thermos"
+)
 BASELINES = ("zero", "water", "train-median", "category-median")
 
 
@@ -30,7 +34,7 @@ def run(line: str) -> None:
 def main() -> None:
     """Run the demo."""
     shutil.rmtree(OUT, ignore_errors=True)
-    same = f"--count {COUNT} --seed {SEED}"
+    same = f"--count {COUNT} --seed {SEED} --categories {CATEGORIES}"
     run(f"xden-build phantoms {OUT}/captures {same}")
     run(f"xden-build run {OUT}/captures --out {OUT}/dataset")
     run(f"xden-build audit {OUT}/dataset --captures {OUT}/captures")

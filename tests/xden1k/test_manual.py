@@ -8,10 +8,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from xden1k.card import header, yaml_block
+from xden1k.folder import open_folder
 from xden1k.hub import SAMPLE
 from xden1k.manifest import Manifest
+from xden1k.types import SPLITS
 from xden1k.verify import verify_folder
+from xden_builder.phantoms import plan_objects
 
 MANUAL = SAMPLE.parent / "README.md"
 
@@ -25,8 +30,11 @@ def test_the_sample_is_sound_small_and_simulated() -> None:
     assert sum(path.stat().st_size for path in SAMPLE.rglob("*") if path.is_file()) < 6e6
 
 
-def test_header_names_exactly_the_files_of_the_sample() -> None:
+def test_header_names_exactly_the_files_of_the_sample(request: pytest.FixtureRequest) -> None:
     expected = yaml_block(header(Manifest.read(SAMPLE), "sample/", features=False))
+    if request.config.getoption("--update-golden"):
+        _, _, rest = MANUAL.read_text(encoding="utf-8").split("---\n", 2)
+        MANUAL.write_text(expected + rest, encoding="utf-8")
     assert MANUAL.read_text(encoding="utf-8").startswith(expected)
     below = {path.parent.parent for path in SAMPLE.parent.rglob("*.parquet")}
     assert below == {SAMPLE}
@@ -53,3 +61,22 @@ def test_code_of_the_manual_runs(tmp_path: Path) -> None:
     assert ran.returncode == 0, ran.stderr
     (mine,) = tmp_path.glob("*/mine/manifest.json")
     assert Manifest.read(mine.parent).objects == Manifest.read(SAMPLE).splits["test"]
+
+
+def test_the_sample_is_what_make_sample_makes() -> None:
+    """Names and splits of the objects; a change of a shape shows in the manifest instead."""
+    makefile = (SAMPLE.parents[1] / "Makefile").read_text(encoding="utf-8")
+    (line,) = re.findall(r"^SAMPLE := (.*)$", makefile, re.MULTILINE)
+    (names,) = re.findall(r"^CATEGORIES := (.*)$", makefile, re.MULTILINE)
+    count, seed = (int(re.search(rf"--{word} (\d+)", line)[1]) for word in ("count", "seed"))
+    plans = plan_objects(count, seed, names.split(","))
+    assert {(plan.object_id, plan.split) for plan in plans} == {
+        (object_id, split) for split in SPLITS for object_id in open_folder(SAMPLE).ids(split)
+    }
+
+
+def test_methods_can_learn_every_category_the_sample_tests_them_on() -> None:
+    folder = open_folder(SAMPLE)
+    known = {folder.row(object_id, ["category"])["category"] for object_id in folder.ids("train")}
+    tested = {folder.row(object_id, ["category"])["category"] for object_id in folder.ids("test")}
+    assert tested <= known
