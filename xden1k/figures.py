@@ -37,6 +37,8 @@ SOURCE_WORDS = {
     "phantom": "simulated, never on a scanner",
     "ct": "views computed from a CT",
 }
+MADE_WORDS = {"scan": "measured", "phantom": "simulated", "ct": "computed"}
+"""How the radiographs of each source came to be."""
 AXES = ("x", "y", "z")
 LINE = 0.2
 """Height of a line of the part table, inches."""
@@ -49,8 +51,8 @@ TABLE_COLUMNS = (
 CELL_GAP = 0.06
 """Between the pictures of an object on a contact sheet, inches."""
 Window = tuple[slice, slice]
-Cell = tuple[str, str, tuple[np.ndarray, ...]]
-"""On a contact sheet: name, mass, pictures."""
+Cell = tuple[str, str, str, tuple[np.ndarray, ...]]
+"""On a contact sheet: name, mass, plane of the slice, pictures."""
 
 
 def reprojection(obj: DensityObject, view: XRayView) -> Image:
@@ -169,8 +171,8 @@ def _cut_short(text: str, room: int) -> str:
 
 
 def _radiographs(page: _Page, left: float, obj: DensityObject, view: XRayView) -> None:
-    """Draw a view as measured, as reprojected, and the difference, all cut to the object."""
-    top, size, gap = 1.45, 2.5, 0.1
+    """Draw a view as it is, as reprojected, and the difference, all cut to the object."""
+    top, size, gap, made = 1.45, 2.5, 0.1, MADE_WORDS[obj.source]
     window = _object_window(obj, view)
     measured = np.where(view.valid, view.transmission, np.nan)[window]
     model = reprojection(obj, view)[window]
@@ -179,7 +181,7 @@ def _radiographs(page: _Page, left: float, obj: DensityObject, view: XRayView) -
     grey = _scale("gray", Normalize(0, max(1.0, float(np.nanmax(model)))))
     split = _scale("RdBu", Normalize(-limit, limit))
     columns = (
-        ("measured", measured, grey),
+        (made, measured, grey),
         ("reprojected", model, grey),
         (f"residual, mean |r| = {error:.2g}", residual, split),
     )
@@ -192,7 +194,7 @@ def _radiographs(page: _Page, left: float, obj: DensityObject, view: XRayView) -
     wide = (left + inset, bar, 2 * size + gap - 2 * inset, 0.09)
     page.colour_bar(wide, grey, f"transmission I / I₀{note}")
     narrow = (left + 2 * (size + gap) + inset, bar, size - 2 * inset, 0.09)
-    page.colour_bar(narrow, split, "measured - reprojected", [-limit, 0, limit])
+    page.colour_bar(narrow, split, f"{made} - reprojected", [-limit, 0, limit])
 
 
 def _mean_and_limit(sizes: Float[np.ndarray, "n"]) -> tuple[float, float]:
@@ -347,9 +349,9 @@ def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4
     """Draw many objects: both radiographs, a density slice, name and mass.
 
     The slice is the one of the three planes through the centre of mass in which the object is
-    largest. One colour scale for all, by the square root of the density. An object of which only
-    the attenuation is known shows the apparent density, and no mass. A note says whether the
-    objects are scans or simulated.
+    largest; which one is written below it. One colour scale for all, by the square root of the
+    density. An object of which only the attenuation is known shows the apparent density, and no
+    mass; it says so. A note says whether the objects are scans or simulated.
 
     Parameters
     ----------
@@ -372,11 +374,11 @@ def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4
     if not cells:
         raise DataError("a contact sheet needs at least one object")
     size = 1.25
-    width, height = 3 * size + 2 * CELL_GAP + 0.35, size + 0.5
+    width, height = 3 * size + 2 * CELL_GAP + 0.35, size + 0.62
     rows = -(-len(cells) // columns)
     columns = min(columns, len(cells))
     page = _Page(columns * width + 0.35, rows * height + 1.2)
-    densest = max(float(np.nanmax(cut)) for _, _, (*_, cut) in cells)
+    densest = max(float(np.nanmax(cut)) for *_, (*_, cut) in cells)
     scale = _scale("magma_r", PowerNorm(0.5, 0, max(densest, 1e-3)))
     clear = ScalarMappable(scale.norm, scale.cmap.with_extremes(bad="white"))
     grey = _scale("gray", Normalize(0, 1))
@@ -384,12 +386,12 @@ def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4
         left, top = 0.35 + number % columns * width, 0.15 + number // columns * height
         _draw_cell(page, left, top, size, cell, (grey, grey, clear))
     bar = (0.35, rows * height + 0.25, min(5.0, page.width - 0.7), 0.09)
-    page.colour_bar(bar, scale, "density through the centre of mass, g/cm³")
-    words = " or ".join(SOURCE_WORDS[source] for source in sorted(sources))
+    page.colour_bar(bar, scale, "density, g/cm³")
+    words = " / ".join(SOURCE_WORDS[source] for source in sorted(sources, reverse=True))
     page.text(
         0.35,
         page.height - 0.3,
-        f"PA, LAT, a slice of the density; {words}",
+        f"PA, LAT, and the widest slice through the centre of mass; {words}",
         fontsize=9,
         color=FAINT,
     )
@@ -404,23 +406,30 @@ def _draw_cell(
     cell: Cell,
     looks: Sequence[ScalarMappable],
 ) -> None:
-    name, note, pictures = cell
+    name, note, plane, pictures = cell
     right = left + 3 * size + 2 * CELL_GAP
     page.text(left, top + 0.07, name, fontsize=9, weight="bold")
     page.text(right, top + 0.07, note, fontsize=9, ha="right", color=FAINT)
     for column, (image, look) in enumerate(zip(pictures, looks, strict=True)):
         start = left + column * (size + CELL_GAP)
         _picture(page.axes(start, top + 0.3, size, size), image, look)
+        below = ("PA", "LAT", plane)[column]
+        page.text(start, top + 0.33 + size, below, fontsize=7, color=FAINT)
 
 
 def _cell(obj: DensityObject) -> Cell:
-    """Name, mass, and the three pictures, reduced so that many objects fit into memory."""
-    mass = f"{obj.mass_g:.4g} g" if np.isfinite(obj.mass_g) else "attenuation only"
+    """Name, mass, plane, and the three pictures, reduced so that many fit into memory."""
+    mass = (
+        f"{obj.mass_g:.4g} g" if np.isfinite(obj.mass_g) else "attenuation only: apparent density"
+    )
     field = obj.density or obj.apparent_density
     centre = field.com_cm if field.mass_g > 0 else field.origin_cm
-    cut = max((_cut(field, axis, centre) for axis in (1, 0, 2)), key=_filled_area)[::-1]
+    cuts = {axis: _cut(field, axis, centre) for axis in (1, 0, 2)}
+    axis = max(cuts, key=lambda each: _filled_area(cuts[each]))
+    what = "" if obj.density else "apparent, "
+    plane, cut = f"{what}{AXES[axis]} = {_centimetres(centre[axis])} cm", cuts[axis][::-1]
     small = (_small(view, _object_window(obj, view)) for view in obj.views)
-    return obj.object_id, mass, (*small, np.where(cut > 0, cut, np.nan))
+    return obj.object_id, mass, plane, (*small, np.where(cut > 0, cut, np.nan))
 
 
 def _filled_area(cut: Float[np.ndarray, "down across"]) -> float:

@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from tests import phantoms
+from xden1k import figures
 from xden1k.errors import DataError
 from xden1k.figures import contact_sheet, object_sheet, reprojection
 from xden1k.types import DensityObject
@@ -86,6 +87,45 @@ def test_a_contact_sheet_grows_with_its_objects(tmp_path: Path) -> None:
             sizes.append(picture.size)
     assert sizes[0][0] < sizes[1][0] == sizes[2][0]
     assert sizes[0][1] == sizes[1][1] < sizes[2][1]
+
+
+@pytest.fixture
+def texts(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What is written on a page."""
+    written: list[str] = []
+
+    def note(page: object, left: float, top: float, text: str, **style: object) -> None:
+        written.append(text)
+
+    monkeypatch.setattr(figures._Page, "text", note)
+    return written
+
+
+@pytest.mark.parametrize(
+    ("source", "made"), [("scan", "measured"), ("phantom", "simulated"), ("ct", "computed")]
+)
+def test_nothing_is_called_measured_but_a_scan(
+    tmp_path: Path, texts: list[str], source: str, made: str
+) -> None:
+    obj = phantoms.box_object("bar-0001", phantoms.BAR, source=source)
+    object_sheet(obj, tmp_path / "bar.png")
+    assert {f"PA {made}", f"LAT {made}"} <= set(texts)
+    assert ("PA measured" in texts) == (source == "scan")
+
+
+def test_a_contact_sheet_says_which_plane_and_which_density_is_shown(
+    tmp_path: Path, texts: list[str]
+) -> None:
+    low, high = (0, 1, 0), (8, 2.5, 4)
+    flat = [phantoms.Box("flat", low, high)]
+    unknown = phantoms.box_object("flat-0002", flat, density_known=False)
+    contact_sheet([phantoms.box_object("flat-0001", flat), unknown], tmp_path / "sheet.png")
+    assert [text for text in texts if " = " in text] == [
+        "y = 1.75 cm",
+        "apparent, y = 1.75 cm",
+    ]
+    assert "attenuation only: apparent density" in texts
+    assert texts.count("PA") == texts.count("LAT") == 2
 
 
 def test_an_empty_contact_sheet_is_refused(tmp_path: Path) -> None:
