@@ -18,10 +18,8 @@ FIRST_DAMPING: Final = 1e-6
 LEAST_DAMPING: Final = 1e-9
 SMALL_STEP: Final = 1e-7
 """Relative to the unknown."""
-SMALL_GAIN: Final = 1e-13
-"""Relative to the loss; a step that promises less cannot be told from rounding."""
-ROUNDED_GAIN: Final = 1e-10
-"""Likewise, for the best step of one unknown: no more is left where strong damping ends a run."""
+SMALL_GAIN: Final = 1e-10
+"""Relative to the loss: for a million pixels 1 % of a standard deviation."""
 NO_CURVATURE: Final = 1e-30
 """Relative to the largest; an unknown below it leaves no trace in the images."""
 
@@ -48,13 +46,14 @@ def minimise(
     """Find the least loss between the bounds.
 
     Each step is the damped Gauss-Newton step, which is the least of the model between the bounds:
-    where it meets a bound the others are solved for again. Damping falls tenfold after a success
-    and rises tenfold after a failure. Strong damping makes any step small, so that alone it is no
-    convergence: there, no unknown must gain by itself either.
+    where it meets a bound the others are solved for again. Damping follows how much of the
+    promised gain came true (Nielsen, 1999, "Damping parameter in Marquardt's method"). Strong
+    damping makes any step small, so that alone it is no convergence: there, no unknown must gain
+    by itself either.
     """
     point = np.clip(start, lower, upper)
     here = evaluate(point)
-    damping = FIRST_DAMPING
+    damping, growth = FIRST_DAMPING, 2.0
     for iteration in range(max_iterations):
         ahead = _damped(point, here, lower, upper, damping)
         step = ahead - point
@@ -62,14 +61,16 @@ def minimise(
         settled = (np.abs(step) <= SMALL_STEP * np.maximum(np.abs(point), SMALL_STEP)).all()
         if (settled or promised <= SMALL_GAIN * here.loss) and (
             damping <= FIRST_DAMPING
-            or _best_gain(point, here, lower, upper) <= ROUNDED_GAIN * here.loss
+            or _best_gain(point, here, lower, upper) <= SMALL_GAIN * here.loss
         ):
             return Minimum(point, here, iteration, converged=True)
         there = evaluate(ahead)
         if there.loss < here.loss:
-            point, here, damping = ahead, there, max(damping / 10, LEAST_DAMPING)
+            came_true = (here.loss - there.loss) / promised
+            damping = max(damping * max(0.1, 1 - (2 * came_true - 1) ** 3), LEAST_DAMPING)
+            point, here, growth = ahead, there, 2.0
         else:
-            damping *= 10
+            damping, growth = damping * growth, growth * 2
     return Minimum(point, here, max_iterations, converged=False)
 
 
