@@ -43,9 +43,18 @@ def cli() -> None:
 @click.option("--count", type=click.IntRange(min=1), required=True, help="Objects to make.")
 @click.option("--seed", type=click.IntRange(min=0), required=True, help="Which objects.")
 @click.option(
-    "--size", type=click.IntRange(min=16), default=512, show_default=True, help="Pixels a side."
+    "--size",
+    type=click.IntRange(min=16),
+    show_default="512, or the scanner file's",
+    help="Pixels a side.",
 )
 @click.option("--categories", default="", help="Only these, separated by commas.")
+@click.option(
+    "--scanner",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="TOML file of the simulated scanner. [default: monochromatic, 100 keV]",
+)
+@click.option("--lifelike", is_flag=True, help="Pores, paint, and labels that err or are missing.")
 @click.option("--ideal", is_flag=True, help="No noise, no exposure error, no rounding.")
 @click.option("--as-dataset", is_flag=True, help="Write the truth as a dataset folder instead.")
 @workers_option
@@ -54,8 +63,10 @@ def phantoms(
     out: Path,
     count: int,
     seed: int,
-    size: int,
+    size: int | None,
     categories: str,
+    scanner: Path | None,
+    lifelike: bool,
     ideal: bool,
     as_dataset: bool,
     workers: int,
@@ -63,6 +74,8 @@ def phantoms(
 ) -> None:
     """Simulate objects of known density on a simulated scanner, as a capture folder."""
     from xden_builder.phantoms import write_captures, write_truth_dataset
+    from xden_builder.phantoms.realism import LIFELIKE, TIDY
+    from xden_builder.phantoms.scanner import load_scanner
 
     write = write_truth_dataset if as_dataset else write_captures
     with _bar(count) as bar:
@@ -72,15 +85,17 @@ def phantoms(
             seed,
             size=size,
             ideal=ideal,
+            scanner=load_scanner(scanner) if scanner else None,
+            realism=LIFELIKE if lifelike else TIDY,
             workers=workers,
             progress=lambda _: bar.update(),
             categories=[name for name in categories.split(",") if name],
         )
     kind = "dataset" if as_dataset else "captures"
     if as_json:
-        print_json({"out": str(out), "kind": kind, "count": count, "seed": seed, "size": size})
+        print_json({"out": str(out), "kind": kind, "count": count, "seed": seed})
     else:
-        click.echo(f"{out}: {kind} of {count} phantoms, seed {seed}, {size} x {size} pixels")
+        click.echo(f"{out}: {kind} of {count} phantoms, seed {seed}")
 
 
 @cli.command(epilog="Example: xden-build run captures --out dataset")

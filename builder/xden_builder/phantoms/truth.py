@@ -17,15 +17,14 @@ from xden1k.records import object_row
 from xden1k.shards import Row
 from xden1k.types import DensityObject, Part
 from xden_builder.phantoms.phantom import Phantom, PhantomPart, Plan, make_phantom, plan_objects
+from xden_builder.phantoms.realism import TIDY, Realism
 from xden_builder.phantoms.scanner import VIEWS, Scanner
-from xden_builder.phantoms.writer import Progress, each_object, make_scanner
+from xden_builder.phantoms.writer import Progress, each_object, make_scanner, simulation
 
 __all__ = ["truth_object", "write_truth_dataset"]
 
 BUILDER = f"xden-build phantoms {__version__}"
 DATA_VERSION = "0.1.0"
-COLUMN_SAMPLES = 16
-"""Twice what a rebuild takes: voxels then weigh what the meshes weigh, to 1 % at worst."""
 
 
 def write_truth_dataset(
@@ -36,6 +35,7 @@ def write_truth_dataset(
     size: int | None = None,
     ideal: bool = False,
     scanner: Scanner | None = None,
+    realism: Realism = TIDY,
     workers: int = 1,
     progress: Progress = lambda _: None,
     categories: Sequence[str] = (),
@@ -49,7 +49,7 @@ def write_truth_dataset(
     ----------
     out
         The dataset folder; an older one is replaced as a whole.
-    count, seed, size, ideal, scanner, workers, progress, categories
+    count, seed, size, ideal, scanner, realism, workers, progress, categories
         As there.
 
     Raises
@@ -59,8 +59,8 @@ def write_truth_dataset(
     """
     scanner = make_scanner(size, ideal, scanner)
     plans = sorted(plan_objects(count, seed, categories), key=lambda plan: plan.object_id)
-    rows = each_object(partial(_row, scanner, seed), plans, workers, progress)
-    settings = json.dumps({"seed": seed, "scanner": scanner.settings()}, sort_keys=True)
+    rows = each_object(partial(_row, scanner, realism, seed), plans, workers, progress)
+    settings = json.dumps(simulation(seed, scanner, realism), sort_keys=True)
     return write_rows(
         rows,
         out,
@@ -70,8 +70,8 @@ def write_truth_dataset(
     )
 
 
-def _row(scanner: Scanner, seed: int, object_id: str) -> Row:
-    return object_row(truth_object(make_phantom(Plan.of(seed, object_id)), scanner))
+def _row(scanner: Scanner, realism: Realism, seed: int, object_id: str) -> Row:
+    return object_row(truth_object(make_phantom(Plan.of(seed, object_id), realism), scanner))
 
 
 def truth_object(phantom: Phantom, scanner: Scanner) -> DensityObject:
@@ -82,7 +82,7 @@ def truth_object(phantom: Phantom, scanner: Scanner) -> DensityObject:
     """
     parts = tuple(_part(part, scanner) for part in phantom.parts)
     meshes = [part.mesh for part in parts]
-    grids = object_grids(meshes, range(len(meshes)), COLUMN_SAMPLES)
+    grids = object_grids(meshes, range(len(meshes)))
     return DensityObject(
         object_id=phantom.plan.object_id,
         category=phantom.plan.category.name,

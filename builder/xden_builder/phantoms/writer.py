@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,10 +16,11 @@ import trimesh
 from xden1k.errors import DataError, require
 from xden_builder.capture import write_scanner
 from xden_builder.phantoms.phantom import Phantom, Plan, make_phantom, plan_objects
+from xden_builder.phantoms.realism import TIDY, Realism
 from xden_builder.phantoms.scanner import VIEWS, Scanner
 from xden_builder.workers import run_each
 
-__all__ = ["each_object", "make_scanner", "write_captures"]
+__all__ = ["each_object", "make_scanner", "simulation", "write_captures"]
 
 Result = TypeVar("Result")
 Progress = Callable[[str], None]
@@ -50,6 +51,7 @@ def write_captures(
     size: int | None = None,
     ideal: bool = False,
     scanner: Scanner | None = None,
+    realism: Realism = TIDY,
     workers: int = 1,
     progress: Progress = lambda _: None,
     categories: Sequence[str] = (),
@@ -67,6 +69,8 @@ def write_captures(
         Which objects; see :func:`plan_objects`.
     size, ideal, scanner
         See :func:`make_scanner`.
+    realism
+        How often there are pores, paint and labels that err.
     workers
         Number of processes.
     progress
@@ -82,10 +86,11 @@ def write_captures(
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise DataError(f"{out}: expected a folder that is empty or does not exist")
     out.mkdir(parents=True, exist_ok=True)
-    for _ in each_object(partial(_write_object, out, scanner, seed), plans, workers, progress):
+    task = partial(_write_object, out, scanner, realism, seed)
+    for _ in each_object(task, plans, workers, progress):
         pass
     _write_panels(out, scanner, seed)
-    _write_json(out / "simulation.json", {"seed": seed, "scanner": scanner.settings()})
+    _write_json(out / "simulation.json", simulation(seed, scanner, realism))
     _write_csv(
         out / "objects.csv",
         ("object_id", "category", "split", "source"),
@@ -121,16 +126,21 @@ def each_object(
             expected = next(waiting, None)
 
 
-def _write_object(out: Path, scanner: Scanner, seed: int, object_id: str) -> None:
+def simulation(seed: int, scanner: Scanner, realism: Realism) -> dict[str, Any]:
+    """Give every setting of a simulation, of JSON's types."""
+    return {"seed": seed, "scanner": scanner.settings(), "realism": asdict(realism)}
+
+
+def _write_object(out: Path, scanner: Scanner, realism: Realism, seed: int, object_id: str) -> None:
     """Write the folder of one object."""
     tifffile = require("tifffile", "build")
-    phantom = make_phantom(Plan.of(seed, object_id))
+    phantom = make_phantom(Plan.of(seed, object_id), realism)
     folder = out / object_id
     (folder / "parts").mkdir(parents=True)
     error = scanner.mesh_error(phantom.plan)
     for part in phantom.parts:
         _write_ply(folder / "parts" / f"{part.name}.ply", error.applied(part.mesh))
-    labels = [(part.name, part.material) for part in phantom.parts]
+    labels = [(part.name, part.label_material) for part in phantom.parts]
     _write_csv(folder / "parts.csv", ("name", "material"), labels)
     shares = {}
     for view in VIEWS:
@@ -191,10 +201,15 @@ def _truth(
                 "name": part.name,
                 "role": part.role,
                 "material": part.material,
+                "label": part.label_material,
                 "density_g_cm3": part.density_g_cm3,
+                "solid_share": part.solid_share,
                 "lac_per_cm": scanner.lac_per_cm(part),
                 "volume_cm3": float(part.mesh.volume),
                 "color_rgb": part.color_rgb,
+                "metalness": part.metalness,
+                "roughness": part.roughness,
+                "painted": part.painted,
             }
             for part in phantom.parts
         ],
