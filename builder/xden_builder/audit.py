@@ -35,6 +35,9 @@ __all__ = [
 
 GOOD_CORRELATION = 0.9
 """Below this correlation of transmission on the object a view does not show these parts."""
+WITHIN_NOISE = 2.0
+"""A view whose error on the object is below so many times that beside it fits, whatever the
+correlation."""
 SMALLEST_TRANSMISSION = 1 / 65535
 """One count of a 16-bit detector: the floor of T in -ln T where no dark image tells the noise."""
 
@@ -81,7 +84,10 @@ class ViewAudit:
         """Whether the parts are where the image shows them."""
         if not self.object_pixels:
             return "not seen"
-        return "good" if self.transmission_corr >= GOOD_CORRELATION else "bad"
+        noise = float(np.nan_to_num(self.background_transmission_mae))
+        # a slab that hardly varies correlates badly even where it is right
+        fits = self.transmission_mae <= WITHIN_NOISE * noise
+        return "good" if fits or self.transmission_corr >= GOOD_CORRELATION else "bad"
 
     @property
     def good(self) -> bool:
@@ -161,7 +167,7 @@ def _mae(pair: Float[np.ndarray, "2 n"]) -> float:
 
 
 def _correlation(pair: Float[np.ndarray, "2 n"]) -> float:
-    if (np.ptp(pair, axis=1) == 0).any():
+    if (np.ptp(pair, axis=1) < 1e-6).any():  # constant but for rounding to single precision
         return np.nan
     return float(np.corrcoef(pair)[0, 1])
 

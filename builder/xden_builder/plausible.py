@@ -9,7 +9,7 @@ from jaxtyping import Bool
 
 from xden1k.errors import DataError
 from xden1k.views import XRayView
-from xden_builder.audit import GOOD_CORRELATION, ViewAudit
+from xden_builder.audit import ViewAudit
 from xden_builder.capture import CapturePart
 
 __all__ = ["check_places", "check_size", "view_flags"]
@@ -50,7 +50,7 @@ def view_flags(audits: Sequence[ViewAudit]) -> tuple[str, ...]:
     for audit in audits:
         if not audit.object_pixels:
             flags.append(f"{audit.name}:not_seen")
-        elif not audit.transmission_corr >= GOOD_CORRELATION:
+        elif not audit.good:
             flags.append(f"{audit.name}:does_not_fit")
     return tuple(flags)
 

@@ -272,3 +272,15 @@ def test_an_audit_view_without_background_has_gain_one(capture):
     audit = audit_view(full, lengths, np.array([0.02]), gain=None, floor=1e-4)
     assert audit.gain == 1.0
     assert audit.transmission_mae < 1e-6
+
+
+def test_a_slab_that_hardly_varies_is_not_called_misplaced(capture):
+    view = capture.views[0]
+    lengths = path_lengths([trimesh.creation.box((8, 1, 8))], [0], view.geometry)
+    lac = np.array([0.01])
+    noise = np.random.default_rng(0).normal(0, 0.005, view.transmission.shape)
+    image = (lengths.image(lac) + noise).astype(np.float32)
+    flat = replace(view, transmission=image, valid=np.ones_like(view.valid))
+    audit = audit_view(flat, lengths, lac, gain=1.0, floor=1e-4)
+    assert audit.transmission_corr < 0.9
+    assert audit.verdict == "good"
