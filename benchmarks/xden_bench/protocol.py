@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -41,7 +41,7 @@ class Protocol:
     size_edges_cm
         Ascending borders between the classes of the table by size.
     max_density_g_cm3
-        A higher value gets the footnote W501.
+        By target: a higher value gets the footnote W501.
     max_outside_share
         More of the mass outside the object gets the footnote W503.
     unranked
@@ -62,7 +62,7 @@ class Protocol:
     bootstrap_resamples: int
     bootstrap_seed: int
     size_edges_cm: Sequence[float]
-    max_density_g_cm3: float
+    max_density_g_cm3: Mapping[str, float]
     max_outside_share: float
     unranked: Sequence[str]
 
@@ -70,6 +70,11 @@ class Protocol:
         if unknown := sorted(set(self.metrics) - METRICS.keys()):
             raise DataError(
                 f"protocol {self.name}: unknown metrics {unknown}; known: {list(METRICS)}"
+            )
+        if set(self.max_density_g_cm3) != set(self.targets):
+            raise DataError(
+                f"protocol {self.name}: max_density_g_cm3 must name the targets "
+                f"{list(self.targets)}, got {list(self.max_density_g_cm3)}"
             )
         if self.rank_by not in self.metrics:
             raise DataError(f"protocol {self.name}: rank_by {self.rank_by!r} is not in metrics")

@@ -106,8 +106,8 @@ class Check:
             self._warned.setdefault("W504", []).append(truth.object_id)
 
     def _warnings(self) -> Iterator[Problem]:
-        limit = self.protocol.max_density_g_cm3
         meta = self.predictions.meta
+        limit = self.protocol.max_density_g_cm3[meta.target if meta else "density"]
         if self._highest > limit:
             message = f"highest value {self._highest:.6g} g/cm³, above {limit:g}: units?"
             yield Problem("W501", None, message)
