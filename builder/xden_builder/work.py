@@ -1,8 +1,9 @@
 """Work files: finished objects kept between runs, one HDF5 file each.
 
-A work file holds one encoded dataset row and the digest of everything it was made from. It is
-written under another name and renamed, so that it is there whole or not at all; an older digest
-means that inputs, settings or the builder have changed, and the object is made again.
+A work file holds one encoded dataset row. Beside it stands a seal: the checksum of everything the
+row was made from, and that of the file itself. An older one means that inputs, settings or the
+builder have changed; a file that does not match its seal is damaged, or was never finished (and
+HDF5 may not even return from reading it). Either way the object is made again.
 """
 
 from __future__ import annotations
@@ -20,8 +21,6 @@ import numpy as np
 __all__ = ["load_row", "save_row"]
 
 SCHEMA = "xden-work/1"
-DAMAGE = (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError)
-"""What reading no file, a file that is none of ours, or a damaged one may raise in h5py."""
 
 
 def save_row(path: Path, digest: str, row: Mapping[str, Any]) -> None:
@@ -47,9 +46,11 @@ def save_row(path: Path, digest: str, row: Mapping[str, Any]) -> None:
                 binary.create_dataset(name, data=values, compression="gzip", compression_opts=1)
         light = {name: value for name, value in row.items() if not isinstance(value, bytes)}
         file.create_dataset("light", data=json.dumps(light))
-        file.attrs.update(schema=SCHEMA, digest=digest, columns=list(row), content=_content(row))
-        file.attrs["complete"] = True
+        file.attrs.update(schema=SCHEMA, digest=digest, columns=list(row))
+    seal = _seal(partial, digest)
     os.replace(partial, path)
+    partial.write_text(seal)
+    os.replace(partial, _seal_path(path))
 
 
 def load_row(path: Path, digest: str) -> dict[str, Any] | None:
@@ -59,24 +60,24 @@ def load_row(path: Path, digest: str) -> dict[str, Any] | None:
     -------
     dict or None
         The row with its columns in their order; None if there is no such file, it is of another
-        digest, or it is not whole.
+        digest, or it is damaged.
     """
-    try:
-        with h5py.File(path, "r") as file:
-            if not file.attrs.get("complete") or file.attrs["digest"] != digest:
-                return None
-            light = json.loads(file["light"][()])
-            binary = {name: values[()].tobytes() for name, values in file["binary"].items()}
-            row = {name: (light | binary)[name] for name in file.attrs["columns"]}
-            return row if file.attrs["content"] == _content(row) else None
-    except DAMAGE:
+    if not path.is_file() or not _seal_path(path).is_file():
         return None
+    if _seal_path(path).read_bytes() != _seal(path, digest).encode():
+        return None
+    with h5py.File(path, "r") as file:
+        light = json.loads(file["light"][()])
+        binary = {name: values[()].tobytes() for name, values in file["binary"].items()}
+        return {name: (light | binary)[name] for name in file.attrs["columns"]}
 
 
-def _content(row: Mapping[str, Any]) -> str:
-    """Checksum of the values of a row."""
-    digest = hashlib.sha256()
-    for name, value in row.items():
-        data = value if isinstance(value, bytes) else json.dumps(value).encode()
-        digest.update(f"{name} {len(data)} ".encode() + data)
-    return digest.hexdigest()
+def _seal_path(path: Path) -> Path:
+    return path.with_suffix(".seal")
+
+
+def _seal(path: Path, digest: str) -> str:
+    """Checksums of a file's origin and of its bytes."""
+    with path.open("rb") as stream:
+        content = hashlib.file_digest(stream, "sha256").hexdigest()
+    return f"{digest}\n{content}\n"
