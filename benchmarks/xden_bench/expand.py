@@ -49,7 +49,7 @@ def grid_of_parts(
     Examples
     --------
     >>> box = trimesh.creation.box((1, 1, 1))
-    >>> grid_of_parts(np.array([0.0, 8.0]), [box], np.zeros(3), 2.0)[0, 0, 0].item()
+    >>> round(grid_of_parts(np.array([0.0, 8.0]), [box], np.zeros(3), 2.0)[0, 0, 0].item(), 1)
     1.0
     """
     from xden1k.rays import COLUMN_SAMPLES, CubeGrid, density_grid, part_fractions
