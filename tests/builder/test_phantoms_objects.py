@@ -293,3 +293,13 @@ def test_device_holds_board_and_cells_inside_its_shell(name: str) -> None:
         box = part_box(phantom, inner)
         assert (box[0] > everything.min(axis=0) + 0.05).all()
         assert (box[1] < everything.max(axis=0) - 0.05).all()
+
+
+@pytest.mark.parametrize("name", ["teapot", "kettle", "jar"])
+@pytest.mark.parametrize("seed", range(3))
+def test_liquids_lie_level(name: str, seed: int) -> None:
+    phantom = make_phantom(Plan.of(seed, f"{name}-0000"))
+    (liquid,) = (part.mesh for part in phantom.parts if part.role == "liquid")
+    level = float(liquid.bounds[1, 2])
+    surface = liquid.triangles_center[:, 2] > level - 1e-6
+    assert liquid.area_faces[surface].sum() > 0.1 * liquid.area

@@ -230,7 +230,7 @@ def _placed(pieces: Sequence[Piece], rng: np.random.Generator) -> list[Piece]:
     long, _, tall = high - low
     on_end, yaw = rng.random() < 0.5, float(rng.uniform(0.0, 360.0))
     if long > 1.5 * tall:
-        if on_end:
+        if on_end and not any(piece.role == "liquid" for piece in pieces):  # it would pour out
             pieces = moved(pieces, lambda solid: solid.rotate((0.0, -90.0, 0.0)))
         yaw = 45.0 + 90.0 * (yaw // 90.0) + rng.uniform(-20.0, 20.0)
     turned = moved(pieces, lambda solid: solid.rotate((0.0, 0.0, yaw)))
