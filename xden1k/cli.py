@@ -79,7 +79,7 @@ def _summary(folder: DatasetFolder) -> dict[str, Any]:
 @click.option("-o", "--out", type=PICTURE, help="The PNG to write. Default: ID.png here.")
 @json_option
 def show(object_id: str, root: Path | None, out: Path | None, as_json: bool) -> None:
-    """Draw an object: radiographs, reprojection, residual, density slices, parts."""
+    """Draw an object: radiographs, residuals, slices, parts."""
     from xden1k.errors import require
 
     require("matplotlib", "view")
@@ -138,7 +138,7 @@ def _number(value: float) -> float | None:
 @click.argument("root", type=click.Path(path_type=Path, file_okay=False, exists=True))
 @json_option
 def verify(root: Path, as_json: bool) -> None:
-    """Check every file against its checksum and every row against the format.
+    """Check every file and every row of a dataset folder.
 
     Prints each problem and exits with 1 if there is one.
     """
@@ -165,7 +165,7 @@ def verify(root: Path, as_json: bool) -> None:
 @click.option("--revision", metavar="TAG", help="Tag or commit. Default: the newest.")
 @json_option
 def download(repo_id: str | None, revision: str | None, as_json: bool) -> None:
-    """Fetch the dataset from the Hugging Face Hub into the user's cache, and verify it."""
+    """Fetch the dataset from the Hub into the cache, and verify it."""
     from xden1k import hub
     from xden1k.manifest import Manifest
 

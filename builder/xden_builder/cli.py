@@ -72,7 +72,7 @@ def phantoms(
     workers: int,
     as_json: bool,
 ) -> None:
-    """Simulate objects of known density on a simulated scanner, as a capture folder."""
+    """Simulate captures of objects whose density is known."""
     from xden_builder.phantoms import write_captures, write_truth_dataset
     from xden_builder.phantoms.realism import LIFELIKE, TIDY
     from xden_builder.phantoms.scanner import load_scanner
@@ -150,10 +150,10 @@ def run(
 @workers_option
 @json_option
 def audit(root: Path, captures: Path, workers: int, as_json: bool) -> None:
-    """Reproject a dataset and compare it with its radiographs, and with a CT where there is one.
+    """Compare a dataset with its radiographs and CTs.
 
-    Exits with 3 if a view does not show its object's parts (correlation below 0.9), or an object
-    could not be audited.
+    Its parts are projected again with the attenuation that was fitted. Exits with 3 if a view does
+    not show its object's parts (correlation below 0.9), or an object could not be audited.
     """
     from xden1k.folder import open_folder
     from xden_builder.audit_run import audit_folder
@@ -189,7 +189,7 @@ def gallery(out: Path, seed: int, as_json: bool) -> None:
 )
 @json_option
 def speed(size: int, as_json: bool) -> None:
-    """Measure our fit and path lengths against other ways, as ratios in one run."""
+    """Measure our ways against others, as ratios in one run."""
     from tabulate import tabulate
 
     from xden_builder.speed import comparisons
