@@ -18,6 +18,7 @@ from pydicom.uid import (
     generate_uid,
 )
 
+from tests.builder.damage import assert_an_image_or_one_error
 from xden1k.errors import DataError, MissingExtraError
 from xden1k.views import ViewGeometry
 from xden_builder.capture import (
@@ -160,18 +161,8 @@ def whole_files() -> dict[str, bytes]:
 def test_damage_is_an_image_or_one_error(
     tmp_path_factory: pytest.TempPathFactory, name: str, changes: dict[int, int], cut: int | None
 ) -> None:
-    content = bytearray(whole_files()[name])
-    for place, value in changes.items():
-        content[place % len(content)] = value
     path = tmp_path_factory.mktemp("damaged") / name
-    path.write_bytes(content[:cut])
-    message = str(path)
-    try:
-        read_image(path)
-    except DataError as err:
-        message = str(err)
-    assert str(path) in message
-    assert "\n" not in message
+    assert_an_image_or_one_error(path, whole_files()[name], changes, cut)
 
 
 PHOTONS = np.array([[1000.0, 900.0, 500.0], [100.0, 250.0, 1000.0]])
