@@ -12,7 +12,7 @@ import trimesh
 from xden1k.errors import DataError
 from xden_builder.attenuation import mac_cm2_g
 from xden_builder.phantoms import Phantom, PhantomPart, Plan, Scanner, make_phantom
-from xden_builder.phantoms.scanner import VIEWS
+from xden_builder.phantoms.scanner import VIEWS, scanner_file
 
 WATER = (("H2O", 1.0),)
 
@@ -40,7 +40,7 @@ def test_views_look_along_y_and_x_with_z_up() -> None:
 
 
 def test_no_zero_has_a_sign_in_the_scanner_file() -> None:
-    for view in Scanner().file().views.values():
+    for view in scanner_file(Scanner()).views.values():
         for key in ("source_cm", "pixel00_cm", "column_step_cm", "row_step_cm"):
             vector = getattr(view.geometry, key)
             assert not np.signbit(vector[vector == 0]).any()

@@ -65,7 +65,7 @@ def _pictures(phantom: Phantom) -> list[Picture | Image]:
     normal = _horizontal(azimuth) if not flat else np.array([0.0, 0.0, 1.0])
     opened = [(mesh, color) for mesh, color in zip(cut_open(meshes, normal), colors, strict=True)]
     opened = [(mesh, color) for mesh, color in opened if len(mesh.faces)]
-    scanner = Scanner(size_px=512)
+    _, scanner = Scanner(size_px=512).setting_for(phantom)
     views = [scanner.corrected(phantom, view) for view in VIEWS]
     return [
         shaded(meshes, colors, azimuth + 25.0, 28.0),

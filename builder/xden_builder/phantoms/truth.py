@@ -79,7 +79,13 @@ def truth_object(phantom: Phantom, scanner: Scanner) -> DensityObject:
 
     Attenuation coefficients are those at the scanner's reference energy; apparent densities follow
     from them by the paper's rule, as they would for a perfect fit.
+
+    Raises
+    ------
+    DataError
+        If the object is too large for the scanner.
     """
+    setting, scanner = scanner.setting_for(phantom)
     parts = tuple(_part(part, scanner) for part in phantom.parts)
     meshes = [part.mesh for part in parts]
     grids = object_grids(meshes, range(len(meshes)))
@@ -100,6 +106,7 @@ def truth_object(phantom: Phantom, scanner: Scanner) -> DensityObject:
         meta={
             "builder": BUILDER,
             "seed": phantom.plan.seed,
+            "setting": setting,
             "scanner": scanner.settings(),
             "fit": {
                 "solver": "none: the simulator's truth",

@@ -15,9 +15,11 @@ import trimesh
 
 from xden1k.errors import DataError, require
 from xden_builder.capture import write_scanner
+from xden_builder.phantoms.glb import write_glb
+from xden_builder.phantoms.grid import truth_grid
 from xden_builder.phantoms.phantom import Phantom, Plan, make_phantom, plan_objects
 from xden_builder.phantoms.realism import TIDY, Realism
-from xden_builder.phantoms.scanner import VIEWS, Scanner
+from xden_builder.phantoms.scanner import VIEWS, Raw, Scanner, panel_name, scanner_file
 from xden_builder.workers import run_each
 
 __all__ = ["each_object", "make_scanner", "simulation", "write_captures"]
@@ -56,10 +58,12 @@ def write_captures(
     progress: Progress = lambda _: None,
     categories: Sequence[str] = (),
 ) -> None:
-    """Simulate a capture folder, with a ``truth.json`` in each object's folder.
+    """Simulate a capture folder, with the truth and the appearance in each object's folder.
 
-    ``objects.csv`` comes last: without it there is no capture folder. The same arguments give the
-    same bytes, whatever the number of processes.
+    Beside what the builder reads: ``truth.json``, ``truth.npz`` (:class:`TruthGrid`) and
+    ``appearance.glb``. An object that the panel does not hold is scanned in the large setting, and
+    has a ``scanner.toml`` of its own. ``objects.csv`` comes last: without it there is no capture
+    folder. The same arguments give the same bytes, whatever the number of processes.
 
     Parameters
     ----------
@@ -79,7 +83,7 @@ def write_captures(
     Raises
     ------
     DataError
-        If the folder is not empty, or an argument is out of range.
+        If the folder is not empty, an argument is out of range or an object too large.
     """
     plans = plan_objects(count, seed, categories)
     scanner = make_scanner(size, ideal, scanner)
@@ -87,9 +91,11 @@ def write_captures(
         raise DataError(f"{out}: expected a folder that is empty or does not exist")
     out.mkdir(parents=True, exist_ok=True)
     task = partial(_write_object, out, scanner, realism, seed)
-    for _ in each_object(task, plans, workers, progress):
-        pass
-    _write_panels(out, scanner, seed)
+    settings = {"standard", *each_object(task, plans, workers, progress)}
+    write_scanner(scanner_file(scanner), out / "scanner.toml")
+    _write_panels(out, scanner, seed, "standard")
+    if "large" in settings:
+        _write_panels(out, scanner.large(), seed, "large")
     _write_json(out / "simulation.json", simulation(seed, scanner, realism))
     _write_csv(
         out / "objects.csv",
@@ -131,24 +137,35 @@ def simulation(seed: int, scanner: Scanner, realism: Realism) -> dict[str, Any]:
     return {"seed": seed, "scanner": scanner.settings(), "realism": asdict(realism)}
 
 
-def _write_object(out: Path, scanner: Scanner, realism: Realism, seed: int, object_id: str) -> None:
-    """Write the folder of one object."""
-    tifffile = require("tifffile", "build")
+def _write_object(out: Path, scanner: Scanner, realism: Realism, seed: int, object_id: str) -> str:
+    """Write the folder of one object; return the setting it was scanned in."""
     phantom = make_phantom(Plan.of(seed, object_id), realism)
+    setting, scanner = scanner.setting_for(phantom)
     folder = out / object_id
-    (folder / "parts").mkdir(parents=True)
-    error = scanner.mesh_error(phantom.plan)
-    for part in phantom.parts:
-        _write_ply(folder / "parts" / f"{part.name}.ply", error.applied(part.mesh))
-    labels = [(part.name, part.label_material) for part in phantom.parts]
-    _write_csv(folder / "parts.csv", ("name", "material"), labels)
+    folder.mkdir()
+    if setting != "standard":
+        write_scanner(scanner_file(scanner, setting), folder / "scanner.toml")
+    _write_parts(folder, phantom, scanner)
     shares = {}
     for view in VIEWS:
         signal = scanner.signal(phantom, view)
-        image = scanner.radiograph(phantom, view, signal)
-        tifffile.imwrite(folder / f"{view}.tif", image, compression="zlib", metadata=None)
+        _write_image(folder / f"{view}.tif", scanner.radiograph(phantom, view, signal))
         shares[view] = signal.scatter_share
-    _write_json(folder / "truth.json", _truth(phantom, scanner, shares))
+    _write_json(folder / "truth.json", _truth(phantom, setting, scanner, shares))
+    truth_grid(phantom).save(folder / "truth.npz")
+    return setting
+
+
+def _write_parts(folder: Path, phantom: Phantom, scanner: Scanner) -> None:
+    """Write the meshes as they are handed over, their labels, and what they look like."""
+    (folder / "parts").mkdir()
+    error = scanner.mesh_error(phantom.plan)
+    meshes = [error.applied(part.mesh) for part in phantom.parts]
+    for part, mesh in zip(phantom.parts, meshes, strict=True):
+        _write_ply(folder / "parts" / f"{part.name}.ply", mesh)
+    labels = [(part.name, part.label_material) for part in phantom.parts]
+    _write_csv(folder / "parts.csv", ("name", "material"), labels)
+    write_glb(folder / "appearance.glb", phantom.parts, meshes)
 
 
 def _write_ply(path: Path, mesh: trimesh.Trimesh) -> None:
@@ -167,21 +184,22 @@ def _write_ply(path: Path, mesh: trimesh.Trimesh) -> None:
     path.write_bytes(header.encode() + mesh.vertices.astype("<f8").tobytes() + faces.tobytes())
 
 
-def _write_panels(out: Path, scanner: Scanner, seed: int) -> None:
-    """Write what all objects share: the scanner file, flats and darks."""
-    tifffile = require("tifffile", "build")
-    write_scanner(scanner.file(), out / "scanner.toml")
+def _write_panels(out: Path, scanner: Scanner, seed: int, setting: str) -> None:
+    """Write the flats and darks of a setting."""
     for view in VIEWS:
         panel = scanner.calibration(seed, view)
         if panel is not None:
-            for name, image in (("flat", panel.flat), ("dark", panel.dark)):
-                tifffile.imwrite(
-                    out / f"{name}_{view}.tif", image, compression="zlib", metadata=None
-                )
+            _write_image(out / panel_name("flat", view, setting), panel.flat)
+            _write_image(out / panel_name("dark", view, setting), panel.dark)
+
+
+def _write_image(path: Path, image: Raw) -> None:
+    tifffile = require("tifffile", "build")
+    tifffile.imwrite(path, image, compression="zlib", metadata=None)
 
 
 def _truth(
-    phantom: Phantom, scanner: Scanner, scatter_share: Mapping[str, float]
+    phantom: Phantom, setting: str, scanner: Scanner, scatter_share: Mapping[str, float]
 ) -> dict[str, Any]:
     """Give what only the simulator knows; all but the mesh error is of the true meshes."""
     mass = phantom.mass_properties
@@ -189,6 +207,7 @@ def _truth(
         "schema": "xden-truth/1",
         "object_id": phantom.plan.object_id,
         "seed": phantom.plan.seed,
+        "setting": setting,
         "energy_kev": scanner.reference_kev,
         "gain": {view: scanner.exposure(phantom.plan, view) for view in VIEWS},
         "scatter_share": scatter_share,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -14,7 +16,7 @@ from xden_builder.capture import Tube
 from xden_builder.spectrum import Spectrum, absorbed_share, tube_fluence, tube_spectrum
 from xden_builder.spectrum.tables import TABLE_DISTANCE_CM
 
-__all__ = ["Beam", "make_beam"]
+__all__ = ["Beam", "kept_beam", "make_beam"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,6 +110,23 @@ def make_beam(
             spectrum.signal_kev_per_cm2.sum() * (TABLE_DISTANCE_CM / distance_cm) ** 2
         )
     return Beam(spectrum, groups, grouped.energies_kev, weights, open_field, kev_per_cm2)
+
+
+def kept_beam(tube: Tube, **panel: Any) -> Beam:
+    """Make a beam of :func:`make_beam`, or give the one made before."""
+    filters_cm = tuple(tube.filtration_cm.items())
+    return _kept_beam(tube.energy_kev, tube.kv, tube.mas, filters_cm, **panel)
+
+
+@lru_cache(maxsize=4)
+def _kept_beam(
+    energy_kev: float | None,
+    kv: float | None,
+    mas: float | None,
+    filters_cm: tuple[tuple[str, float], ...],
+    **panel: Any,
+) -> Beam:
+    return make_beam(Tube(energy_kev, kv, mas, dict(filters_cm)), **panel)
 
 
 def _row_signal(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -20,10 +19,10 @@ from xden1k.materials import load_materials
 from xden1k.rays import path_lengths
 from xden1k.views import ViewGeometry, XRayView
 from xden_builder.attenuation import mac_cm2_g
-from xden_builder.capture import Detector, ScannerFile, Tube, ViewFile
+from xden_builder.capture import Tube
 from xden_builder.capture.tables import is_number
 from xden_builder.phantoms.phantom import Phantom, PhantomPart, Plan, random_numbers
-from xden_builder.phantoms.scanner.beam import Beam, make_beam
+from xden_builder.phantoms.scanner.beam import Beam, kept_beam
 from xden_builder.phantoms.scanner.handover import MeshError, draw_mesh_error
 from xden_builder.phantoms.scanner.panel import Calibration, Panel
 from xden_builder.phantoms.scanner.primary import Absorber, Primary, pixel_kernel, render
@@ -31,9 +30,18 @@ from xden_builder.phantoms.scanner.scatter import ScatterDraw, draw_scatter, sca
 from xden_builder.phantoms.scanner.signal import Signal
 from xden_builder.phantoms.scanner.spread import gaussian_spread
 
-__all__ = ["VIEWS", "Scanner"]
+__all__ = ["VIEWS", "Raw", "Scanner"]
 
 VIEWS = ("pa", "lat")
+AIR_BESIDE = 0.01
+"""Least open field on each side of an object, as a share of the panel's side."""
+_TWICE_AS_LARGE = (
+    "panel_cm",
+    "source_object_cm",
+    "source_detector_cm",
+    "scatter_near_cm",
+    "scatter_far_cm",
+)
 Raw = UInt16[np.ndarray, "rows columns"] | Image
 
 
@@ -198,6 +206,41 @@ class Scanner:
             mesh_tolerance_cm=0.0,
         )
 
+    def large(self) -> Scanner:
+        """Return the setting for large objects: twice the distances, a panel twice as wide.
+
+        Four panels side by side, read out as one of as many pixels. The angular field is the same,
+        and so are the heel's profile and the solid angle that catches scatter, which spreads over
+        twice the width. At the same ``mas`` a pixel gets as many quanta: a quarter of the fluence
+        falls on four times the area. Focal spot, blur and glare stay what they are in cm, half of
+        it in pixels.
+        """
+        return replace(self, **{name: 2 * getattr(self, name) for name in _TWICE_AS_LARGE})
+
+    def setting_for(self, phantom: Phantom) -> tuple[str, Scanner]:
+        """Choose how an object is scanned: ``standard`` where the panel holds it, else ``large``.
+
+        Raises
+        ------
+        DataError
+            If it is too large for both.
+        """
+        for name, scanner in (("standard", self), ("large", self.large())):
+            beyond = [view for view in VIEWS if not scanner._holds(phantom, view, AIR_BESIDE)]
+            if not beyond:
+                return name, scanner
+        raise DataError(
+            f"{phantom.plan.object_id} reaches beyond the panel of view {beyond[0]}, and beyond "
+            "one twice as wide at twice the distance too"
+        )
+
+    def _holds(self, phantom: Phantom, view: str, air: float = 0.0) -> bool:
+        """Whether an object lies inside a view, with a share of the panel beside it."""
+        points = np.concatenate([part.mesh.vertices for part in phantom.parts])
+        at = self.geometry(view).project(points)[:, :2] / self.size_px
+        last = 1 - 1 / self.size_px
+        return bool(at.min() >= air and at.max() <= last - air)
+
     @property
     def pixel_cm(self) -> float:
         """Width of a pixel of a panel."""
@@ -206,16 +249,15 @@ class Scanner:
     @property
     def tube(self) -> Tube:
         """What sends the beam."""
-        return _tube(self.energy_kev, self.kv, self.mas, self.filtration_cm)
+        if self.energy_kev is not None:
+            return Tube(energy_kev=self.energy_kev)
+        return Tube(kv=self.kv, mas=self.mas, filtration_cm=self.filtration_cm)
 
     @property
     def beam(self) -> Beam:
         """The beam over a panel."""
-        return _beam(
-            self.energy_kev,
-            self.kv,
-            self.mas,
-            tuple(self.filtration_cm.items()),
+        return kept_beam(
+            self.tube,
             groups=self.energy_groups,
             scintillator_g_cm2=self.scintillator_g_cm2,
             heel=self.heel,
@@ -265,8 +307,7 @@ class Scanner:
         """Transmission of the direct beam, and the rest of it if it is needed."""
         geometry = self.geometry(view)
         meshes = [part.mesh for part in phantom.parts]
-        columns, rows, _ = geometry.project(np.concatenate([m.vertices for m in meshes])).T
-        if min(columns.min(), rows.min()) < 0 or max(columns.max(), rows.max()) > self.size_px - 1:
+        if not self._holds(phantom, view):
             raise DataError(f"{phantom.plan.object_id} reaches beyond the panel of view {view}")
         spread_cm = self.focal_spot_cm * (self.source_detector_cm / self.source_object_cm - 1)
         if self.energy_kev is not None and not (
@@ -360,7 +401,7 @@ class Scanner:
         """Take flat and dark of a view's panel; None where there is no converter."""
         if self.bits is None:
             return None
-        rng, panel = random_numbers(seed, f"panel/{view}"), self._panel(seed, view, self.bits)
+        rng, panel = self._panel_rng(seed, view, "panel"), self._panel(seed, view, self.bits)
         light = self._open_signal().astype(np.float64)
         mean_kev = np.full(light.shape, self.reference_kev, dtype=np.float32)
         mean_kev[:] = (self.beam.row_weights @ self.beam.energies_kev)[:, None]
@@ -373,7 +414,7 @@ class Scanner:
 
     def _panel(self, seed: int, view: str, bits: int) -> Panel:
         shape = (self.size_px, self.size_px)
-        dead = random_numbers(seed, f"dead/{view}").random(shape) < self.dead_share
+        dead = self._panel_rng(seed, view, "dead").random(shape) < self.dead_share
         taken_up = self.beam.kev_per_cm2
         return Panel(
             open_counts=self.open_counts,
@@ -384,6 +425,10 @@ class Scanner:
             counts_per_kev=taken_up and self.open_counts / (taken_up * self.pixel_cm**2),
             dead=dead,
         )
+
+    def _panel_rng(self, seed: int, view: str, purpose: str) -> np.random.Generator:
+        """Random numbers of one panel; another size is another panel."""
+        return random_numbers(seed, f"{purpose}/{view}/{self.panel_cm:g} cm")
 
     def corrected(self, phantom: Phantom, view: str, signal: Signal | None = None) -> XRayView:
         """Take a radiograph and correct it for flat and dark, as the builder does on reading."""
@@ -396,45 +441,6 @@ class Scanner:
         panel = self._panel(phantom.plan.seed, view, self.bits)
         return XRayView(view, *panel.corrected(raw, calibration), self.geometry(view))
 
-    def file(self) -> ScannerFile:
-        """Give what ``scanner.toml`` says of this scanner."""
-        counted = self.bits is not None
-        scintillator = "" if self.energy_kev is not None else "CsI"
-        return ScannerFile(
-            tube=self.tube,
-            detector=Detector(scintillator, self.bits),
-            views={
-                name: ViewFile(
-                    image=f"{name}.tif",
-                    quantity="counts" if counted else "transmission",
-                    geometry=self.geometry(name),
-                    polarity="linear" if counted else None,
-                    flat=f"flat_{name}.tif" if counted else None,
-                    dark=f"dark_{name}.tif" if counted else None,
-                )
-                for name in VIEWS
-            },
-        )
-
     def settings(self) -> dict[str, Any]:
         """Give every effect and its size, in JSON's types."""
         return asdict(self)
-
-
-def _tube(
-    energy_kev: float | None, kv: float, mas: float, filtration_cm: Mapping[str, float]
-) -> Tube:
-    if energy_kev is not None:
-        return Tube(energy_kev=energy_kev)
-    return Tube(kv=kv, mas=mas, filtration_cm=filtration_cm)
-
-
-@lru_cache(maxsize=4)
-def _beam(
-    energy_kev: float | None,
-    kv: float,
-    mas: float,
-    filters_cm: tuple[tuple[str, float], ...],
-    **panel: Any,
-) -> Beam:
-    return make_beam(_tube(energy_kev, kv, mas, dict(filters_cm)), **panel)
