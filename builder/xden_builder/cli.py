@@ -16,11 +16,14 @@ from xden1k.commands import DONE_IN_PART, Group, json_option, print_json
 
 if TYPE_CHECKING:
     from xden_builder.audit_run import AuditReport
+    from xden_builder.phantoms.check import SetReport
     from xden_builder.run import BuildReport, Outcome
 
 __all__ = ["cli"]
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
+REALISTIC = False
+"""Whether ``phantoms`` makes a realistic scanner and lifelike objects unless told otherwise."""
 
 workers_option = click.option(
     "--workers",
@@ -52,11 +55,18 @@ def cli() -> None:
 @click.option(
     "--scanner",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="TOML file of the simulated scanner. [default: monochromatic, 100 keV]",
+    help="TOML file of the simulated scanner.",
+    show_default="realistic" if REALISTIC else "monochromatic, 100 keV",
 )
-@click.option("--lifelike", is_flag=True, help="Pores, paint, and labels that err or are missing.")
-@click.option("--ideal", is_flag=True, help="No noise, no exposure error, no rounding.")
+@click.option(
+    "--lifelike/--tidy",
+    default=None,
+    show_default="lifelike" if REALISTIC else "tidy",
+    help="Whether there are pores, paint, and labels that err or are missing.",
+)
+@click.option("--ideal", is_flag=True, help="Nothing errs; monochromatic and tidy, if not chosen.")
 @click.option("--as-dataset", is_flag=True, help="Write the truth as a dataset folder instead.")
+@click.option("--check", is_flag=True, help="Look whether shapes and grids are sound, in the end.")
 @workers_option
 @json_option
 def phantoms(
@@ -66,17 +76,26 @@ def phantoms(
     size: int | None,
     categories: str,
     scanner: Path | None,
-    lifelike: bool,
+    lifelike: bool | None,
     ideal: bool,
     as_dataset: bool,
+    check: bool,
     workers: int,
     as_json: bool,
 ) -> None:
-    """Simulate captures of objects whose density is known."""
+    """Simulate captures of objects whose density is known.
+
+    With --check, exits with 3 if a part is open or shares space with another, an object does not
+    read back, or a truth grid weighs something else than its parts.
+    """
     from xden_builder.phantoms import write_captures, write_truth_dataset
     from xden_builder.phantoms.realism import LIFELIKE, TIDY
-    from xden_builder.phantoms.scanner import load_scanner
+    from xden_builder.phantoms.scanner import Scanner, load_scanner
 
+    if as_dataset and check:
+        raise click.UsageError("--check is for captures, not for --as-dataset")
+    real = REALISTIC and not ideal
+    made = Scanner.realistic() if real else Scanner.monochromatic()
     write = write_truth_dataset if as_dataset else write_captures
     with _bar(count) as bar:
         write(
@@ -85,17 +104,23 @@ def phantoms(
             seed,
             size=size,
             ideal=ideal,
-            scanner=load_scanner(scanner) if scanner else None,
-            realism=LIFELIKE if lifelike else TIDY,
+            scanner=load_scanner(scanner) if scanner else made,
+            realism=LIFELIKE if (real if lifelike is None else lifelike) else TIDY,
             workers=workers,
             progress=lambda _: bar.update(),
             categories=[name for name in categories.split(",") if name],
         )
     kind = "dataset" if as_dataset else "captures"
+    report = _checked(out, count, workers) if check else None
     if as_json:
-        print_json({"out": str(out), "kind": kind, "count": count, "seed": seed})
+        values = {"out": str(out), "kind": kind, "count": count, "seed": seed}
+        print_json(values | ({"check": report.to_dict()} if report else {}))
     else:
         click.echo(f"{out}: {kind} of {count} phantoms, seed {seed}")
+        if report:
+            _echo_check(report)
+    if report and not report.good:
+        raise SystemExit(DONE_IN_PART)
 
 
 @cli.command(epilog="Example: xden-build run captures --out dataset")
@@ -214,6 +239,25 @@ def _bar(total: int) -> Iterator[Any]:
 
     with tqdm(total=total, unit="object", disable=None) as bar:
         yield bar
+
+
+def _checked(out: Path, count: int, workers: int) -> SetReport:
+    from xden_builder.phantoms.check import check_set
+
+    with _bar(count) as bar:
+        return check_set(out, workers=workers, progress=lambda _: bar.update())
+
+
+def _echo_check(report: SetReport) -> None:
+    from xden_builder.phantoms.check import MEDIAN_MASS_ERROR, WORST_MASS_ERROR
+
+    for check in report.failures:
+        click.echo(f"unsound: {check.object_id}: {'; '.join(check.faults)}", err=True)
+    click.echo(
+        f"{len(report.checks) - len(report.failures)} of {len(report.checks)} sound; mass of grids "
+        f"against parts: {report.median_mass_error:.3%} off in the median (limit "
+        f"{MEDIAN_MASS_ERROR:.1%}), {report.worst_mass_error:.2%} at worst ({WORST_MASS_ERROR:.0%})"
+    )
 
 
 def _echo_report(report: BuildReport, out: Path) -> None:
