@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from xden1k.errors import DataError
 from xden1k.folder import open_folder
@@ -23,6 +26,7 @@ from xden_builder.phantoms import (
     write_captures,
     write_truth_dataset,
 )
+from xden_builder.phantoms.grid import TruthGrid
 from xden_builder.phantoms.sheet import cut_open, shaded
 
 SMALL = ["screwdriver", "hammer", "mug", "padlock"]
@@ -170,6 +174,87 @@ def test_truth_is_a_dataset_of_the_same_objects(captures: Path, tmp_path: Path) 
         measured = capture.views[0].transmission.clip(min=0.0)  # a dataset stores no less
         np.testing.assert_allclose(obj.views[0].transmission, measured, atol=2e-5)
         assert [part.name for part in obj.parts] == [part.name for part in capture.parts]
+
+
+def test_grid_beside_the_truth_is_the_datasets(captures: Path, tmp_path: Path) -> None:
+    write_truth_dataset(tmp_path / "truth", 6, 1, size=64)
+    for obj in open_folder(tmp_path / "truth").objects():
+        grid = TruthGrid.load(captures / obj.object_id / "truth.npz")
+        assert obj.density is not None
+        np.testing.assert_array_equal(grid.labels, obj.labels)
+        theirs, ours = obj.density.density_g_cm3, grid.density.density_g_cm3
+        assert ours.dtype == np.float32
+        np.testing.assert_allclose(ours, theirs, rtol=6e-4, atol=1e-6)  # float16's rounding
+        np.testing.assert_allclose(grid.density.origin_cm, obj.origin_cm)
+        assert grid.density.voxel_size_cm == pytest.approx(obj.voxel_size_cm)
+        assert grid.part_names == tuple(part.name for part in obj.parts)
+
+
+def test_grid_beside_the_truth_weighs_what_the_parts_weigh(captures: Path) -> None:
+    errors = []
+    for plan in plan_objects(19, 1):
+        truth = json.loads((captures / plan.object_id / "truth.json").read_text())
+        total = sum(part["density_g_cm3"] * part["volume_cm3"] for part in truth["parts"])
+        grid = TruthGrid.load(captures / plan.object_id / "truth.npz")
+        errors.append(abs(grid.density.mass_g / total - 1))
+        volumes = np.bincount(grid.labels.ravel(), minlength=len(truth["parts"]) + 1)[1:]
+        thick = [part["volume_cm3"] for part in truth["parts"]]
+        largest = int(np.argmax(thick))
+        found = volumes[largest] * (grid.density.voxel_size_cm / 2) ** 3
+        assert found == pytest.approx(thick[largest], rel=0.15)
+    assert np.median(errors) < 1e-3
+    assert max(errors) < 1e-2
+
+
+def test_damaged_grid_is_named(tmp_path: Path) -> None:
+    (tmp_path / "truth.npz").write_bytes(b"PK but not really")
+    with pytest.raises(DataError, match=r"truth\.npz: not a truth grid that can be read"):
+        TruthGrid.load(tmp_path / "truth.npz")
+
+
+def test_builder_reads_nothing_of_the_truth(captures: Path, tmp_path: Path) -> None:
+    bare = tmp_path / "bare"
+    shutil.copytree(captures, bare)
+    for name in ("truth.json", "truth.npz", "appearance.glb"):
+        for path in bare.glob(f"*/{name}"):
+            path.unlink()
+    whole, without = CaptureFolder(captures), CaptureFolder(bare)
+    for object_id in ("kettle-0000", "hammer-0000"):
+        assert whole.digest(object_id) == without.digest(object_id)
+        names = [
+            [part.name for part in folder.read(object_id).parts] for folder in (whole, without)
+        ]
+        assert names[0] == names[1]
+
+
+def test_appearance_reads_back_as_each_part_looks(captures: Path) -> None:
+    for plan in plan_objects(19, 1):
+        scene = trimesh.load_scene(captures / plan.object_id / "appearance.glb")
+        parts = make_phantom(plan).parts
+        assert set(scene.graph.nodes_geometry) == {part.name for part in parts}
+        for part in parts:
+            to_metres, name = scene.graph[part.name]
+            seen = scene.geometry[name]
+            surface = seen.visual.material
+            assert surface.name == part.name  # the material is not to be read off
+            color = np.array(surface.baseColorFactor[:3]) / 255
+            np.testing.assert_allclose(color, part.color_rgb, atol=0.5 / 255 + 1e-6)
+            assert surface.metallicFactor == pytest.approx(part.metalness)
+            assert surface.roughnessFactor == pytest.approx(part.roughness)
+            whole = seen.copy().apply_transform(to_metres)
+            assert 1e6 * float(whole.volume) == pytest.approx(float(part.mesh.volume), rel=1e-3)
+            low, high = part.mesh.bounds / 100
+            np.testing.assert_allclose(whole.bounds[0], [low[0], low[2], -high[1]], atol=1e-6)
+
+
+def test_appearance_has_the_shape_that_is_handed_over(tmp_path: Path) -> None:
+    scanner = replace(Scanner(size_px=32), mesh_shift_cm=0.5)
+    write_captures(tmp_path / "out", 1, 1, scanner=scanner, categories=["mug"])
+    (handed,) = CaptureFolder(tmp_path / "out").read("mug-0000").parts
+    scene = trimesh.load_scene(tmp_path / "out" / "mug-0000" / "appearance.glb")
+    np.testing.assert_allclose(
+        scene.geometry[handed.name].bounds, handed.mesh.bounds, rtol=1e-6, atol=1e-6
+    )
 
 
 def test_truth_in_voxels_weighs_what_the_meshes_weigh() -> None:
