@@ -7,8 +7,7 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast, get_args
 
@@ -112,6 +111,9 @@ class CaptureFolder:
         Another folder of ``OBJECT_ID/parts/NAME.ply`` (or ``OBJECT_ID/mesh.glb``), in the same
         units, in place of the annotated meshes. ``OBJECT_ID/parts.csv`` there, if any, replaces the
         annotated one; without it a part keeps what the annotated one says of its name.
+    rows
+        The objects by id; those of ``objects.csv`` where none are given. A folder of one row is
+        small enough to be sent to another process.
 
     Raises
     ------
@@ -121,23 +123,11 @@ class CaptureFolder:
 
     root: Path
     parts_root: Path | None = None
+    rows: Mapping[str, ObjectRow] = field(default_factory=dict, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        _ = self.rows  # a folder that cannot be read must not come into being
-
-    @cached_property
-    def rows(self) -> Mapping[str, ObjectRow]:
-        """The rows of ``objects.csv`` by object id, in their order."""
-        rows: dict[str, ObjectRow] = {}
-        lines: dict[str, int] = {}
-        for row in read_csv(self.root / "objects.csv", _REQUIRED, _OPTIONAL):
-            parsed = _object_row(row)
-            if (before := lines.setdefault(parsed.object_id, row.number)) != row.number:
-                raise row.error("object_id", f"{parsed.object_id!r} stands in row {before} too")
-            rows[parsed.object_id] = parsed
-        if not rows:
-            raise DataError(f"{self.root / 'objects.csv'}: no objects")
-        return rows
+        if not self.rows:
+            object.__setattr__(self, "rows", _object_rows(self.root / "objects.csv"))
 
     @property
     def object_ids(self) -> tuple[str, ...]:
@@ -259,6 +249,19 @@ class CaptureFolder:
         for path in (meshes / "parts").glob("*"):
             if path.suffix.lower() in MESH_SUFFIXES:
                 yield f"parts/{path.name}", path
+
+
+def _object_rows(path: Path) -> dict[str, ObjectRow]:
+    rows: dict[str, ObjectRow] = {}
+    lines: dict[str, int] = {}
+    for row in read_csv(path, _REQUIRED, _OPTIONAL):
+        parsed = _object_row(row)
+        if (before := lines.setdefault(parsed.object_id, row.number)) != row.number:
+            raise row.error("object_id", f"{parsed.object_id!r} stands in row {before} too")
+        rows[parsed.object_id] = parsed
+    if not rows:
+        raise DataError(f"{path}: no objects")
+    return rows
 
 
 def _object_row(row: CsvRow) -> ObjectRow:
