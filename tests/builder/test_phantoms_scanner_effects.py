@@ -31,7 +31,7 @@ from xden_builder.phantoms.scanner.handover import MeshError, draw_mesh_error
 from xden_builder.phantoms.scanner.primary import Absorber, pixel_kernel, render
 from xden_builder.phantoms.scanner.scatter import MOST_REACHING, ScatterDraw, scatter_image
 from xden_builder.phantoms.scanner.spread import gaussian_spread
-from xden_builder.spectrum import tube_spectrum
+from xden_builder.spectrum import absorbed_share, tube_fluence, tube_spectrum
 
 WATER = (("H2O", 1.0),)
 TUBE = Tube(kv=100.0, mas=126.0, filtration_cm={"Al": 0.25})
@@ -113,6 +113,52 @@ def test_heel_weakens_and_hardens_the_upper_rows() -> None:
 def test_without_heel_rows_are_alike() -> None:
     assert (BARE.beam.open_field == 1.0).all()
     assert (BARE.beam.row_weights == BARE.beam.row_weights[0]).all()
+
+
+# the size of heel and hardening, as tables of the spectrum have them
+
+
+@pytest.mark.parametrize(
+    ("material", "density", "thin_cm", "thick_cm", "thin_kev", "thick_kev"),
+    [
+        ("water", 1.0, 0.1, 10.0, 42.6, 48.4),
+        ("aluminium", 2.7, 0.1, 1.0, 42.7, 48.3),
+        ("iron", 7.874, 0.01, 0.5, 44.1, 63.7),
+    ],
+)
+def test_thick_slab_looks_thinner_by_as_much_as_its_beam_is_harder(
+    material: str,
+    density: float,
+    thin_cm: float,
+    thick_cm: float,
+    thin_kev: float,
+    thick_kev: float,
+) -> None:
+    scanner = replace(BARE, size_px=129, subrays=1)
+    depths = [
+        -np.log(float(scanner.transmission(slab, "pa")[64, 64])) / cm
+        for cm in (thin_cm, thick_cm)
+        for slab in [block(12.0, cm, 12.0, material=material, density=density)]
+    ]
+    thin, thick = (
+        float(mac_cm2_g(load_materials()[material].composition, kev))
+        for kev in (thin_kev, thick_kev)
+    )
+    assert depths[1] / depths[0] == pytest.approx(thick / thin, abs=0.005)
+
+
+def test_open_field_falls_as_heel_slant_and_scintillator_say() -> None:
+    beam, scanner = Scanner.realistic(513).beam, Scanner.realistic(513)
+    offsets_cm = np.array([-21.0, -15.0, -10.0, -5.0, 0.0, 5.0, 10.0, 15.0, 21.0])
+    rows = (256 + offsets_cm / scanner.pixel_cm).round().astype(int)
+    fluence = np.array([0.623, 0.840, 0.923, 0.971, 1.0, 1.015, 1.021, 1.018, 1.006])
+    slant = 1 / np.sqrt(1 + (offsets_cm / 120) ** 2)
+    energies_kev, photons = tube_fluence(TUBE, offsets_cm / 120)
+    energy = photons * energies_kev
+    # of a harder beam the scintillator takes up less: 3 % at the anode's end
+    absorbed = (energy * absorbed_share(energies_kev)).sum(axis=1) / energy.sum(axis=1)
+    expected = fluence * slant * absorbed / absorbed[4]
+    np.testing.assert_allclose(beam.open_field[rows, 256], expected, atol=0.006)
 
 
 # blur and glare
@@ -370,6 +416,35 @@ def test_scanner_file_replaces_what_it_names(tmp_path: Path) -> None:
     assert load_scanner(path) == expected
     path.write_text('preset = "monochromatic"\nenergy_kev = 60.0\n')
     assert load_scanner(path) == Scanner(energy_kev=60.0)
+
+
+EFFECTS_OFF = """
+heel = false
+focal_spot_cm = 0
+detector_blur_cm = 0
+glare_share = 0
+scatter_level = 0
+quantum_noise = false
+readout_sd_counts = 0
+dead_share = 0
+exposure_sd = 0
+bits = 0
+mesh_rotation_deg = 0
+mesh_shift_cm = 0
+mesh_scale_sd = 0
+mesh_tolerance_cm = 0
+"""
+
+
+def test_every_effect_can_be_switched_off_in_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "scanner.toml"
+    path.write_text(EFFECTS_OFF)
+    assert load_scanner(path) == Scanner.realistic().ideal()
+    named = {line.split(" = ")[0] for line in EFFECTS_OFF.split("\n") if line}
+    real, off = Scanner.realistic().settings(), Scanner.realistic().ideal().settings()
+    assert named == {name for name in real if real[name] != off[name]}
+    path.write_text('preset = "monochromatic"\nenergy_kev = 0\n')
+    assert load_scanner(path).tube == TUBE
 
 
 @pytest.mark.parametrize(

@@ -1,19 +1,27 @@
-"""How much each effect of a scanner matters: the image with it against the image without."""
+"""How much each effect of a scanner matters: the image with it against the image without.
+
+``python -m xden_builder.phantoms.scanner.effects [SCANNER.toml]`` prints the table, of the
+realistic scanner by default.
+"""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 from tabulate import tabulate
 
 from xden1k.arrays import Image, Mask
-from xden_builder.phantoms.phantom import Phantom
+from xden_builder.phantoms.catalogue import CATALOGUE
+from xden_builder.phantoms.phantom import Phantom, make_phantom, plan_objects
+from xden_builder.phantoms.scanner.file import load_scanner
 from xden_builder.phantoms.scanner.model import VIEWS, Scanner
 
-__all__ = ["EffectSize", "effect_sizes", "effect_table"]
+__all__ = ["EffectSize", "effect_sizes", "effect_table", "main"]
 
 FAINTEST = 0.02
 """Pixels darker than this are left out where -ln T is compared."""
@@ -162,3 +170,14 @@ def _size(name: str, changes: Sequence[_Change]) -> EffectSize:
         float(air.mean()),
         float(np.median(depth)),
     )
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Print the table for the first object, of seed 0, of every twelfth category."""
+    scanner = load_scanner(Path(arguments[0])) if arguments else Scanner.realistic()
+    phantoms = [make_phantom(plan) for plan in plan_objects(len(CATALOGUE), 0)[::12]]
+    sys.stdout.write(effect_table(effect_sizes(phantoms, scanner)) + "\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
