@@ -16,8 +16,10 @@ from xden1k.commands import DONE_IN_PART, Group, json_option, print_json
 
 if TYPE_CHECKING:
     from xden_builder.audit_run import AuditReport
+    from xden_builder.growth import Cost
     from xden_builder.phantoms.check import SetReport
     from xden_builder.run import BuildReport, Outcome
+    from xden_builder.speed import Comparison
 
 __all__ = ["cli"]
 
@@ -208,36 +210,94 @@ def gallery(out: Path, seed: int, as_json: bool) -> None:
         click.echo(out)
 
 
-@cli.command(epilog="Example: xden-build speed --size 1024")
+@cli.command(epilog="Example: xden-build speed --growth -o growth.png")
 @click.option(
-    "--size", type=click.IntRange(min=64), default=1024, show_default=True, help="Pixels a side."
+    "--size",
+    type=click.IntRange(min=64),
+    default=1024,
+    show_default=True,
+    help="Pixels a side of the comparisons.",
+)
+@click.option("--growth", is_flag=True, help="Measure growth with pixels, faces and parts instead.")
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Draw the growth into this PNG too.",
 )
 @json_option
-def speed(size: int, as_json: bool) -> None:
-    """Measure our ways against others, as ratios in one run."""
-    from tabulate import tabulate
-
+def speed(size: int, growth: bool, out: Path | None, as_json: bool) -> None:
+    """Measure our ways against others, as ratios in one run; or how time and memory grow."""
+    if growth:
+        _growth(out, as_json)
+        return
+    if out:
+        raise click.UsageError("--out draws the growth: it needs --growth")
     from xden_builder.speed import comparisons
 
     rows = list(comparisons(size))
     if as_json:
         print_json([row.to_dict() for row in rows])
-        return
+    else:
+        _echo_comparisons(rows)
+
+
+def _growth(out: Path | None, as_json: bool) -> None:
+    from xden_builder.growth import cases, costs, draw_growth
+
+    chosen, rows = cases(), []
+    with _bar(len(chosen), "case") as bar:
+        for row in costs(chosen):
+            rows.append(row)
+            bar.update()
+    if as_json:
+        print_json([row.to_dict() for row in rows])
+    else:
+        _echo_growth(rows)
+    if out:
+        draw_growth(rows, out)
+
+
+def _echo_growth(rows: list[Cost]) -> None:
+    from tabulate import tabulate
+
+    from xden_builder.growth import AXES, along
+
+    costs = {row.case: row for row in rows}
+    headers = ["varied", "", "path lengths, CPU s", "fit, CPU s", "start, MB", "+ lengths", "+ fit"]
+    table = [
+        (
+            axis,
+            f"{getattr(row.case, axis):,}",
+            *(f"{seconds:.3f}" for seconds in (row.lengths_s, row.fit_s)),
+            *(f"{memory:.0f}" for memory in (row.start_mb, row.lengths_mb, row.fit_mb)),
+        )
+        for axis in AXES
+        for row in map(costs.__getitem__, along(axis))
+    ]
+    aligned = ("left", *["right"] * 6)
+    click.echo(tabulate(table, headers, disable_numparse=True, colalign=aligned))
+
+
+def _echo_comparisons(rows: list[Comparison]) -> None:
+    from tabulate import tabulate
+
     for row in rows:
         table = [
             ("ours: " + row.ours, f"{row.ours_s:.4f}", f"{row.ours_error:.1e}"),
             (row.other, f"{row.other_s:.4f}", f"{row.other_error:.1e}"),
         ]
-        click.echo(f"\n{row.task}: {row.ratio:.0f} times the processor time")
-        click.echo(tabulate(table, [row.task, "CPU s", row.error], disable_numparse=True))
+        digits = 0 if row.ratio > 10 else 1
+        click.echo(f"\n{row.task}: {row.ratio:.{digits}f} times the {row.clock} time")
+        click.echo(tabulate(table, [row.task, "s", row.error], disable_numparse=True))
 
 
 @contextmanager
-def _bar(total: int) -> Iterator[Any]:
+def _bar(total: int, unit: str = "object") -> Iterator[Any]:
     """Progress bar, on a terminal only."""
     from tqdm import tqdm
 
-    with tqdm(total=total, unit="object", disable=None) as bar:
+    with tqdm(total=total, unit=unit, disable=None) as bar:
         yield bar
 
 

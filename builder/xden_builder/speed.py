@@ -8,16 +8,18 @@ answer is no alternative.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
-from statistics import median
-from typing import Any, TypeVar
+from typing import Any, Literal
 
 import numpy as np
+import torch
 import trimesh
 
 from xden1k.rays import CubeGrid, PathLengths, part_fractions, path_lengths
 from xden1k.views import ViewGeometry, XRayView
+from xden_builder import torch_rays
 from xden_builder.fit.compare import compare_solvers
 from xden_builder.peers import (
     Lengths,
@@ -26,13 +28,11 @@ from xden_builder.peers import (
     pixel_rays,
     reference_lengths,
 )
+from xden_builder.scenes import radiograph, six_parts, two_views
+from xden_builder.timing import timed
 
-__all__ = ["Comparison", "comparisons", "scene", "scene_radiographs", "scene_views"]
+__all__ = ["Comparison", "comparisons", "scene_radiographs"]
 
-Result = TypeVar("Result")
-
-QUANTA = 20_000
-"""Open-field quanta of a pixel in the scene's radiographs."""
 LAC_PER_CM = np.array([0.17, 0.25, 0.4, 0.6, 1.0, 0.3])
 SEED = 0
 
@@ -48,11 +48,13 @@ class Comparison:
     ours, other
         Names of the two ways.
     ours_s, other_s
-        Processor seconds, all threads.
+        Seconds.
     ours_error, other_error
         How far from the reference: what ``error`` says.
     error
         Meaning and unit of the errors.
+    clock
+        ``processor``: time of all threads; ``wall``: time that passes, where a GPU does the work.
     """
 
     task: str
@@ -63,10 +65,11 @@ class Comparison:
     ours_error: float
     other_error: float
     error: str
+    clock: Literal["processor", "wall"] = "processor"
 
     @property
     def ratio(self) -> float:
-        """How many times our processor time the other way takes."""
+        """How many times our time the other way takes."""
         return self.other_s / self.ours_s
 
     def to_dict(self) -> dict[str, Any]:
@@ -74,70 +77,23 @@ class Comparison:
         return asdict(self) | {"ratio": self.ratio}
 
 
-def scene() -> list[trimesh.Trimesh]:
-    """Make six parts that do not overlap: 54,000 faces, 10 x 5 x 17 cm.
-
-    A ball with bumps, an ellipsoid, a capsule, a torus, a thin-walled tube and a box.
-    """
-    blob = trimesh.creation.icosphere(subdivisions=5, radius=1.8)
-    bumps = 1 + 0.12 * np.sin(5 * blob.vertices).prod(axis=1, keepdims=True)
-    blob.vertices = blob.vertices * bumps
-    ellipsoid = trimesh.creation.icosphere(subdivisions=5)
-    ellipsoid.apply_scale((1.5, 1.0, 2.2))
-    capsule = trimesh.creation.capsule(height=4.0, radius=0.7, count=[64, 64])
-    torus = trimesh.creation.torus(1.6, 0.4, major_sections=64, minor_sections=32)
-    tube = trimesh.creation.annulus(1.1, 1.2, 5.0, sections=96)
-    box = trimesh.creation.box((2.0, 3.0, 1.0))
-    places = [(-3, 0, 6), (3, 1, 6), (-3, 0, -1), (3, -1, 0), (-3, 1, -6.5), (3, 0, -6)]
-    parts = [blob, ellipsoid, capsule, torus, tube, box]
-    tilt = trimesh.transformations.rotation_matrix(0.3, (1, 2, 3))  # type: ignore[no-untyped-call]
-    for part, place in zip(parts, places, strict=True):
-        part.apply_transform(tilt)
-        part.apply_translation(place)
-    return parts
-
-
-def scene_views(size: int) -> tuple[ViewGeometry, ViewGeometry]:
-    """PA and LAT by a 43 cm panel of ``size`` pixels a side, 100 cm before and 30 behind."""
-    step = 43.0 / size
-    edge = 21.5 - step / 2
-    down = np.array([0.0, 0.0, -step])
-    return (
-        ViewGeometry(
-            beam="cone",
-            source_cm=np.array([0.0, -100.0, 0.0]),
-            pixel00_cm=np.array([-edge, 30.0, edge]),
-            column_step_cm=np.array([step, 0.0, 0.0]),
-            row_step_cm=down,
-            shape=(size, size),
-        ),
-        ViewGeometry(
-            beam="cone",
-            source_cm=np.array([-100.0, 0.0, 0.0]),
-            pixel00_cm=np.array([30.0, edge, edge]),
-            column_step_cm=np.array([0.0, -step, 0.0]),
-            row_step_cm=down,
-            shape=(size, size),
-        ),
-    )
-
-
 def scene_radiographs(
     parts: list[trimesh.Trimesh], size: int
 ) -> list[tuple[PathLengths, XRayView]]:
-    """Path lengths of one ray a pixel, and an image with the noise of 20,000 quanta a pixel."""
+    """Path lengths of one ray a pixel, and radiographs."""
     rng = np.random.default_rng(SEED)
     pairs = []
-    for name, geometry in zip(("pa", "lat"), scene_views(size), strict=True):
+    for name, geometry in zip(("pa", "lat"), two_views(size), strict=True):
         lengths = path_lengths(parts, range(len(parts)), geometry)
-        counts = rng.poisson(QUANTA * lengths.image(LAC_PER_CM))
-        image = (counts / QUANTA).astype(np.float32)
-        pairs.append((lengths, XRayView(name, image, np.ones(image.shape, bool), geometry)))
+        pairs.append((lengths, radiograph(name, geometry, lengths, LAC_PER_CM, rng)))
     return pairs
 
 
 def comparisons(size: int = 1024, repeats: int = 5, voxels: int = 256) -> Iterator[Comparison]:
-    """Compare the fit with the paper's, and path lengths with ray casting and ray marching.
+    """Compare the fit with the paper's, and path lengths with other ways to them.
+
+    The other ways are ray casting, ray marching, and our own algorithm in torch: on the CPU, and
+    on a GPU if there is one.
 
     Parameters
     ----------
@@ -148,7 +104,7 @@ def comparisons(size: int = 1024, repeats: int = 5, voxels: int = 256) -> Iterat
     voxels
         Along each side of the volume that rays march through.
     """
-    parts = scene()
+    parts = six_parts()
     yield _fit_comparison(scene_radiographs(parts, size), repeats)
     yield from _length_comparisons(parts, size, repeats, voxels)
 
@@ -172,7 +128,7 @@ def _length_comparisons(
     parts: list[trimesh.Trimesh], size: int, repeats: int, voxels: int
 ) -> Iterator[Comparison]:
     """Path lengths of the PA view; the others get only the rays that meet the object."""
-    geometry = scene_views(size)[0]
+    geometry = two_views(size)[0]
     order = range(len(parts))
     path_lengths(parts, order, geometry)  # compiles
     ours_s, ours = timed(lambda: path_lengths(parts, order, geometry), repeats)
@@ -209,6 +165,48 @@ def _length_comparisons(
         other_s=marching_s,
         other_error=worst(marched),
     )
+    for device in ("cpu", "cuda") if torch.cuda.is_available() else ("cpu",):
+        in_torch = torch_rays.path_lengths(parts, order, geometry, device=device)  # warms up
+        yield replace(
+            _torch_comparison(row, parts, geometry, device, repeats),
+            other_error=worst(in_torch.lengths_cm[:, 0]),
+        )
+
+
+def _torch_comparison(
+    row: Comparison,
+    parts: list[trimesh.Trimesh],
+    geometry: ViewGeometry,
+    device: str,
+    repeats: int,
+) -> Comparison:
+    """Time both forms of our algorithm: on one thread, or by the clock on the wall on a GPU."""
+    order = range(len(parts))
+    on_cpu = device == "cpu"
+    clock = time.process_time if on_cpu else time.perf_counter
+    ours_s, _ = timed(lambda: path_lengths(parts, order, geometry), repeats, clock)
+    with _one_thread():
+        other_s, _ = timed(
+            lambda: torch_rays.path_lengths(parts, order, geometry, device=device), repeats, clock
+        )
+    return replace(
+        row,
+        other=f"the same in torch, {'CPU, one thread' if on_cpu else 'CUDA'}",
+        ours_s=ours_s,
+        other_s=other_s,
+        clock="processor" if on_cpu else "wall",
+    )
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Keep torch to one thread: on a busy machine several wait for each other, all at full load."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def _cube_around(parts: list[trimesh.Trimesh], size: int) -> CubeGrid:
@@ -224,13 +222,3 @@ def _shares(parts: list[trimesh.Trimesh], cube: CubeGrid) -> np.ndarray:
     for grid, fill in zip(shares, part_fractions(parts, range(len(parts)), cube, 4), strict=True):
         grid[fill.where] = fill.share
     return shares
-
-
-def timed(work: Callable[[], Result], repeats: int) -> tuple[float, Result]:
-    """Median processor seconds of a piece of work, and its result."""
-    seconds = []
-    for _ in range(repeats):
-        start = time.process_time()
-        result = work()
-        seconds.append(time.process_time() - start)
-    return median(seconds), result

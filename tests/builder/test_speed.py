@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+import torch
 import trimesh
 from click.testing import CliRunner
 
@@ -12,7 +13,8 @@ from xden1k.rays import CubeGrid
 from xden_builder.cli import cli
 from xden_builder.fit import compare_solvers
 from xden_builder.peers import cast_lengths, march_lengths, pixel_rays, reference_lengths
-from xden_builder.speed import comparisons, scene, scene_radiographs, scene_views
+from xden_builder.scenes import six_parts, two_views
+from xden_builder.speed import comparisons, scene_radiographs
 
 SIZE_CM = np.array([6.0, 7.0, 8.0])
 
@@ -28,11 +30,20 @@ def test_both_solvers_are_compared_at_the_same_loss(rows):
 
 
 def test_path_lengths_are_as_exact_as_ray_casting_and_more_than_ray_marching(rows):
-    _, casting, marching = rows
+    _, casting, marching, *_ = rows
     assert casting.ours_error == marching.ours_error < 1e-5
     assert casting.other_error < 1e-5
     assert marching.other_error > 100 * marching.ours_error
     assert marching.other_error < 4.0
+
+
+def test_both_forms_of_our_algorithm_are_as_exact_on_every_device(rows):
+    in_torch = rows[3:]
+    devices = ["CPU, one thread", *(["CUDA"] if torch.cuda.is_available() else [])]
+    assert [row.other for row in in_torch] == [f"the same in torch, {name}" for name in devices]
+    assert [row.clock for row in in_torch] == ["processor", "wall"][: len(devices)]
+    for row in in_torch:
+        assert row.other_error == pytest.approx(row.ours_error, abs=1e-6)
 
 
 def test_ratios_are_those_of_the_times(rows):
@@ -101,7 +112,7 @@ def test_ray_marching_comes_near_the_truth_with_finer_voxels_and_steps():
 
 
 def test_rays_pass_through_pixel_centres():
-    geometry = scene_views(64)[1]
+    geometry = two_views(64)[1]
     pixels = np.array([0, 63, 64 * 63, 2000])
     origins, directions = pixel_rays(geometry, pixels)
     centres = geometry.pixel_centres_cm(pixels // 64 * 1.0, pixels % 64 * 1.0)
@@ -110,7 +121,7 @@ def test_rays_pass_through_pixel_centres():
 
 
 def test_parts_of_the_scene_are_closed_and_apart():
-    parts = scene()
+    parts = six_parts()
     assert all(part.is_volume for part in parts)
     assert 50_000 < sum(len(part.faces) for part in parts) < 60_000
     for lengths, _ in scene_radiographs(parts, 64):
@@ -120,6 +131,6 @@ def test_parts_of_the_scene_are_closed_and_apart():
 
 @pytest.mark.slow
 def test_fit_of_whole_frames_takes_far_less_time_than_adam_even_on_a_busy_machine():
-    comparison = compare_solvers(scene_radiographs(scene(), 1024))
+    comparison = compare_solvers(scene_radiographs(six_parts(), 1024))
     assert comparison.adam_excess < 1.1e-4
     assert comparison.ratio > 20
