@@ -1,8 +1,7 @@
-"""Personal care: razor, brushes, comb, tubes, sticks, bottles and sprays."""
+"""Personal care: razor, brushes, comb, tube, lipstick, pump bottle, perfume."""
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -167,10 +166,9 @@ def squeeze_tube(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     )
 
 
-def oval_bottle(rng: np.random.Generator, size_cm: float, pump: bool) -> list[Piece]:
-    """Oval bottle with its liquid; a pump with dip tube and spring on it, or a flip cap."""
-    top = size_cm * (0.68 if pump else 0.82)
-    wide = size_cm * rng.uniform(0.16, 0.2)
+def pump_bottle(rng: np.random.Generator, size_cm: float) -> list[Piece]:
+    """Oval bottle with its liquid and a pump with dip tube and spring on it."""
+    top, wide = 0.68 * size_cm, size_cm * rng.uniform(0.16, 0.2)
     deep, neck = wide * rng.uniform(0.55, 0.95), 1.1 * rng.uniform(0.9, 1.1)
     wall = rng.uniform(0.1, 0.16)
     neck = min(neck, 0.8 * deep)
@@ -183,20 +181,11 @@ def oval_bottle(rng: np.random.Generator, size_cm: float, pump: bool) -> list[Pi
         2.6,
     )
     liquid = shapes.cut_above(room, top * rng.uniform(0.3, 0.85))
-    shell = Piece("bottle", "shell", outside - room)
-    if not pump:
-        skirt = shapes.slab(shapes.disc(1.35 * neck), top + 0.05, size_cm - 0.5)
-        skirt -= shapes.cylinder(1.05 * neck, 0.0, top + 0.8)
-        lid = shapes.slab(shapes.disc(1.35 * neck), size_cm - 0.5, size_cm, 0.12)
-        nozzle = shapes.cylinder(0.2, size_cm - 1.5, size_cm + 1.0)
-        ring = skirt - nozzle - shapes.cylinder(1.1 * neck, top + 0.8, size_cm - 0.8)
-        return [
-            Piece("liquid", "liquid", liquid),
-            Piece("cap", "cap", ring),
-            Piece("lid", "cap", lid),
-            shell,
-        ]
-    return [*_pump(neck, top, size_cm, wall), Piece("liquid", "liquid", liquid), shell]
+    return [
+        *_pump(neck, top, size_cm, wall),
+        Piece("liquid", "liquid", liquid),
+        Piece("bottle", "shell", outside - room),
+    ]
 
 
 def _pump(neck: float, top: float, size: float, wall: float) -> list[Piece]:
@@ -251,40 +240,6 @@ def lipstick(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     ]
 
 
-def deodorant(rng: np.random.Generator, size_cm: float) -> list[Piece]:
-    """Oval stick on a platform that a screw and a wheel at the foot drive, under a hood."""
-    wide, wall = size_cm * rng.uniform(0.25, 0.29), 0.14
-    deep, joint, foot = wide * rng.uniform(0.5, 0.62), 0.7 * size_cm, 1.0
-
-    def oval(z0: float, z1: float, less: float) -> Manifold:
-        return skins.loft([(z, wide - less, deep - less) for z in (z0, z1)], 2.5)
-
-    platform = foot + rng.uniform(0.1, 0.5) * (joint - foot)
-    screw = shapes.thread(0.25, 0.17, 0.25, 0.3, joint - 0.5)
-    wheel = shapes.cylinder(0.7 * deep, 0.15, 0.85) + shapes.cylinder(0.3, 0.8, foot + 0.3)
-    stick = oval(platform + 0.3, joint, wall + 0.001)
-    crown = [(joint, 1.0), (joint + 0.5, 0.9), (joint + 0.9, 0.6), (joint + 1.05, 0.2)]
-    stick += skins.loft(
-        [(z, (wide - wall - 0.001) * s, (deep - wall - 0.001) * s) for z, s in crown], 2.5
-    )
-    body = oval(0.0, joint, 0.0) - oval(foot, 99.0, wall) - oval(-1.0, foot - 0.15, wall)
-    slots = shapes.box((1.4 * deep, 9.0, 0.5), (0, 0, 0.5))
-    shape = [(joint, 1.0), (size_cm - 0.5, 0.95), (size_cm - 0.1, 0.75), (size_cm, 0.5)]
-    hood = skins.loft([(z, wide * s, deep * s) for z, s in shape], 2.5)
-    hood -= skins.loft(
-        [(z - wall * (i > 0), wide * s - wall, deep * s - wall) for i, (z, s) in enumerate(shape)],
-        2.5,
-    ) + oval(joint - 1.0, joint + 0.01, wall)
-    return [
-        Piece("screw", "screw", screw),
-        Piece("wheel", "screw", wheel),
-        Piece("platform", "holder", oval(platform, platform + 0.3, wall + 0.001)),
-        Piece("stick", "stick", stick),
-        Piece("body", "shell", body - slots),
-        Piece("cap", "cap", hood),
-    ]
-
-
 def perfume(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     """Block of thick glass with its scent, a crimped atomizer with dip tube, a cap."""
     wide, high = size_cm * rng.uniform(0.42, 0.6), 0.66 * size_cm
@@ -321,12 +276,10 @@ def perfume(rng: np.random.Generator, size_cm: float) -> list[Piece]:
 
 ARCHETYPES: Final = {
     "comb": Archetype(comb, "body"),
-    "deodorant": Archetype(deodorant, "screw holder stick shell cap"),
     "hairbrush": Archetype(hairbrush, "bristles cushion handle"),
     "lipstick": Archetype(lipstick, "stick cup sleeve shell cap"),
-    "oval_bottle:flip": Archetype(partial(oval_bottle, pump=False), "liquid cap shell"),
-    "oval_bottle:pump": Archetype(partial(oval_bottle, pump=True), "spring pump cap liquid shell"),
     "perfume": Archetype(perfume, "pump liquid ferrule shell cap"),
+    "pump_bottle": Archetype(pump_bottle, "spring pump cap liquid shell"),
     "razor": Archetype(razor, "blade strip grip handle head"),
     "squeeze_tube": Archetype(squeeze_tube, "cream shell cap"),
     "toothbrush": Archetype(toothbrush, "bristles grip handle"),

@@ -1,4 +1,4 @@
-"""Pots and pans: pot, saucepan, wok, baking tin, moka pot, pressure cooker, colander, thermos."""
+"""Pots and pans: pot, wok, baking tin, moka pot, pressure cooker, colander, thermos."""
 
 from __future__ import annotations
 
@@ -56,25 +56,6 @@ def _lid(radius: float, rim: float, wall: float, rise: float) -> list[Piece]:
         Piece("lid", "lid", sheet + lip + seat),
         Piece("knob", "handle", handle),
     ]
-
-
-def saucepan(rng: np.random.Generator, size_cm: float) -> list[Piece]:
-    """Small pot with a long handle on a welded stub, with or without milk."""
-    radius, wall = size_cm * rng.uniform(0.23, 0.26), rng.uniform(0.12, 0.22)
-    high = radius * rng.uniform(0.9, 1.15)
-    shell, room = fittings.vessel([(0, 0), (radius, 0), (radius, high)], wall, 0.4)
-    rim = fittings.ring(radius, 0.15, high) - room
-    end, z = size_cm - radius, 0.8 * high
-    stub = fittings.strut((radius - 0.1, 0, z), (radius + 0.45 * (end - radius), 0, z + 1.0), 0.35)
-    handle = fittings.grip(0.0, end - radius - 1.5, 0.9, 1.2).rotate((0, -6, 0))
-    hole = shapes.cylinder(0.4, -9, 9).translate((end - radius - 3.2, 0, 0)).rotate((0, -6, 0))
-    spot = (radius + 1.5, 0.0, z + 0.12)
-    pieces = [
-        Piece("shell", "shell", shell + rim + (stub - room)),
-        Piece("handle", "handle", (handle - hole).translate(spot)),
-    ]
-    milk = shapes.cut_above(room, high * rng.uniform(0.3, 0.8))
-    return [Piece("milk", "liquid", milk), *pieces] if rng.random() < 0.5 else pieces
 
 
 def wok(rng: np.random.Generator, size_cm: float) -> list[Piece]:
@@ -243,7 +224,6 @@ ARCHETYPES: Final = {
     "moka_pot": Archetype(moka_pot, "coffee shell gasket liquid lid handle"),
     "pot": Archetype(pot, "liquid floor shell rivet lid handle"),
     "pressure_cooker": Archetype(pressure_cooker, "gasket liquid floor shell valve lid handle"),
-    "saucepan": Archetype(saucepan, "liquid shell handle"),
     "thermos": Archetype(thermos, "liquid stopper shell cup"),
     "wok": Archetype(wok, "pan handle"),
 }

@@ -306,44 +306,8 @@ def stamp(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     ]
 
 
-def correction_tape(rng: np.random.Generator, size_cm: float) -> list[Piece]:
-    """Drop-shaped case with two geared spools, tape between them and a nose to roll it on."""
-    thick, wall, big = rng.uniform(1.3, 1.7), 0.12, 0.26 * size_cm
-    plan = CrossSection.batch_hull(
-        [
-            shapes.disc(1.12 * big, (0.34 * size_cm - 0.5 * size_cm, 0.0)),
-            shapes.disc(0.7 * big, (0.15 * size_cm, 0.1 * big)),
-            shapes.disc(0.16 * big, (0.4 * size_cm, -0.5 * big)),
-        ]
-    )
-    room = shapes.slab(shapes.inset(plan, wall), wall - thick / 2, thick / 2 - wall)
-    shell = shapes.slab(plan, -thick / 2, thick / 2, 0.1) - room
-    half, near, far = 0.3, (-0.16 * size_cm, 0.0, 0.0), (0.15 * size_cm, 0.1 * big, 0.0)
-    full = rng.uniform(0.65, 0.95) * big
-    spool = shapes.tube(0.5 * big, 0.18 * big, -half, half)
-    reel = shapes.tube(full, 0.5 * big, -half, half).translate(near)
-    other = shapes.tube(0.36 * big, 0.18 * big, -half, half).translate(far)
-    axle = shapes.cylinder(0.18 * big, -thick / 2 + 0.05, thick / 2 - 0.05)
-    nose = shapes.polygon(
-        [
-            (0.36 * size_cm, -0.62 * big),
-            (0.36 * size_cm, -0.34 * big),
-            (0.5 * size_cm, -0.82 * big),
-            (0.49 * size_cm, -0.88 * big),
-        ]
-    )
-    return [
-        Piece("tape", "tape", reel),
-        Piece("reel", "spool", spool.translate(near)),
-        Piece("winder", "spool", other),
-        Piece("nose", "nose", shapes.slab(nose, -0.32, 0.32)),
-        Piece("case", "shell", shell + axle.translate(near) + axle.translate(far)),
-    ]
-
-
 ARCHETYPES: Final = {
     "calculator": Archetype(calculator, "cell board display window keypad shell"),
-    "correction_tape": Archetype(correction_tape, "tape spool nose shell"),
     "eraser": Archetype(eraser, "block sleeve"),
     "marker": Archetype(marker, "nib core cap barrel"),
     "notebook": Archetype(notebook, "wire pages cover"),

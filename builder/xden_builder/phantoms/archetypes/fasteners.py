@@ -1,8 +1,7 @@
-"""Small hardware of few parts: screw, nut, washer, nail, wall plug, hook, spring, chain, clip."""
+"""Small hardware of few parts: screw, nut, wall plug, hook, spring, chain, clips."""
 
 from __future__ import annotations
 
-from functools import partial
 from math import pi
 from typing import Final
 
@@ -51,41 +50,9 @@ def nut(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     return [Piece("body", "body", (body ^ cone) - _tapped(bore, high))]
 
 
-def wing_nut(rng: np.random.Generator, size_cm: float) -> list[Piece]:
-    """Hub with a threaded hole and two wings for the fingers."""
-    hub, high = 0.21 * size_cm, size_cm * rng.uniform(0.22, 0.28)
-    rise = size_cm * rng.uniform(0.42, 0.52)
-    wing = [(0.0, 0.3 * high), (0.5 * hub, high), (0.34 * size_cm, rise), (0.5 * size_cm, rise)]
-    wing += [(0.5 * size_cm, 0.75 * rise), (0.8 * hub, 0.1 * high)]
-    plate = shapes.upright(shapes.polygon(wing, 0.03 * size_cm), 0.09 * size_cm)
-    body = shapes.cylinder(1.05 * hub, 0.0, high, 0.85 * hub) + plate + plate.mirror((1, 0, 0))
-    return [Piece("body", "body", body - _tapped(0.55 * hub, high))]
-
-
 def _tapped(bore: float, high: float) -> Manifold:
     """Give what a tap cuts away: from below the foot to above the head."""
     return shapes.thread(bore, 0.86 * bore, 0.3 * bore, -0.2 * high, 1.2 * high)
-
-
-def washer(rng: np.random.Generator, size_cm: float) -> list[Piece]:
-    """Flat ring, every other one split and sprung as a lock washer."""
-    radius, thick = size_cm / 2, size_cm * rng.uniform(0.06, 0.09)
-    ring = shapes.tube(radius, radius * rng.uniform(0.45, 0.58), 0.0, thick)
-    if rng.random() < 0.5:
-        gap = shapes.box((0.08 * size_cm, size_cm, 9 * thick), (0, radius, 0)).rotate((0, 35, 0))
-        ring -= gap
-    return [Piece("body", "body", ring)]
-
-
-def nail(rng: np.random.Generator, size_cm: float) -> list[Piece]:
-    """Round wire with a flat head and a four-sided point."""
-    radius = float(np.clip(size_cm * rng.uniform(0.02, 0.026), 0.08, 0.2))
-    head = shapes.cylinder(2.3 * radius, 0.0, 0.5 * radius)
-    neck = shapes.cylinder(1.4 * radius, 0.4 * radius, 1.5 * radius, radius)
-    shaft = shapes.cylinder(radius, 0.0, size_cm - 3 * radius)
-    tip = Manifold.cylinder(3 * radius, radius, 0.05 * radius, 4)
-    body = head + neck + shaft + tip.translate((0, 0, size_cm - 3 * radius - 1e-3))
-    return moved([Piece("body", "body", body)], shapes.along_x)
 
 
 def wall_plug(rng: np.random.Generator, size_cm: float) -> list[Piece]:
@@ -106,11 +73,11 @@ def wall_plug(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     return moved(pieces, shapes.along_x)
 
 
-def screw_hook(rng: np.random.Generator, size_cm: float, sweep: float) -> list[Piece]:
-    """Wire with a wood thread, a collar and a bow; ``sweep`` degrees of it, an eye if all round."""
+def screw_hook(rng: np.random.Generator, size_cm: float) -> list[Piece]:
+    """Wire with a wood thread, a collar and an open bow."""
     wire, bow = size_cm * rng.uniform(0.036, 0.044), size_cm * rng.uniform(0.15, 0.18)
     stem = size_cm - 2 * bow - 2 * wire
-    arc = np.radians(np.linspace(-90.0, sweep - 90.0, 30))
+    arc = np.radians(np.linspace(-90.0, 150.0, 30))
     x, z = bow * np.cos(arc), stem + bow + wire + bow * np.sin(arc)
     ring = skins.pipe(np.stack([x, 0 * x, z], axis=1), wire)
     shaft = shapes.cylinder(wire, 0.4 * stem, stem + 1.6 * wire)
@@ -273,13 +240,9 @@ ARCHETYPES: Final = {
     "chain": Archetype(chain, "link"),
     "coil_spring": Archetype(coil_spring, "body"),
     "key": Archetype(key, "blade cover"),
-    "nail": Archetype(nail, "body"),
     "nut": Archetype(nut, "body"),
     "paper_clip": Archetype(paper_clip, "body"),
     "screw": Archetype(screw, "body"),
-    "screw_hook:eye": Archetype(partial(screw_hook, sweep=345.0), "body"),
-    "screw_hook:hook": Archetype(partial(screw_hook, sweep=240.0), "body"),
+    "screw_hook": Archetype(screw_hook, "body"),
     "wall_plug": Archetype(wall_plug, "screw plug"),
-    "washer": Archetype(washer, "body"),
-    "wing_nut": Archetype(wing_nut, "body"),
 }

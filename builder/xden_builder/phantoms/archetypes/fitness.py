@@ -1,4 +1,4 @@
-"""Sports: helmet, air pump, hollow balls, bats, puck, kettlebell, bowling pin, frisbee..."""
+"""Sports: helmet, air pump, hollow balls, bat, kettlebell, pin, flying disc, shuttlecock."""
 
 from __future__ import annotations
 
@@ -92,20 +92,14 @@ def air_pump(rng: np.random.Generator, size_cm: float) -> list[Piece]:
 
 
 def shelled_ball(
-    rng: np.random.Generator, size_cm: float, wall: float, skin: float, mark: str
+    rng: np.random.Generator, size_cm: float, wall: float, skin: float, panels: bool
 ) -> list[Piece]:
-    """Hollow or solid core under a skin with a seam, dimples or panels."""
+    """Hollow core under a skin with a seam or panels."""
     radius = size_cm / 2
     core = shapes.sphere(radius - skin * size_cm)
-    if wall:
-        core -= shapes.sphere(radius - (skin + wall) * size_cm * rng.uniform(0.9, 1.1))
+    core -= shapes.sphere(radius - (skin + wall) * size_cm * rng.uniform(0.9, 1.1))
     cover = shapes.sphere(radius) - shapes.sphere(radius - (skin + 0.2 * wall) * size_cm)
-    if mark == "dimples":
-        spots = shapes.union(
-            shapes.sphere(0.16 * radius, tuple((1.12 * radius * p).tolist())) for p in _even(110)
-        )
-        cover -= spots
-    elif mark == "panels":
+    if panels:
         for normal in _even(6):
             cover -= _groove(radius, normal)
     else:
@@ -190,13 +184,9 @@ def bowling_pin(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     ]
 
 
-def disc_toy(rng: np.random.Generator, size_cm: float, high: float, solid: bool) -> list[Piece]:
-    """Puck, or with a hollow underside a flying disc."""
-    radius, rise = size_cm / 2, high * size_cm
-    if solid:
-        body = shapes.slab(shapes.disc(radius), 0.0, rise, 0.08 * rise)
-        ribs = shapes.around(shapes.box((0.15, 0.15, 0.8 * rise), (radius, 0, 0.5 * rise)), 60)
-        return [Piece("body", "body", body - ribs)]
+def flying_disc(rng: np.random.Generator, size_cm: float) -> list[Piece]:
+    """Disc to throw, hollow underneath, with a thick rim."""
+    radius, rise = size_cm / 2, 0.12 * size_cm
     wall = 0.2 * rng.uniform(0.9, 1.2)
     top = [(0.0, 1.0), (0.7, 0.97), (0.95, 0.75), (1.0, 0.3), (0.985, 0.0), (0.95, 0.0)]
     line = [(r * radius, z * rise) for r, z in [*top, (0.95, 0.3)]]
@@ -233,15 +223,11 @@ ARCHETYPES: Final = {
     "kettlebell": Archetype(kettlebell, "weight coat"),
     "shuttlecock": Archetype(shuttlecock, "feather thread cork"),
     "table_tennis_bat": Archetype(table_tennis_bat, "wood sponge rubber handle"),
+    "flying_disc": Archetype(flying_disc, "body"),
     "shelled_ball:tennis": Archetype(
-        partial(shelled_ball, wall=0.05, skin=0.04, mark="seam"), "core cover"
-    ),
-    "shelled_ball:golf": Archetype(
-        partial(shelled_ball, wall=0.0, skin=0.05, mark="dimples"), "core cover"
+        partial(shelled_ball, wall=0.05, skin=0.04, panels=False), "core cover"
     ),
     "shelled_ball:football": Archetype(
-        partial(shelled_ball, wall=0.012, skin=0.018, mark="panels"), "core cover"
+        partial(shelled_ball, wall=0.012, skin=0.018, panels=True), "core cover"
     ),
-    "disc_toy:puck": Archetype(partial(disc_toy, high=0.333, solid=True), "body"),
-    "disc_toy:flying": Archetype(partial(disc_toy, high=0.12, solid=False), "body"),
 }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -187,32 +186,27 @@ def usb_stick(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     ]
 
 
-def panel_device(
-    rng: np.random.Generator, size_cm: float, wide: float, high: float, buttons: int, dial: float
-) -> list[Piece]:
-    """Instrument with a display, buttons, a dial or none, cells below and a board."""
-    depth, breadth = high * size_cm, wide * size_cm * rng.uniform(0.92, 1.08)
+def multimeter(rng: np.random.Generator, size_cm: float) -> list[Piece]:
+    """Instrument with a display, buttons, a dial, two cells and a board."""
+    depth, breadth = 0.2 * size_cm, 0.5 * size_cm * rng.uniform(0.92, 1.08)
     outline = shapes.rounded_rectangle(size_cm, breadth, 0.12 * breadth)
     shell, _ = fittings.case(outline, 0.0, depth, 0.25, 0.2)
     top, level = depth - 0.25, depth - 0.9
     screen = (0.26 * size_cm, 0.7 * breadth)
     glass = shapes.box((*screen, 0.2), (0.28 * size_cm, 0, depth - 0.1))
     crystal = shapes.box((screen[0] + 0.4, screen[1] + 0.4, 0.3), (0.28 * size_cm, 0, top - 0.15))
-    knob = shapes.slab(shapes.disc(dial * breadth + 0.3), top, depth + 0.5, 0.15)
+    knob = shapes.slab(shapes.disc(0.22 * breadth + 0.3), top, depth + 0.5, 0.15)
     knob += shapes.cylinder(0.25, level + 0.16, depth)
-    knob = knob.translate((-0.2 * size_cm, 0, 0)) if dial else Manifold()
     button = shapes.slab(shapes.disc(0.07 * breadth), level + 0.16, depth + 0.12, 0.05)
-    pitch = 0.85 * breadth / buttons
-    spots = [(0.07 * size_cm, (i - (buttons - 1) / 2) * pitch, 0) for i in range(buttons)]
+    spots = [(0.07 * size_cm, i * 0.85 / 3 * breadth, 0) for i in (-1, 0, 1)]
     cell = shapes.along_x(fittings.cell(0.52, -0.4 * size_cm, -0.4 * size_cm + 4.4))
     peg = shapes.cylinder(0.2, 0.1, level)
     pegs = [peg.translate((0.4 * size_cm, s * 0.36 * breadth, 0.0)) for s in (-1, 1)]
     plate = shapes.box((0.84 * size_cm, 0.84 * breadth, 0.16), (0.02 * size_cm, 0, level + 0.08))
-    knobs = [Piece("dial", "button", knob)] if dial else []
     return [
         Piece("screen", "screen", crystal),
         Piece("glass", "glass", glass),
-        *knobs,
+        Piece("dial", "button", knob.translate((-0.2 * size_cm, 0, 0))),
         Piece("buttons", "button", shapes.union(button.translate(spot) for spot in spots)),
         Piece("board", "board", plate),
         *(
@@ -306,16 +300,9 @@ ARCHETYPES: Final = {
     "computer_mouse": Archetype(computer_mouse, "wheel cell board chip shell"),
     "game_controller": Archetype(game_controller, "button cell motor board shell"),
     "keyboard": Archetype(keyboard, "button plate board chip shell"),
+    "multimeter": Archetype(multimeter, "screen glass button board cell chip shell"),
     "power_bank": Archetype(power_bank, "cell contact board chip shell"),
     "router": Archetype(router, "contact socket board chip shell"),
     "smartphone": Archetype(smartphone, "cell board chip lens screen glass shell"),
     "usb_stick": Archetype(usb_stick, "contact chip board plug shell"),
-    "panel_device:multimeter": Archetype(
-        partial(panel_device, wide=0.5, high=0.2, buttons=3, dial=0.22),
-        "screen glass button board cell chip shell",
-    ),
-    "panel_device:alarm_clock": Archetype(
-        partial(panel_device, wide=0.55, high=0.3, buttons=4, dial=0.0),
-        "screen glass button board cell chip shell",
-    ),
 }

@@ -1,8 +1,7 @@
-"""Hardware with works: hinge, pipe fittings, ball valve, door handle, caster."""
+"""Hardware with works: hinge, pipe elbow, ball valve, door handle, caster."""
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -41,19 +40,17 @@ def hinge(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     ]
 
 
-def pipe_fitting(rng: np.random.Generator, size_cm: float, tee: bool) -> list[Piece]:
-    """Elbow or tee with a beaded collar and a threaded bore at each mouth."""
+def pipe_elbow(rng: np.random.Generator, size_cm: float) -> list[Piece]:
+    """Elbow with a beaded collar and a threaded bore at each mouth."""
     bore = size_cm * rng.uniform(0.17, 0.21)
-    outer, collar, reach = 1.25 * bore, 1.5 * bore, size_cm * (0.5 if tee else 0.62)
+    outer, collar, reach = 1.25 * bore, 1.5 * bore, 0.62 * size_cm
     arm = shapes.cylinder(outer, 0.0, reach) + shapes.slab(
         shapes.disc(collar), reach - 0.9 * bore, reach, 0.12 * bore
     )
     room = shapes.cylinder(0.82 * bore, 0.0, reach)
     room += shapes.thread(1.08 * bore, bore, 0.22 * bore, reach - 1.1 * bore, reach + 0.5)
-    ways = [arm, shapes.along_x(arm)] + [arm.rotate((0, -90, 0))] * tee
-    holes = [room, shapes.along_x(room)] + [room.rotate((0, -90, 0))] * tee
-    body = shapes.union([shapes.sphere(outer), *ways])
-    hollow = shapes.union([shapes.sphere(0.82 * bore), *holes])
+    body = shapes.union([shapes.sphere(outer), arm, shapes.along_x(arm)])
+    hollow = shapes.union([shapes.sphere(0.82 * bore), room, shapes.along_x(room)])
     return moved([Piece("body", "body", body - hollow)], lambda solid: solid.rotate((90, 0, 0)))
 
 
@@ -226,6 +223,5 @@ ARCHETYPES: Final = {
     "caster": Archetype(caster, "axle hub tyre race plate fork"),
     "door_handle": Archetype(door_handle, "spindle screw lever spring plate rose"),
     "hinge": Archetype(hinge, "pin leaf"),
-    "pipe_fitting:elbow": Archetype(partial(pipe_fitting, tee=False), "body"),
-    "pipe_fitting:tee": Archetype(partial(pipe_fitting, tee=True), "body"),
+    "pipe_elbow": Archetype(pipe_elbow, "body"),
 }

@@ -17,8 +17,6 @@ Outline = list[tuple[float, float]]
 
 _COMBINATION: Final[Outline] = [(0.0, 0.0), (1.0, 0.0), (1.0, 0.25), (0.55, 0.5), (0.0, 0.55)]
 _NEEDLE: Final[Outline] = [(0.0, 0.0), (1.0, 0.0), (1.0, 0.05), (0.3, 0.26), (0.0, 0.3)]
-_CUTTER: Final[Outline] = [(0.0, 0.0), (0.8, 0.0), (1.0, 0.3), (0.75, 0.75), (0.0, 0.95)]
-_SNIPS: Final[Outline] = [(0.0, 0.0), (1.0, 0.0), (0.96, 0.08), (0.5, 0.26), (0.0, 0.34)]
 
 
 def pliers(rng: np.random.Generator, size_cm: float, jaw: Outline, reach: float) -> list[Piece]:
@@ -137,8 +135,6 @@ ARCHETYPES: Final = {
     "clamp": Archetype(clamp, "bar screw pad frame"),
     "nail_clipper": Archetype(nail_clipper, "post lever leaf"),
     "pliers:combination": Archetype(partial(pliers, jaw=_COMBINATION, reach=0.2), _PLIERS),
-    "pliers:cutter": Archetype(partial(pliers, jaw=_CUTTER, reach=0.15), _PLIERS),
     "pliers:needle": Archetype(partial(pliers, jaw=_NEEDLE, reach=0.34), _PLIERS),
-    "pliers:snips": Archetype(partial(pliers, jaw=_SNIPS, reach=0.3), _PLIERS),
     "tweezers": Archetype(tweezers, "body"),
 }

@@ -1,4 +1,4 @@
-"""Thin-walled packages: a drink can, a tin, a spray can, a bucket."""
+"""Thin-walled packages: a drink can, a bucket."""
 
 from __future__ import annotations
 
@@ -28,26 +28,6 @@ def drink_can(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     ]
 
 
-def food_tin(rng: np.random.Generator, size_cm: float) -> list[Piece]:
-    """Tin with beads around it, both ends seamed on, full of food."""
-    radius, wall = size_cm * rng.uniform(0.32, 0.42), 0.04
-    body = shapes.tube(radius, radius - wall, 0.0, size_cm)
-    bead = shapes.union(
-        fittings.ring(radius, 0.08, size_cm * share) for share in (0.3, 0.38, 0.46, 0.54, 0.62)
-    )
-    seams = shapes.union(
-        shapes.tube(radius + 0.12, radius - 0.05, z, z + 0.3) for z in (0.0, size_cm - 0.3)
-    )
-    ends = [shapes.cylinder(radius - wall, z, z + 0.05) for z in (0.3, size_cm - 0.35)]
-    food = shapes.cylinder(radius - wall, 0.35, size_cm * rng.uniform(0.8, 0.95))
-    return [
-        Piece("food", "food", food),
-        Piece("bottom", "shell", ends[0]),
-        Piece("lid", "shell", ends[1]),
-        Piece("body", "shell", body + bead + seams),
-    ]
-
-
 def bucket(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     """Tapered bucket with a rim and a wire bail; some hold water."""
     top, wall = 0.44 * size_cm, rng.uniform(0.15, 0.25)
@@ -66,5 +46,4 @@ def bucket(rng: np.random.Generator, size_cm: float) -> list[Piece]:
 ARCHETYPES: Final = {
     "bucket": Archetype(bucket, "bail shell liquid"),
     "drink_can": Archetype(drink_can, "liquid lid shell"),
-    "food_tin": Archetype(food_tin, "food shell"),
 }

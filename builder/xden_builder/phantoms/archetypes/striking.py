@@ -1,4 +1,4 @@
-"""Heads on a handle (mallet, sledge, axe) and blades with a tang (chisel, file, trowels)."""
+"""Heads on a handle (mallet, axe) and blades with a tang (chisel, garden trowel)."""
 
 from __future__ import annotations
 
@@ -54,13 +54,6 @@ def _barrel_head(rng: np.random.Generator, half: float) -> Manifold:
     long, bulge = half * rng.uniform(1.5, 1.8), half * rng.uniform(0.8, 0.95)
     profile = [(0.0, -long), (bulge, -long), (half, 0.0), (bulge, long), (0.0, long)]
     return shapes.along_y(shapes.lathe(shapes.outline(profile, 0.15 * half)))
-
-
-def _sledge_head(rng: np.random.Generator, half: float) -> Manifold:
-    """Octagonal block of forged steel."""
-    long = half * rng.uniform(2.0, 2.4)
-    octagon = shapes.regular_polygon(8, 2 * half).rotate(22.5)
-    return shapes.along_y(shapes.slab(octagon, -long, long, 0.2 * half))
 
 
 def _axe_head(rng: np.random.Generator, half: float) -> Manifold:
@@ -121,39 +114,6 @@ def _chisel_blade(rng: np.random.Generator, length: float, radius: float) -> Man
     return plate + stem + _neck(0.2, radius)
 
 
-def _file_blade(rng: np.random.Generator, length: float, radius: float) -> Manifold:
-    """Bar with two crossed rows of teeth on its faces."""
-    wide, thick, pitch = radius * rng.uniform(0.7, 1.0), radius * rng.uniform(0.2, 0.28), 0.4
-    taper = [(-wide, 0.08 * length), (-wide, 0.7 * length), (-0.7 * wide, length)]
-    bar = _flat([*taper, *((-y, z) for y, z in reversed(taper))], 2 * thick)
-    cuts = [
-        shapes.box((0.06, 6 * wide, 0.14), (side * thick, 0, z)).rotate((side * 35.0, 0, 0))
-        for side in (-1, 1)
-        for z in np.arange(-wide, length + wide, pitch)
-    ]
-    teeth = shapes.union(cuts) ^ shapes.box((4, 4 * wide, 0.78 * length), (0, 0, 0.56 * length))
-    return bar - teeth + _neck(0.1 * length, radius)
-
-
-def _putty_blade(rng: np.random.Generator, length: float, radius: float) -> Manifold:
-    """Thin springy blade that widens to a straight edge."""
-    wide = length * rng.uniform(0.22, 0.4)
-    half = [(-0.7 * radius, 0.02 * length), (-0.7 * radius, 0.15 * length), (-wide, 0.65 * length)]
-    points = [*half, (-wide, length), (wide, length), *((-y, z) for y, z in reversed(half))]
-    return _flat(points, 0.13, 0.1) + _neck(0.12 * length, radius)
-
-
-def _trowel_blade(rng: np.random.Generator, length: float, radius: float) -> Manifold:
-    """Pointed plate on a neck bent like a swan's."""
-    wide, drop = length * rng.uniform(0.24, 0.32), 1.4 * radius
-    half = [(-0.3 * wide, 0.3 * length), (-wide, 0.45 * length), (-0.85 * wide, 0.6 * length)]
-    points = [*half, (0.0, length), *((-y, z) for y, z in reversed(half))]
-    plate = _flat(points, 0.16, 0.15).translate((drop, 0, 0))
-    path = [(0, 0, -0.2), (0, 0, 0.06 * length), (0.7 * drop, 0, 0.22 * length)]
-    path += [(drop, 0, 0.34 * length), (drop, 0, 0.46 * length)]
-    return plate + skins.pipe(skins.smooth_path(path, 16), 0.34 * radius)
-
-
 def _scoop_blade(rng: np.random.Generator, length: float, radius: float) -> Manifold:
     """Gutter of sheet that ends in a rounded point, as for planting."""
     wide = length * rng.uniform(0.2, 0.25)
@@ -167,21 +127,11 @@ def _scoop_blade(rng: np.random.Generator, length: float, radius: float) -> Mani
 
 ARCHETYPES: Final = {
     "striker:mallet": Archetype(partial(striker, head=_barrel_head, wide=0.1), "wedge handle head"),
-    "striker:sledge": Archetype(
-        partial(striker, head=_sledge_head, wide=0.055), "wedge handle head"
-    ),
     "striker:axe": Archetype(partial(striker, head=_axe_head, wide=0.065), "wedge handle head"),
     "tanged:chisel": Archetype(
         partial(tanged, blade=_chisel_blade, grip=0.48), "blade ferrule handle"
     ),
-    "tanged:file": Archetype(partial(tanged, blade=_file_blade, grip=0.34), "blade ferrule handle"),
-    "tanged:putty": Archetype(
-        partial(tanged, blade=_putty_blade, grip=0.5), "blade ferrule handle"
-    ),
     "tanged:scoop": Archetype(
         partial(tanged, blade=_scoop_blade, grip=0.4), "blade ferrule handle"
-    ),
-    "tanged:trowel": Archetype(
-        partial(tanged, blade=_trowel_blade, grip=0.38), "blade ferrule handle"
     ),
 }

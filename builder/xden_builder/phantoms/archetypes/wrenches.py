@@ -1,4 +1,4 @@
-"""Tools that turn or pry: spanners, an adjustable spanner, a hexagon key, a socket, a crowbar."""
+"""Tools that turn or pry: spanners, an adjustable spanner, a hexagon key, a crowbar."""
 
 from __future__ import annotations
 
@@ -94,22 +94,6 @@ def hex_key(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     return [Piece("body", "body", body.rotate((0, 0, 90)))]
 
 
-def socket(rng: np.random.Generator, size_cm: float) -> list[Piece]:
-    """Socket for a ratchet: twelve-sided bore above, square drive below, a waist between."""
-    bore = size_cm * rng.uniform(0.3, 0.5)
-    outer, foot = 0.66 * bore, size_cm * rng.uniform(0.24, 0.3)
-    drive = 1.1 * foot
-    profile = [(0, 0), (foot, 0), (foot, 0.42), (outer, 0.55), (outer, 1.0), (0, 1.0)]
-    section = shapes.outline([(r, z * size_cm) for r, z in profile], 0.03 * size_cm)
-    hexagon = shapes.regular_polygon(6, bore)
-    body = shapes.lathe(section)
-    body -= shapes.slab(hexagon + hexagon.rotate(30.0), 0.55 * size_cm, 2 * size_cm)
-    body -= shapes.slab(CrossSection.square((drive, drive), center=True), -1.0, 0.42 * size_cm)
-    body -= shapes.cylinder(0.3 * drive, 0.0, size_cm)
-    groove = shapes.tube(2 * foot, 0.92 * foot, 0.14 * size_cm, 0.2 * size_cm)
-    return [Piece("body", "body", body - groove)]
-
-
 def crowbar(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     """Bar with a hooked claw at one end and a flat chisel at the other."""
     bar, hook = size_cm * rng.uniform(0.022, 0.028), size_cm * rng.uniform(0.1, 0.13)
@@ -141,6 +125,5 @@ ARCHETYPES: Final = {
     "adjustable_spanner": Archetype(adjustable_spanner, "pin worm jaw body"),
     "crowbar": Archetype(crowbar, "body"),
     "hex_key": Archetype(hex_key, "body"),
-    "socket": Archetype(socket, "body"),
     "wrench": Archetype(wrench, "body"),
 }
