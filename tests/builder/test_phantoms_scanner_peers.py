@@ -12,9 +12,9 @@ import trimesh
 from xden1k.arrays import Image
 from xden_builder.attenuation import mac_cm2_g
 from xden_builder.capture import CaptureFolder, Tube
-from xden_builder.phantoms import Phantom, PhantomPart, Plan, Scanner, make_phantom
+from xden_builder.phantoms import CATALOGUE, Phantom, PhantomPart, Plan, Scanner, make_phantom
 from xden_builder.phantoms.scanner.beam import make_beam
-from xden_builder.phantoms.scanner.effects import effect_sizes, effect_table
+from xden_builder.phantoms.scanner.effects import effect_sizes, effect_table, main
 from xden_builder.phantoms.scanner.primary import Absorber, pixel_kernel, render
 
 KEV = 60.0
@@ -103,3 +103,15 @@ def test_effects_are_measured_by_taking_them_away() -> None:
     lines = effect_table(list(sizes.values())).splitlines()
     assert len(lines) == 2 + len(sizes)
     assert lines[0].startswith("| effect")
+
+
+def test_table_of_effects_is_printed_for_the_scanner_of_a_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("xden_builder.phantoms.scanner.effects.CATALOGUE", CATALOGUE[:1])
+    path = tmp_path / "scanner.toml"
+    path.write_text("size_px = 24\nsubrays = 1\nenergy_groups = 2\nglare_share = 0\n")
+    main([str(path)])
+    rows = {line.split("|")[1].strip(): line for line in capsys.readouterr().out.splitlines()}
+    assert "0.00000" in rows["glare"]
+    assert "mesh error" in rows

@@ -118,7 +118,7 @@ def kept_beam(tube: Tube, **panel: Any) -> Beam:
     return _kept_beam(tube.energy_kev, tube.kv, tube.mas, filters_cm, **panel)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def _kept_beam(
     energy_kev: float | None,
     kv: float | None,

@@ -67,9 +67,10 @@ def effect_sizes(phantoms: Sequence[Phantom], scanner: Scanner) -> list[EffectSi
     scanner
         :meth:`Scanner.realistic`, or another with a tube.
     """
-    cameras = _cameras(replace(scanner, dead_share=0.0))
     changes: dict[str, list[_Change]] = {name: [] for name in _PAIRS}
     for phantom in phantoms:
+        _, chosen = scanner.setting_for(phantom)
+        cameras = _cameras(replace(chosen, dead_share=0.0))
         for view in VIEWS:
             images = {name: camera(phantom, view) for name, camera in cameras.items()}
             shadow = images["spectrum alone"] < 1

@@ -350,7 +350,7 @@ class Scanner:
         both = direct + veil
         energy = direct * primary.mean_kev + veil * np.float32(self.reference_kev)
         shadow = primary.scattered > 0
-        share = float(veil[shadow].sum() / both[shadow].sum())
+        share = float(veil[shadow].sum() / both[shadow].sum().clip(min=1e-30))  # nothing: 0
         return Signal(self._glared(both), energy / both.clip(min=1e-30), share)
 
     def _glared(self, light: Image) -> Image:
