@@ -7,13 +7,13 @@ what the dark would hold where none was taken.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from xden1k.arrays import Mask
+from xden1k.arrays import Image, Mask
 from xden1k.errors import DataError
 from xden1k.views import XRayView
 from xden_builder.capture.formats import read_image
@@ -52,11 +52,15 @@ class CalibratedView:
         Standard deviation of the transmission behind something opaque: the spread of the dark
         image, rounding of integers included, over the median open field. A fixed pattern of the
         detector adds to it, averaging many dark frames hides some. None without a dark image.
+    open_field
+        Shape (rows, columns): light of the bare beam above the dark, in the image's own units;
+        None where no flat image was taken.
     """
 
     view: XRayView
     flags: tuple[str, ...]
     noise_sd: float | None
+    open_field: Image | None = None
 
 
 def calibrate(
@@ -129,7 +133,9 @@ def _from_counts(
         "polarity_not_as_dicom": image.polarity not in (None, polarity),
     }
     flags = tuple(f"{name}:{flag}" for flag, is_raised in raised.items() if is_raised)
-    return _checked(name, image.path, stored, transmission, noise_sd, flags)
+    seen = _checked(name, image.path, stored, transmission, noise_sd, flags)
+    taken = isinstance(stored.flat, str)
+    return replace(seen, open_field=light.astype(np.float32) if taken else None)
 
 
 def _usual_light(light: Field, said: str) -> float:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast, get_args
 
+from xden1k.arrays import Image
 from xden1k.errors import DataError, MissingObjectError
 from xden1k.types import SPLITS, Source, Split
 from xden1k.views import XRayView
@@ -80,6 +81,8 @@ class Capture:
     noise_sd
         By view, where a dark image was taken: standard deviation of the transmission behind
         something opaque.
+    open_field
+        By view, where a flat image was taken: light of the bare beam, in any unit.
     """
 
     object_id: str
@@ -95,6 +98,7 @@ class Capture:
     parts: tuple[CapturePart, ...]
     flags: tuple[str, ...]
     noise_sd: Mapping[str, float]
+    open_field: Mapping[str, Image] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -167,6 +171,9 @@ class CaptureFolder:
             flags=tuple(flag for view in views.values() for flag in view.flags) + part_flags,
             noise_sd={
                 name: view.noise_sd for name, view in views.items() if view.noise_sd is not None
+            },
+            open_field={
+                name: view.open_field for name, view in views.items() if view.open_field is not None
             },
         )
 

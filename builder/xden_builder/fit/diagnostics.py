@@ -6,11 +6,10 @@ import math
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Float64
 
 from xden_builder.fit import kernels
-from xden_builder.fit.crops import Crop, neighbours
-from xden_builder.fit.observed import ViewData
+from xden_builder.fit.outline import on_outline
 from xden_builder.fit.problem import Fitted, ViewFit
 from xden_builder.fit.uncertainty import standard_deviations
 from xden_builder.fit.values import FitSettings, LacFit
@@ -71,7 +70,7 @@ def _information_shares(fitted: Fitted) -> Float64[np.ndarray, "3 k"]:
     totals = np.zeros((3, fitted.problem.parts))
     for fit in fitted.views():
         variance, _ = variances(fit.view, fit.transmission, fit.gain, fitted.settings)
-        kinds = np.where(_on_outline(fit.view), OUTLINE, PLAIN).astype(np.uint8)
+        kinds = np.where(on_outline(fit.view.lengths), OUTLINE, PLAIN).astype(np.uint8)
         kinds[fit.gain * fit.transmission < 3 * fit.view.dark_sd] = STARVED
         kernels.information(
             fit.view.lengths.lengths_cm,
@@ -83,18 +82,6 @@ def _information_shares(fitted: Fitted) -> Float64[np.ndarray, "3 k"]:
         )
     whole = totals.sum(axis=0)
     return totals / np.where(whole > 0, whole, 1.0)
-
-
-def _on_outline(view: ViewData) -> Bool[np.ndarray, "n"]:
-    """Whether a neighbour's rays meet other parts than the pixel's own."""
-    if not len(view.measured):
-        return np.zeros(0, dtype=bool)
-    sets = np.zeros(len(view.measured), dtype=np.uint64)
-    keys = np.random.default_rng(0).integers(1, 2**63, view.parts, dtype=np.uint64)
-    kernels.hit_sets(view.lengths.lengths_cm, keys, sets)
-    crop = Crop.around(view.lengths.pixels, view.lengths.shape, margin_px=1)
-    image = crop.image(sets, background=0.0)
-    return np.asarray((neighbours(image) != image).any(axis=0)[crop.rows, crop.columns])
 
 
 def _flags(

@@ -1,0 +1,151 @@
+"""Which material a part is made of, by the evidence of both radiographs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from xden_builder.poly import kernels
+from xden_builder.poly.candidates import CandidateTable
+from xden_builder.poly.pixels import ViewPixels
+from xden_builder.poly.settings import HUBER
+
+__all__ = ["MaterialPosterior", "Scene", "weigh_materials"]
+
+MOST_PIXELS: Final = 120
+MOST_BLOCKS: Final = 12
+"""Compared in each view; those left out lend their weight to these."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MaterialPosterior:
+    """Probability of each candidate of a part, all other parts being as they are.
+
+    Parameters
+    ----------
+    probability
+        Shape (candidates,).
+    density_g_cm3, sd_g_cm3
+        Shape (candidates,): best density and its standard deviation, if that is the material.
+    """
+
+    probability: Float64[np.ndarray, "c"]
+    density_g_cm3: Float64[np.ndarray, "c"]
+    sd_g_cm3: Float64[np.ndarray, "c"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """Both radiographs, with everything but one part's material taken as known.
+
+    Parameters
+    ----------
+    views
+        Samples.
+    sds
+        Standard deviation of each sample.
+    strays
+        Stray light at each sample, gain included.
+    gains
+        Of each view.
+    share
+        Of an independent observation that a sample is worth.
+    """
+
+    views: Sequence[ViewPixels]
+    sds: Sequence[Float64[np.ndarray, "_n"]]
+    strays: Sequence[Float64[np.ndarray, "_n"]]
+    gains: Sequence[float]
+    share: float
+
+
+class _Rays(NamedTuple):
+    """Rays of some samples that meet a part."""
+
+    others: Float64[np.ndarray, "r groups"]
+    ways: Float64[np.ndarray, "r"]
+    counts: Int64[np.ndarray, "n"]
+    measured: Float64[np.ndarray, "n"]
+    inverse_sd: Float64[np.ndarray, "n"]
+
+
+def weigh_materials(
+    scene: Scene,
+    part: int,
+    density_g_cm3: Float64[np.ndarray, "k"],
+    mac_cm2_g: Float64[np.ndarray, "k groups"],
+    table: CandidateTable,
+) -> MaterialPosterior:
+    """Weigh the candidates of one part, by Laplace's approximation of each one's evidence.
+
+    Parameters
+    ----------
+    scene
+        The radiographs.
+    part
+        Which.
+    density_g_cm3, mac_cm2_g
+        Of all parts; the part's own are not used.
+    table
+        Its candidates. Where no ray meets the part they keep their prior probability.
+    """
+    rays = list(_rays(scene, part, density_g_cm3, mac_cm2_g))
+    found = np.stack([table.priors[:, 0], np.zeros(len(table.priors)), table.priors[:, 1] ** -2.0])
+    found = np.ascontiguousarray(found.T)
+    if rays:
+        others, ways, counts, measured, inverse_sd = (
+            np.concatenate(column) for column in zip(*rays, strict=True)
+        )
+        kernels.scan(
+            others,
+            ways,
+            np.cumsum(counts),
+            measured,
+            inverse_sd,
+            scene.share,
+            HUBER,
+            table.mac_cm2_g,
+            table.priors,
+            found,
+        )
+    density, cost, curvature = found.T
+    log_evidence = table.log_prior - cost - np.log(table.priors[:, 1]) - 0.5 * np.log(curvature)
+    relative = np.exp(log_evidence - log_evidence.max())
+    return MaterialPosterior(
+        relative / relative.sum(), np.ascontiguousarray(density), curvature**-0.5
+    )
+
+
+def _rays(
+    scene: Scene,
+    part: int,
+    density_g_cm3: Float64[np.ndarray, "k"],
+    mac_cm2_g: Float64[np.ndarray, "k groups"],
+) -> Iterator[_Rays]:
+    """Yield pixels and blocks of each view that meet the part."""
+    for view, sd, stray, gain in zip(
+        scene.views, scene.sds, scene.strays, scene.gains, strict=True
+    ):
+        meets = view.meets[:, part]
+        for kind, most in ((~view.is_block, MOST_PIXELS), (view.is_block, MOST_BLOCKS)):
+            mine = np.flatnonzero(meets & kind)
+            if not len(mine):
+                continue
+            some = mine[:: -(-len(mine) // most)]
+            count = int(view.rays[some[0]])
+            lengths = view.lengths_cm[some, :count].astype(np.float64)
+            lengths = lengths.reshape(-1, len(density_g_cm3))
+            areal = lengths * density_g_cm3
+            areal[:, part] = 0.0
+            open_field = gain * np.repeat(view.weights[some], count, axis=0)
+            yield _Rays(
+                open_field * np.exp(-areal @ mac_cm2_g),
+                np.ascontiguousarray(lengths[:, part]),
+                np.full(len(some), count),
+                view.measured[some] - stray[some],
+                np.sqrt(len(mine) / len(some)) / sd[some],
+            )

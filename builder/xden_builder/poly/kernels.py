@@ -1,0 +1,193 @@
+"""Compiled kernels: the polychromatic forward model and a search over materials.
+
+For pixel p with rays s and energy groups b, ``T_p = mean_s sum_b w_pb exp(-sum_k rho_k m_kb l_psk)``.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int64
+
+from xden1k.errors import require
+
+__all__ = ["predict", "scan", "scattered"]
+
+compiled = require("numba", "build").njit(cache=True, nogil=True)
+
+
+@compiled
+@no_type_check
+def predict(
+    lengths: Float32[np.ndarray, "n s k"],
+    rays: Int64[np.ndarray, "n"],
+    mac: Float64[np.ndarray, "k b"],
+    density: Float64[np.ndarray, "k"],
+    weights: Float64[np.ndarray, "n b"],
+    transmission: Float64[np.ndarray, "n"],
+    slopes: Float64[np.ndarray, "n k1"],
+) -> None:
+    """Write the transmission of each pixel and its derivatives by the densities.
+
+    Parameters
+    ----------
+    lengths, weights
+        Path lengths in cm, and share of each energy group in the open field of the pixel.
+    rays
+        How many rays of each pixel are averaged, the first ones.
+    mac, density
+        Mass attenuation coefficients in cm²/g and densities in g/cm³.
+    transmission, slopes
+        Written. With no row in ``slopes`` no derivative is computed.
+    """
+    parts, groups = mac.shape
+    light = np.empty(groups)
+    met = np.empty(parts, np.int64)
+    with_slopes = slopes.shape[0] > 0
+    for pixel in range(lengths.shape[0]):
+        total = 0.0
+        if with_slopes:
+            slopes[pixel, :] = 0.0
+        for ray in range(rays[pixel]):
+            count = 0
+            light[:] = 0.0
+            for part in range(parts):
+                way = lengths[pixel, ray, part]
+                if way > 0:
+                    met[count] = part
+                    count += 1
+                    areal = way * density[part]
+                    for group in range(groups):
+                        light[group] -= areal * mac[part, group]
+            for group in range(groups):
+                light[group] = weights[pixel, group] * np.exp(light[group])
+                total += light[group]
+            if with_slopes:
+                for index in range(count):
+                    part = met[index]
+                    weighted = 0.0
+                    for group in range(groups):
+                        weighted += light[group] * mac[part, group]
+                    slopes[pixel, part] -= weighted * lengths[pixel, ray, part] / rays[pixel]
+        transmission[pixel] = total / rays[pixel]
+
+
+@compiled
+@no_type_check
+def scattered(
+    lengths: Float32[np.ndarray, "n s k"],
+    mac: Float64[np.ndarray, "k b"],
+    scattering: Float64[np.ndarray, "k b"],
+    density: Float64[np.ndarray, "k"],
+    weights: Float64[np.ndarray, "n b"],
+    source: Float64[np.ndarray, "n"],
+) -> None:
+    """Write what each pixel's beam loses by scattering and nothing else: T times that depth.
+
+    Parameters
+    ----------
+    lengths, mac, density, weights
+        As of :func:`predict`; all rays are averaged.
+    scattering
+        Coherent and incoherent part of ``mac``.
+    source
+        Written, in shares of the open field.
+    """
+    parts, groups = mac.shape
+    rays = lengths.shape[1]
+    depth, turned = np.empty(groups), np.empty(groups)
+    for pixel in range(lengths.shape[0]):
+        total = 0.0
+        for ray in range(rays):
+            depth[:] = 0.0
+            turned[:] = 0.0
+            for part in range(parts):
+                areal = lengths[pixel, ray, part] * density[part]
+                if areal > 0:
+                    for group in range(groups):
+                        depth[group] += areal * mac[part, group]
+                        turned[group] += areal * scattering[part, group]
+            for group in range(groups):
+                total += weights[pixel, group] * np.exp(-depth[group]) * turned[group]
+        source[pixel] = total / rays
+
+
+@compiled
+@no_type_check
+def scan(
+    others: Float64[np.ndarray, "r b"],
+    ways: Float64[np.ndarray, "r"],
+    ends: Int64[np.ndarray, "n"],
+    measured: Float64[np.ndarray, "n"],
+    inverse_sd: Float64[np.ndarray, "n"],
+    share: float,
+    huber: float,
+    macs: Float64[np.ndarray, "c b"],
+    priors: Float64[np.ndarray, "c 4"],
+    found: Float64[np.ndarray, "c 3"],
+) -> None:
+    """Find the best density of one part for each material it may be made of.
+
+    Parameters
+    ----------
+    others
+        Signal of each energy group along each ray behind all other parts, gain included.
+    ways
+        Way of each ray through this part in cm.
+    ends
+        Index after the last ray of each pixel; its rays are averaged.
+    measured, inverse_sd
+        Transmission less the other light, and one over its standard deviation.
+    share
+        Of an independent observation that a pixel is worth.
+    huber
+        Standard deviations beyond which a residual counts linearly.
+    macs, priors
+        Of each candidate: mass attenuation coefficients; mean, standard deviation, least and most
+        density.
+    found
+        Written: density, cost (minus the logarithm of likelihood times prior, constants left out)
+        and its curvature.
+    """
+    groups = others.shape[1]
+    for candidate in range(macs.shape[0]):
+        mean, sd, low, high = priors[candidate]
+        density = min(max(mean, low), high)
+        cost, curvature = 0.0, 1.0
+        for _ in range(12):
+            gradient = (density - mean) / sd**2
+            curvature = 1.0 / sd**2
+            cost = 0.5 * (density - mean) ** 2 / sd**2
+            ray = 0
+            for pixel in range(measured.shape[0]):
+                value, slope, rays = 0.0, 0.0, ends[pixel] - ray
+                while ray < ends[pixel]:
+                    for group in range(groups):
+                        depth = macs[candidate, group] * ways[ray]
+                        light = others[ray, group] * np.exp(-depth * density)
+                        value += light
+                        slope -= light * depth
+                    ray += 1
+                value /= rays
+                slope /= rays
+                residual = (value - measured[pixel]) * inverse_sd[pixel]
+                slope *= inverse_sd[pixel]
+                size = abs(residual)
+                if size <= huber:
+                    cost += 0.5 * share * residual**2
+                    weight = 1.0
+                else:
+                    cost += share * huber * (size - 0.5 * huber)
+                    weight = huber / size
+                gradient += share * weight * residual * slope
+                curvature += share * weight * slope**2
+            step = -gradient / curvature
+            # exp is convex: halve leaps that would leave the neighbourhood
+            limit = 0.5 * density + sd
+            step = min(max(step, -limit), limit)
+            ahead = min(max(density + step, low), high)
+            if abs(ahead - density) < 1e-4 * density:
+                break
+            density = ahead
+        found[candidate, 0] = density
+        found[candidate, 1] = cost
+        found[candidate, 2] = curvature

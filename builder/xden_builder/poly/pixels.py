@@ -1,0 +1,204 @@
+"""Which pixels of a radiograph are compared: inner ones by themselves, outlines in blocks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, Int64
+from scipy.ndimage import distance_transform_edt
+
+from xden1k.rays import PathLengths
+from xden1k.views import XRayView
+from xden_builder.fit.crops import Crop
+from xden_builder.fit.outline import on_outline
+from xden_builder.poly import kernels
+from xden_builder.poly.beam import ViewBeam
+from xden_builder.poly.pose import binned
+
+__all__ = ["BLOCK_PX", "BLOCK_RAYS", "ViewPixels", "choose_pixels"]
+
+BLOCK_PX: Final = 3
+"""A block is so many pixels wide: a surface that is off by a fraction of one moves little of it."""
+BLOCK_RAYS: Final = 2 * BLOCK_PX
+PIXELS_A_PART: Final = 250
+MOST_BLOCKS: Final = 150
+LEAST_BLOCKS: Final = 50
+"""Compared for each part in each view; most pixels serve several parts."""
+AIR_PIXELS: Final = 300
+AIR_CM: Final = (0.4, 5.0)
+"""Air between these distances from the object tells gain and scatter."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewPixels:
+    """Chosen samples of one view: pixels, blocks of pixels, and air.
+
+    Parameters
+    ----------
+    pixels
+        Shape (n,): flat index of the pixel, or of the one in the middle of the block.
+    index
+        Shape (n,): flat index into the image of pixels, or into that of blocks.
+    is_block
+        Shape (n,).
+    lengths_cm
+        Shape (n, s, K): of up to s rays.
+    rays
+        Shape (n,): how many of them are averaged.
+    weights
+        Shape (n, groups): of the open field.
+    measured
+        Shape (n,): transmission.
+    """
+
+    pixels: Int64[np.ndarray, "n"]
+    index: Int64[np.ndarray, "n"]
+    is_block: Bool[np.ndarray, "n"]
+    lengths_cm: Float32[np.ndarray, "n s k"]
+    rays: Int64[np.ndarray, "n"]
+    weights: Float64[np.ndarray, "n groups"]
+    measured: Float64[np.ndarray, "n"]
+
+    @property
+    def meets(self) -> Bool[np.ndarray, "n k"]:
+        """Whether any ray of a sample meets a part."""
+        return np.asarray(self.lengths_cm.any(axis=1))
+
+    def predict(
+        self, mac_cm2_g: Float64[np.ndarray, "k groups"], density_g_cm3: Float64[np.ndarray, "k"]
+    ) -> tuple[Float64[np.ndarray, "n"], Float64[np.ndarray, "n k"]]:
+        """Transmission of the direct beam, and its derivatives by the densities."""
+        slopes = np.empty((len(self.pixels), len(density_g_cm3)))
+        transmission = np.empty(len(self.pixels))
+        kernels.predict(
+            self.lengths_cm,
+            self.rays,
+            mac_cm2_g,
+            density_g_cm3,
+            self.weights,
+            transmission,
+            slopes,
+        )
+        return transmission, slopes
+
+
+class _Samples(NamedTuple):
+    """Some samples of one kind."""
+
+    pixels: Int64[np.ndarray, "n"]
+    index: Int64[np.ndarray, "n"]
+    lengths_cm: Float32[np.ndarray, "n s k"]
+    measured: Float64[np.ndarray, "n"]
+
+
+def choose_pixels(
+    view: XRayView,
+    lengths: PathLengths,
+    blocks: PathLengths,
+    beam: ViewBeam,
+    rng: np.random.Generator,
+) -> ViewPixels:
+    """Choose samples of every part, inner pixels first, and of the air around the object.
+
+    Parameters
+    ----------
+    view
+        The radiograph.
+    lengths
+        Of one ray a pixel.
+    blocks
+        Of :data:`BLOCK_RAYS` rays along each side of a block, or of the same pixels as ``lengths``
+        if outlines are compared pixel by pixel.
+    beam
+        Of the panel.
+    rng
+        Chooses.
+    """
+    outline = on_outline(lengths)
+    usable = view.valid.ravel()[lengths.pixels] & ~lengths.broken
+    met = lengths.lengths_cm[:, 0] > 0
+    inner = _some_of_each(
+        rng, met & (usable & ~outline)[:, None], np.full(met.shape[1], PIXELS_A_PART)
+    )
+    found = met[inner].sum(axis=0)
+    width = view.transmission.shape[0] // blocks.shape[0]
+    image, known = binned(view, width)
+    whole = known.ravel()[blocks.pixels] & ~blocks.broken
+    wanted = (PIXELS_A_PART - found).clip(LEAST_BLOCKS, MOST_BLOCKS)
+    outer = _some_of_each(rng, blocks.lengths_cm.any(axis=1) & whole[:, None], wanted)
+    air = _air(view, lengths, rng)
+    transmission = view.transmission.ravel().astype(np.float64)
+    kinds = (
+        _Samples(
+            lengths.pixels[inner],
+            lengths.pixels[inner],
+            lengths.lengths_cm[inner],
+            transmission[lengths.pixels[inner]],
+        ),
+        _Samples(
+            _middles(blocks.pixels[outer], blocks.shape[1], width, view.transmission.shape[1]),
+            blocks.pixels[outer],
+            blocks.lengths_cm[outer],
+            image.ravel()[blocks.pixels[outer]].astype(np.float64),
+        ),
+        _Samples(
+            air, air, np.zeros((len(air), 1, met.shape[1]), dtype=np.float32), transmission[air]
+        ),
+    )
+    return _gathered(kinds, beam)
+
+
+def _gathered(kinds: tuple[_Samples, _Samples, _Samples], beam: ViewBeam) -> ViewPixels:
+    """Put pixels, blocks and air into one table."""
+    most = max(each.lengths_cm.shape[1] for each in kinds)
+    padded = [
+        np.pad(each.lengths_cm, ((0, 0), (0, most - each.lengths_cm.shape[1]), (0, 0)))
+        for each in kinds
+    ]
+    counts = [len(each.pixels) for each in kinds]
+    pixels = np.concatenate([each.pixels for each in kinds])
+    return ViewPixels(
+        pixels=pixels,
+        index=np.concatenate([each.index for each in kinds]),
+        is_block=np.repeat([False, True, False], counts),
+        lengths_cm=np.ascontiguousarray(np.concatenate(padded)),
+        rays=np.repeat([each.lengths_cm.shape[1] for each in kinds], counts),
+        weights=beam.weights(pixels),
+        measured=np.concatenate([each.measured for each in kinds]),
+    )
+
+
+def _some_of_each(
+    rng: np.random.Generator, met: Bool[np.ndarray, "n k"], wanted: Int64[np.ndarray, "k"]
+) -> Int64[np.ndarray, "m"]:
+    """Rows, ascending, that hold at most so many of each column's."""
+    order = rng.permutation(np.flatnonzero(met.any(axis=1)))
+    chosen = [order[met[order, part]][:count] for part, count in enumerate(wanted.tolist())]
+    return np.unique(np.concatenate(chosen))
+
+
+def _middles(
+    index: Int64[np.ndarray, "n"], columns: int, width: int, columns_of_view: int
+) -> Int64[np.ndarray, "n"]:
+    """Flat indices of the pixels in the middle of blocks."""
+    rows, columns_ = (width * place + (width - 1) // 2 for place in np.divmod(index, columns))
+    return np.asarray(rows * columns_of_view + columns_)
+
+
+def _air(view: XRayView, lengths: PathLengths, rng: np.random.Generator) -> Int64[np.ndarray, "m"]:
+    """Valid pixels in a ring around the object; none where no ray meets it."""
+    if not len(lengths.pixels):
+        return np.zeros(0, dtype=np.int64)
+    step = float(np.linalg.norm(view.geometry.column_step_cm))
+    near, far = (distance / step for distance in AIR_CM)
+    crop = Crop.around(lengths.pixels, lengths.shape, margin_px=int(np.ceil(far)))
+    empty = crop.image(np.zeros(len(lengths.pixels), dtype=bool), background=True)
+    distance = distance_transform_edt(empty)
+    ring = (distance >= near) & (distance <= far) & view.valid[crop.box]
+    rows, columns = (
+        place + part.start for place, part in zip(np.nonzero(ring), crop.box, strict=True)
+    )
+    flat = rng.permutation(rows * lengths.shape[1] + columns)
+    return np.sort(flat[:AIR_PIXELS])

@@ -1,0 +1,157 @@
+"""Densities, gains and stray light by maximum a posteriori, materials given."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64
+
+from xden_builder.fit.levenberg import Minimum, minimise
+from xden_builder.fit.problem import Evaluation
+from xden_builder.poly.pixels import ViewPixels
+from xden_builder.poly.settings import HUBER, PolySettings
+from xden_builder.poly.stand_ins import StandIns
+
+__all__ = ["NUISANCES", "Box", "Mass", "Problem", "solve"]
+
+GAIN: Final = (1.0, 0.05, 0.5, 2.0)
+SCATTER: Final = (0.08, 0.1, 0.0, 0.6)
+GLARE: Final = (0.03, 0.02, 0.0, 0.1)
+"""Mean, standard deviation, least and most of a view's gain, and of the amplitudes of its stray
+light: near scatter, far scatter, glare."""
+NUISANCES: Final = 4
+FIXED_SD: Final = 1e-6
+MASS_SD_SHARE: Final = 0.005
+"""Of a weighed mass over that of the meshes: a scale is better, volumes are not."""
+MOST_STEPS: Final = 30
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Box:
+    """Prior of some unknowns: independent normal distributions between bounds."""
+
+    mean: Float64[np.ndarray, "u"]
+    sd: Float64[np.ndarray, "u"]
+    low: Float64[np.ndarray, "u"]
+    high: Float64[np.ndarray, "u"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mass:
+    """A weighed mass, and the volume of each part."""
+
+    mass_g: float
+    volumes_cm3: Float64[np.ndarray, "k"]
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Everything the posterior depends on.
+
+    Unknowns: K densities, then of each view the gain and three amplitudes of stray light.
+
+    Parameters
+    ----------
+    views
+        Samples.
+    strays
+        Shapes of the stray light at each sample.
+    sds
+        Standard deviation of each sample.
+    share
+        Of an independent observation that a sample is worth.
+    stand_ins
+        What the parts are taken for.
+    mass
+        From a scale, if any.
+    settings
+        Which unknowns are free.
+    """
+
+    views: Sequence[ViewPixels]
+    strays: Sequence[Float64[np.ndarray, "_n 3"]]
+    sds: Sequence[Float64[np.ndarray, "_n"]]
+    share: float
+    stand_ins: StandIns
+    mass: Mass | None
+    settings: PolySettings
+
+    @property
+    def parts(self) -> int:
+        """Number of parts K."""
+        return len(self.stand_ins.mean_g_cm3)
+
+    @cached_property
+    def prior(self) -> Box:
+        """Prior of all unknowns."""
+        mean, sd, low, high = GAIN
+        gain = (mean, sd if self.settings.gain else FIXED_SD, low, high)
+        if self.settings.stray:
+            nuisances = np.array([gain, SCATTER, SCATTER, GLARE])
+        else:
+            nuisances = np.array([gain, *[(0.0, FIXED_SD, 0.0, FIXED_SD)] * 3])
+        each = np.tile(nuisances, (len(self.views), 1)).T
+        parts = self.stand_ins
+        densities = (parts.mean_g_cm3, parts.sd_g_cm3, parts.low_g_cm3, parts.high_g_cm3)
+        return Box(*(np.concatenate(pair) for pair in zip(densities, each, strict=True)))
+
+    def nuisances(self, number: int) -> slice:
+        """Places of a view's gain and amplitudes among the unknowns."""
+        start = self.parts + number * NUISANCES
+        return slice(start, start + NUISANCES)
+
+    def image(
+        self, unknowns: Float64[np.ndarray, "u"], number: int
+    ) -> tuple[Float64[np.ndarray, "_n"], Float64[np.ndarray, "_n u"]]:
+        """Transmission of one view's samples, and its derivatives by all unknowns."""
+        mine = self.nuisances(number)
+        gain, *amplitudes = unknowns[mine]
+        direct, slopes = self.views[number].predict(
+            self.stand_ins.mac_cm2_g, unknowns[: self.parts]
+        )
+        light = direct + self.strays[number] @ np.array(amplitudes)
+        jacobian = np.zeros((len(direct), len(unknowns)))
+        jacobian[:, : self.parts] = gain * slopes
+        jacobian[:, mine] = np.column_stack([light, gain * self.strays[number]])
+        return gain * light, jacobian
+
+    def scaled(
+        self, unknowns: Float64[np.ndarray, "u"], number: int
+    ) -> tuple[Float64[np.ndarray, "_n"], Float64[np.ndarray, "_n u"], Float64[np.ndarray, "_n"]]:
+        """Residuals in standard deviations, their derivatives, and the weight of each sample."""
+        image, jacobian = self.image(unknowns, number)
+        sd = self.sds[number]
+        residuals = (image - self.views[number].measured) / sd
+        weights = self.share * HUBER / np.maximum(np.abs(residuals), HUBER)
+        return residuals, jacobian / sd[:, None], weights
+
+    def evaluate(self, unknowns: Float64[np.ndarray, "u"]) -> Evaluation:
+        """Twice minus the logarithm of the posterior, and half its derivatives."""
+        off = (unknowns - self.prior.mean) / self.prior.sd
+        loss = float(off @ off)
+        gradient, hessian = off / self.prior.sd, np.diag(self.prior.sd**-2.0)
+        for number in range(len(self.views)):
+            residuals, jacobian, weights = self.scaled(unknowns, number)
+            size = np.abs(residuals)
+            beyond = 2 * HUBER * size - HUBER**2
+            loss += self.share * float(np.where(size <= HUBER, size**2, beyond).sum())
+            weighted = jacobian * weights[:, None]
+            gradient = gradient + weighted.T @ residuals
+            hessian = hessian + weighted.T @ jacobian
+        if self.mass is not None:
+            slope = np.zeros(len(unknowns))
+            slope[: self.parts] = self.mass.volumes_cm3 / (MASS_SD_SHARE * self.mass.mass_g)
+            miss = float(slope @ unknowns) - 1 / MASS_SD_SHARE
+            loss += miss**2
+            gradient, hessian = gradient + miss * slope, hessian + np.outer(slope, slope)
+        return Evaluation(loss, gradient, hessian, ())
+
+
+def solve(problem: Problem, start: Float64[np.ndarray, "u"]) -> Minimum:
+    """Find the most probable unknowns."""
+    prior = problem.prior
+    return minimise(problem.evaluate, start, prior.low, prior.high, MOST_STEPS)

@@ -1,0 +1,68 @@
+"""Choices of the polychromatic fit: what is modelled, and how far each thing is trusted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Final
+
+from xden1k.errors import DataError
+
+__all__ = ["HUBER", "PolySettings"]
+
+HUBER: Final = 2.0
+"""Standard deviations beyond which a residual counts linearly."""
+
+
+@dataclass(frozen=True, slots=True)
+class PolySettings:
+    """Choices of the polychromatic fit.
+
+    Parameters
+    ----------
+    gain, stray, pose
+        Whether each view has an unknown gain, unknown stray light, and the object an unknown pose.
+    edge_weights
+        Whether pixels beside an edge count less.
+    blocks
+        Whether outlines and thin parts are compared in blocks of several pixels, averaged over
+        many rays. Without, they are compared pixel by pixel with the ray through its centre.
+    edge_error_cm
+        How far the image of a surface may be off, on the panel.
+    model_share
+        Error of -ln T that composition, spectrum and scale leave, as a share of it.
+    stray_share
+        Error of the scatter's shape, as a share of it.
+    floor
+        Error of T that is left anywhere.
+    worth_a_part
+        Independent observations that the pixels are worth, for each part: their errors hang
+        together, so that thousands of pixels do not tell thousands of times as much as one.
+    evidence_share
+        Share of that by which materials are told apart. What the model leaves out looks like
+        another material, which counts against it more than against a density.
+
+    Raises
+    ------
+    DataError
+        If a number is negative or there is no evidence at all.
+    """
+
+    gain: bool = True
+    stray: bool = True
+    pose: bool = True
+    edge_weights: bool = True
+    blocks: bool = True
+    edge_error_cm: float = 0.02
+    model_share: float = 0.01
+    stray_share: float = 0.15
+    floor: float = 0.003
+    worth_a_part: float = 30.0
+    evidence_share: float = 0.3
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if value < 0:
+                raise DataError(f"{each.name} must not be negative, got {value:g}")
+        if not (self.floor and self.worth_a_part and self.evidence_share):
+            raise DataError("floor, worth_a_part and evidence_share must be above zero")

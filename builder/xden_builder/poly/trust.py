@@ -1,0 +1,96 @@
+"""How far each sample is trusted."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float64
+
+from xden1k.rays import PathLengths
+from xden_builder.fit.crops import Crop, neighbours
+from xden_builder.poly import kernels
+from xden_builder.poly.beam import ViewBeam
+from xden_builder.poly.pixels import ViewPixels
+from xden_builder.poly.settings import PolySettings
+
+__all__ = ["sample_sd"]
+
+USUAL_STRAY = 0.08
+"""Amplitude of each part of the scatter that its error is reckoned with."""
+
+
+def sample_sd(
+    samples: ViewPixels,
+    lengths: PathLengths,
+    blocks: PathLengths,
+    beam: ViewBeam,
+    mac_cm2_g: Float64[np.ndarray, "k groups"],
+    density_g_cm3: Float64[np.ndarray, "k"],
+    stray: Float64[np.ndarray, "n 3"],
+    noise_sd: float,
+    settings: PolySettings,
+) -> Float64[np.ndarray, "n"]:
+    """Standard deviation of each sample's transmission about the model.
+
+    Four errors, independent of each other: edges that are off, times the steepest step to a
+    neighbour; coefficients, spectrum and scale that are off, in proportion to -T ln T; stray light
+    of another shape; and a floor, with the noise.
+
+    Parameters
+    ----------
+    samples
+        Of one view.
+    lengths, blocks
+        What they were chosen from.
+    beam
+        Of the panel.
+    mac_cm2_g, density_g_cm3
+        The model's.
+    stray
+        Shapes of the stray light, by :func:`xden_builder.poly.stray.stray_light`.
+    noise_sd
+        Behind something opaque.
+    settings
+        Sizes of the errors.
+    """
+    transmission, step = np.ones(len(samples.pixels)), np.zeros(len(samples.pixels))
+    width = lengths.shape[0] // blocks.shape[0]
+    for source, binning, mine in (
+        (lengths, 1, ~samples.is_block),
+        (blocks, width, samples.is_block),
+    ):
+        image, steps = _steps(source, beam, binning, mac_cm2_g, density_g_cm3)
+        transmission[mine] = image.flat[samples.index[mine]]
+        step[mine] = steps.flat[samples.index[mine]]
+    pixel_cm = float(np.linalg.norm(beam.geometry.column_step_cm))
+    reach_cm = pixel_cm * np.where(samples.is_block, width, 1)
+    edge = settings.edge_error_cm / reach_cm * step if settings.edge_weights else 0.0
+    model = -settings.model_share * transmission * np.log(transmission.clip(min=1e-4))
+    veil = settings.stray_share * USUAL_STRAY * stray[:, :2].sum(axis=1)
+    return np.asarray(np.sqrt(edge**2 + model**2 + veil**2 + settings.floor**2 + noise_sd**2))
+
+
+def _steps(
+    lengths: PathLengths,
+    beam: ViewBeam,
+    binning: int,
+    mac_cm2_g: Float64[np.ndarray, "k groups"],
+    density_g_cm3: Float64[np.ndarray, "k"],
+) -> tuple[Float64[np.ndarray, "rows columns"], Float64[np.ndarray, "rows columns"]]:
+    """Model image, and the largest step of each pixel to a neighbour."""
+    count, rays, _ = lengths.lengths_cm.shape
+    transmission = np.empty(count)
+    kernels.predict(
+        lengths.lengths_cm,
+        np.full(count, rays),
+        mac_cm2_g,
+        density_g_cm3,
+        beam.weights(lengths.pixels, binning),
+        transmission,
+        np.empty((0, len(density_g_cm3))),
+    )
+    image, steps = np.ones(lengths.shape), np.zeros(lengths.shape)
+    if count:
+        image.flat[lengths.pixels] = transmission
+        box = Crop.around(lengths.pixels, lengths.shape, margin_px=1).box
+        steps[box] = np.abs(neighbours(image[box]) - image[box]).max(axis=0)
+    return image, steps
