@@ -23,7 +23,7 @@ from xden1k.views import ViewGeometry, XRayView
 from xden_builder.fit import fit_lac
 from xden_builder.scenes import nested_parts, radiograph, two_views
 from xden_builder.settings import BuildSettings
-from xden_builder.timing import peak_mb, timed
+from xden_builder.timing import keep_to_one_thread, peak_mb, timed
 from xden_builder.workers import WorkerDiedError
 
 if TYPE_CHECKING:
@@ -90,14 +90,15 @@ class Cost:
     case
         The case.
     lengths_s, fit_s
-        Processor seconds, all threads, for both views: path lengths with as many rays a pixel as
-        the builder takes, and the fit of one attenuation coefficient per part.
+        Processor seconds on one thread, as in the builder's workers, for both views: path lengths
+        with as many rays a pixel as the builder takes, and the fit of one attenuation coefficient
+        per part.
     start_mb
         Largest memory (resident set, 10^6 bytes) of the process with libraries and meshes loaded.
     lengths_mb
         The same once path lengths are there.
     fit_mb
-        The same once the fit is done.
+        The same once the radiographs are made and fitted.
     """
 
     case: Case
@@ -138,7 +139,8 @@ def costs(chosen: Sequence[Case]) -> Iterator[Cost]:
 def _in_fresh_process(case: Case) -> Cost:
     # Linux hands the peak memory of a process on to the programs it starts. A child of the fork
     # server starts no program, and the server is small.
-    with ProcessPoolExecutor(1, get_context("forkserver")) as pool:
+    context = get_context("forkserver")
+    with ProcessPoolExecutor(1, context, initializer=keep_to_one_thread) as pool:
         try:
             return pool.submit(_measure, case).result()
         except BrokenProcessPool as err:
@@ -146,7 +148,8 @@ def _in_fresh_process(case: Case) -> Cost:
 
 
 def _measure(case: Case) -> Cost:
-    _radiographs(_project(nested_parts(20, 1), two_views(64)), two_views(64))  # loads the compiled
+    small = two_views(64)
+    fit_lac(_radiographs(_project(nested_parts(20, 1), small), small))  # loads compiled code
     parts, views = nested_parts(case.faces, case.parts), two_views(case.pixels)
     start_mb = peak_mb()
     lengths = _project(parts, views)
