@@ -10,10 +10,12 @@ from xden1k.errors import DataError
 from xden1k.mass import mass_of_grid, mass_of_meshes
 from xden1k.rays import (
     CubeGrid,
+    column_samples,
     density_grid,
     disjoint_regions,
     fill_grid,
     object_cube,
+    object_grids,
     outer_surface,
     ownership_order,
     part_fractions,
@@ -187,6 +189,26 @@ def test_the_envelope_of_a_hollow_ball_is_full_and_of_an_open_cup_is_the_cup():
         grid, _ = object_cube([mesh])
         share = fill_grid([outer_surface([mesh])], grid)
         assert share.sum() * grid.voxel_size_cm**3 == pytest.approx(volume, rel=1e-3)
+
+
+@pytest.mark.parametrize("yaw_deg", [0, 8, 30, 45, 71])
+def test_ruler_on_end_weighs_what_its_mesh_weighs(yaw_deg):
+    ruler = trimesh.creation.box((3.1, 0.11, 31.0))
+    ruler.apply_transform(trimesh.transformations.rotation_matrix(np.radians(yaw_deg), (0, 0, 1)))
+    density = object_grids([ruler], [0]).density([1.2])
+    assert density.mass_g == pytest.approx(1.2 * float(ruler.volume), rel=2e-3)
+
+
+def test_columns_are_denser_on_a_small_base_and_never_more_in_all():
+    counts = []
+    for side in (30.0, 16.0, 10.0, 5.0, 1.0):
+        post = trimesh.creation.box((side, side, 30.0))
+        field, _ = object_cube([trimesh.Trimesh(), post])
+        density = column_samples([trimesh.Trimesh(), post], field)
+        counts.append(density**2 * (side / field.voxel_size_cm + 1) ** 2)
+        assert 16 <= density <= 64
+    assert counts == sorted(counts, reverse=True)
+    assert column_samples([post], field, least=8) == 32
 
 
 def test_bad_input_is_refused():

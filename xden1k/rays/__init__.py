@@ -3,7 +3,7 @@
 Needs the extra ``build``.
 """
 
-from xden1k.rays.grids import COLUMN_SAMPLES, ObjectGrids, object_grids
+from xden1k.rays.grids import COLUMN_SAMPLES, ObjectGrids, column_samples, object_grids
 from xden1k.rays.lengths import PathLengths, path_lengths
 from xden1k.rays.priority import ownership_order
 from xden1k.rays.regions import disjoint_regions, outer_surface
@@ -25,6 +25,7 @@ __all__ = [
     "ObjectGrids",
     "PartFill",
     "PathLengths",
+    "column_samples",
     "density_grid",
     "disjoint_regions",
     "fill_grid",
