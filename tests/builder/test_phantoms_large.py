@@ -134,7 +134,7 @@ def test_long_crate_is_captured_read_back_and_rebuilt(
         np.testing.assert_allclose(view.transmission, ours.transmission, rtol=1e-6)
         np.testing.assert_array_equal(view.geometry.source_cm, ours.geometry.source_cm)
 
-    report = build(captures, tmp_path / "out", BuildSettings(model="lac"), workers=1)
+    report = build(captures, tmp_path / "out", BuildSettings(), workers=1)
     assert report.count("built") == 2
     rebuilt = open_folder(tmp_path / "out").object("hammer-0000")
     for part in rebuilt.parts:

@@ -375,6 +375,17 @@ def test_foil_is_not_simplified_away() -> None:
     np.testing.assert_array_equal(error.applied(foil).faces, foil.faces)
 
 
+def test_surface_that_would_be_no_solid_is_not_simplified(monkeypatch: pytest.MonkeyPatch) -> None:
+    case, cell = trimesh.creation.box((2.0, 2.0, 2.0)), trimesh.creation.box((1.0, 1.0, 1.9))
+    cell.invert()
+    whole = trimesh.util.concatenate([case, cell])
+    poking = trimesh.util.concatenate([case, cell.copy().apply_translation((0.0, 0.0, 5.0))])
+    monkeypatch.setattr(MeshError, "_simplified", lambda self, mesh: poking)
+    moved = MeshError((0.0, 0.0, 5.0), (0.1, 0.0, 0.0), 1.01, 0.01).applied(whole)
+    assert float(moved.volume) == pytest.approx(6.1 * 1.01**3)
+    np.testing.assert_allclose(moved.bounds[:, 2], [-1.01, 1.01])
+
+
 def test_without_mesh_error_the_mesh_stays_itself() -> None:
     mesh = trimesh.creation.box((1.0, 1.0, 1.0))
     assert Scanner().mesh_error(Plan(0, 0, 0)).applied(mesh) is mesh

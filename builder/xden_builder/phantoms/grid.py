@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from xden1k.arrays import Labels
-from xden1k.rays import COLUMN_SAMPLES, density_grid, object_cube, part_fractions, voxel_labels
+from xden1k.rays import column_samples, density_grid, object_cube, part_fractions, voxel_labels
 from xden1k.types import DensityField
 from xden_builder.capture.damage import decoding
 from xden_builder.phantoms.phantom import Phantom
@@ -69,7 +69,7 @@ def truth_grid(phantom: Phantom) -> TruthGrid:
     """Put a phantom on its grids, as the dataset does (:func:`xden1k.rays.object_grids`)."""
     meshes = [part.mesh for part in phantom.parts]
     field, label = object_cube(meshes)
-    fills = part_fractions(meshes, range(len(meshes)), field, COLUMN_SAMPLES)
+    fills = part_fractions(meshes, range(len(meshes)), field, column_samples(meshes, field))
     density = density_grid(fills, [part.density_g_cm3 for part in phantom.parts], field)
     return TruthGrid(
         DensityField(density, field.origin_cm, field.voxel_size_cm),

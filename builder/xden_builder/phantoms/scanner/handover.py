@@ -11,10 +11,14 @@ from jaxtyping import Float
 from manifold3d import Manifold, Mesh64
 from scipy.spatial.transform import Rotation
 
+from xden1k.errors import DataError
+from xden_builder.capture.solids import closed_mesh
+
 __all__ = ["MeshError", "draw_mesh_error"]
 
 MOST_VOLUME_CHANGE = 0.02
-"""A part that simplifying would change more, such as a foil, keeps its surface."""
+"""A part that simplifying would change more, such as a foil, keeps its surface. So does one that it
+would make no solid: where a thin wall lies between two surfaces, one may come out of the other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +61,10 @@ class MeshError:
         """Hand over a mesh; the same one where there is no error."""
         if self.is_none:
             return mesh
-        moved = self._simplified(mesh).copy()
-        moved.apply_transform(self.matrix)
-        return moved
+        simple, whole = (
+            each.copy().apply_transform(self.matrix) for each in (self._simplified(mesh), mesh)
+        )
+        return simple if _is_solid(simple) else whole
 
     def _simplified(self, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
         if self.tolerance_cm == 0:
@@ -78,6 +83,15 @@ class MeshError:
     def as_dict(self) -> dict[str, Any]:
         """Give all of it in JSON's types."""
         return {**asdict(self), "matrix": self.matrix.tolist()}
+
+
+def _is_solid(mesh: trimesh.Trimesh) -> bool:
+    """Whether the builder takes a mesh for a solid."""
+    try:
+        closed_mesh(mesh, 1.0, "")
+    except DataError:
+        return False
+    return True
 
 
 def draw_mesh_error(
