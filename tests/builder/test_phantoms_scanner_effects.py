@@ -159,6 +159,8 @@ def test_open_field_falls_as_heel_slant_and_scintillator_say() -> None:
     absorbed = (energy * absorbed_share(energies_kev)).sum(axis=1) / energy.sum(axis=1)
     expected = fluence * slant * absorbed / absorbed[4]
     np.testing.assert_allclose(beam.open_field[rows, 256], expected, atol=0.006)
+    hardness_kev = (beam.row_weights @ beam.energies_kev)[rows[[0, 4, 8]]]
+    np.testing.assert_allclose(hardness_kev, [55.7, 52.0, 51.4], atol=0.1)
 
 
 # blur and glare
@@ -259,6 +261,16 @@ def test_metal_scatters_less_than_plastic_of_the_same_shadow() -> None:
     depths = [-np.log(middle(each.transmission)) for each in made]
     assert depths[0] == pytest.approx(depths[1], rel=0.1)
     assert middle(made[1].scattered) < 0.3 * middle(made[0].scattered)
+
+
+def test_scatter_of_a_block_of_water_is_a_few_percent_and_less_than_its_level() -> None:
+    scanner, shadows = replace(BARE, scatter_level=0.05), []
+    for number in range(3):
+        phantom = Phantom(Plan(0, 0, number), block(8.0, 6.0, 8.0).parts)
+        clear, veiled = (each.signal(phantom, "pa").values for each in (BARE, scanner))
+        shadows.append(float((veiled - clear)[clear < 0.999].mean()))
+        assert shadows[-1] < scanner.scatter(phantom.plan).level
+    np.testing.assert_allclose([min(shadows), max(shadows)], [0.018, 0.037], atol=0.001)
 
 
 def test_scatter_of_nothing_is_nothing() -> None:

@@ -6,12 +6,13 @@ spread by two Gaussians and scaled. This is the forward model of kernel-based sc
 except that the depth counts coherent and incoherent scattering alone, by energy, so that metal
 absorbs what it would absorb.
 
-Range: objects of 2 to 60 cm without a grid, some 20 cm from the panel, where scatter is a few per
-cent of the open field. Multiple scattering, the object's depth and the loss of energy in a
-collision enter only through the level, which is drawn, not computed. The widths are assumed.
-The level is bounded: at most ``MOST_REACHING`` of the scattered signal reaches the panel, which
-covers 18 % of all directions from the middle of the object, forward ones favoured. Thin and small
-objects do not scatter enough for a level of some per cent: the bound, drawn as well, rules there.
+Range: objects of 2 to 60 cm without a grid, some 20 cm from the panel (40 cm and twice the widths
+in the large setting), where scatter is a few per cent of the open field. Multiple scattering, the
+object's depth and the loss of energy in a collision enter only through the level, which is drawn,
+not computed. The widths are assumed. The level is bounded: at most ``MOST_REACHING`` of the
+scattered signal reaches the panel, which covers 18 % of all directions from the middle of the
+object, forward ones favoured. Thin and small objects do not scatter enough for a level of some per
+cent: the bound, drawn as well, rules there.
 """
 
 from __future__ import annotations
