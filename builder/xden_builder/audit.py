@@ -16,11 +16,12 @@ import numpy as np
 import trimesh
 from jaxtyping import Bool, Float
 
-from xden1k.arrays import Vec3
+from xden1k.arrays import Image, Vec3
 from xden1k.rays import CubeGrid, PathLengths, part_fractions, path_lengths
 from xden1k.types import DensityObject
 from xden1k.views import XRayView
 from xden_builder.capture import Capture, CTReference
+from xden_builder.poly.pose import Pose, posed
 
 __all__ = [
     "GOOD_CORRELATION",
@@ -28,6 +29,7 @@ __all__ = [
     "ObjectAudit",
     "ViewAudit",
     "audit_ct",
+    "audit_image",
     "audit_object",
     "audit_view",
     "noise_floor",
@@ -103,7 +105,7 @@ def audit_view(
     gain: float | None,
     floor: float,
 ) -> ViewAudit:
-    """Compare one radiograph with the model.
+    """Compare one radiograph with the model of one attenuation coefficient for each part.
 
     Parameters
     ----------
@@ -118,18 +120,47 @@ def audit_view(
     floor
         Smallest transmission that is told from none: three times the noise of the dark image.
     """
-    on_object, background = _pixel_sets(view, lengths)
+    fitted = gain is not None
     if gain is None:
-        factor = float(np.median(view.transmission[background])) if background.any() else 1.0
-    else:
-        factor = gain
-    model = lengths.image(lac_per_cm, factor)
+        _, background = _pixel_sets(view, lengths)
+        gain = float(np.median(view.transmission[background])) if background.any() else 1.0
+    model = lengths.image(lac_per_cm, gain)
+    return audit_image(view, lengths, model, gain=gain, floor=floor, fitted=fitted)
+
+
+def audit_image(
+    view: XRayView,
+    lengths: PathLengths,
+    model: Image,
+    *,
+    gain: float,
+    floor: float,
+    fitted: bool = True,
+) -> ViewAudit:
+    """Compare one radiograph with a model image of it.
+
+    Parameters
+    ----------
+    view
+        The measured image.
+    lengths
+        Path lengths of the parts in this view.
+    model
+        Shape (rows, columns): transmission.
+    gain
+        Open-field factor of the model.
+    floor
+        As of :func:`audit_view`.
+    fitted
+        Whether the model was fitted to this view.
+    """
+    on_object, background = _pixel_sets(view, lengths)
     inside = _errors(view.transmission[on_object], model[on_object], floor)
     outside = _errors(view.transmission[background], model[background], floor)
     return ViewAudit(
         name=view.name,
-        fitted=gain is not None,
-        gain=factor,
+        fitted=fitted,
+        gain=gain,
         transmission_mae=inside[0],
         transmission_corr=inside[1],
         attenuation_mae=inside[2],
@@ -309,9 +340,14 @@ def audit_object(
     lac = np.array([part.lac_per_cm for part in obj.parts])
     lac = np.nan_to_num(lac)  # a part that no ray met has none, and darkens no pixel
     gains: Mapping[str, float] = obj.meta["fit"]["gain"]
+    refined = {view.name: view.geometry for view in obj.views}
+    turned = obj.meta.get("poly", {}).get("pose")
     views = []
     for view in (*capture.views, *capture.audit_views):
-        lengths = path_lengths(meshes, range(len(meshes)), view.geometry, subrays)
+        geometry = refined.get(view.name, view.geometry)
+        if view.name not in refined and turned is not None:
+            geometry = posed(geometry, Pose.from_dict(turned), shifted_rows=False)
+        lengths = path_lengths(meshes, range(len(meshes)), geometry, subrays)
         floor = noise_floor(capture, view.name)
         views.append(audit_view(view, lengths, lac, gain=gains.get(view.name), floor=floor))
     return ObjectAudit(

@@ -5,7 +5,8 @@ source                material                        density
 ====================  ==============================  =========================================
 monochromatic         a name of the library           LAC / MAC(E), ``xray``
 monochromatic         a family, or unknown            LAC / 0.17, ``xray``, ``apparent_density``
-tube (a spectrum)     any                             LAC / 0.17, ``xray``, ``apparent_density``
+tube (a spectrum)     any                             the polychromatic fit's; with ``paper``
+                                                      LAC / 0.17, ``xray``, ``apparent_density``
 unknown               any                             none, ``attenuation_only``
 ====================  ==============================  =========================================
 

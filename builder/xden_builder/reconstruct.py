@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import chain
 from typing import Any
 
@@ -23,11 +23,14 @@ from xden1k.rays import (
     path_lengths,
 )
 from xden1k.types import SPLITS, DensityObject, Part, Split
-from xden_builder.audit import ViewAudit, audit_view, noise_floor
+from xden_builder.audit import ViewAudit, audit_image, audit_view, noise_floor
 from xden_builder.capture import Capture, CapturePart
 from xden_builder.density import PartDensity, part_densities
 from xden_builder.fit import LacFit, fit_lac, fit_lac_adam
 from xden_builder.plausible import check_places, check_size, view_flags
+from xden_builder.poly.estimate import estimate
+from xden_builder.poly.result import PolyFit, judged
+from xden_builder.poly.rigid import rigid_sd
 from xden_builder.settings import BuildSettings
 
 __all__ = ["default_split", "reconstruct"]
@@ -67,12 +70,21 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
     order = ownership_order(meshes, [part.priority for part in capture.parts])
     regions = disjoint_regions(meshes, order)
     _refuse_empty(capture.parts, regions)
+    poly = _poly(capture, order, regions, settings)
+    if poly is not None:
+        capture = _turned(capture, poly)
     subrays = 1 if settings.model == "paper" else settings.subrays
     lengths = [path_lengths(meshes, order, view.geometry, subrays) for view in capture.views]
     fit = _fit(capture, lengths, settings)
-    audits = _audits(capture, lengths, fit)
+    audits = _audits(capture, lengths, fit, poly)
     check_size(capture.parts, capture.views, audits)
-    densities = part_densities(fit, capture.parts, capture.tube)
+    if poly is None:
+        densities = part_densities(fit, capture.parts, capture.tube)
+    else:
+        densities = tuple(
+            PartDensity(part.density_g_cm3, part.sd_g_cm3, part.source, part.flags)
+            for part in poly.parts
+        )
     grids = object_grids(meshes, order, settings.column_samples)
     parts = [
         _part(*of_part)
@@ -105,7 +117,9 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
         voxel_size_cm=grids.field.voxel_size_cm,
         weighed_mass_g=capture.weighed_mass_g,
         flags=(*_object_flags(capture), *view_flags(audits)),
-        meta=_meta(capture, lengths, fit, audits, settings),
+        meta=_meta(capture, lengths, fit, audits, settings)
+        | _uncertainty(regions, densities, poly)
+        | ({} if poly is None else {"poly": plain(poly.report([part.name for part in parts]))}),
     )
 
 
@@ -137,13 +151,65 @@ def _fit(capture: Capture, lengths: Sequence[PathLengths], settings: BuildSettin
     return fit_lac(views, dark_sd=capture.noise_sd)
 
 
-def _audits(capture: Capture, lengths: Sequence[PathLengths], fit: LacFit) -> tuple[ViewAudit, ...]:
-    """How well the fit explains its own images."""
-    lac = np.nan_to_num(fit.lac_per_cm)
-    return tuple(
-        audit_view(view, each, lac, gain=gain, floor=noise_floor(capture, view.name))
-        for view, each, gain in zip(capture.views, lengths, fit.gain.tolist(), strict=True)
+def _poly(
+    capture: Capture,
+    order: Sequence[int],
+    regions: Sequence[trimesh.Trimesh],
+    settings: BuildSettings,
+) -> PolyFit | None:
+    """Fit densities to a tube's spectrum; None for any other source, and for the paper's way."""
+    if settings.model == "paper" or capture.tube is None or capture.tube.kv is None:
+        return None
+    volumes = np.array([float(region.volume) for region in regions])
+    return judged(estimate(capture, order, volumes, settings.poly), capture.parts)
+
+
+def _turned(capture: Capture, poly: PolyFit) -> Capture:
+    """Put the scanner where the refined pose sees it from the meshes."""
+    pa, lat = (
+        replace(view, geometry=seen.geometry)
+        for view, seen in zip(capture.views, poly.solution.seen, strict=True)
     )
+    return replace(capture, views=(pa, lat))
+
+
+def _audits(
+    capture: Capture, lengths: Sequence[PathLengths], fit: LacFit, poly: PolyFit | None
+) -> tuple[ViewAudit, ...]:
+    """How well the fit explains its own images."""
+    found = []
+    for number, (view, each) in enumerate(zip(capture.views, lengths, strict=True)):
+        floor = noise_floor(capture, view.name)
+        if poly is None:
+            lac, gain = np.nan_to_num(fit.lac_per_cm), float(fit.gain[number])
+            found.append(audit_view(view, each, lac, gain=gain, floor=floor))
+        else:
+            gain = float(poly.solution.nuisances(number)[0])
+            model = poly.solution.image(number)
+            found.append(audit_image(view, each, model, gain=gain, floor=floor))
+    return tuple(found)
+
+
+def _uncertainty(
+    regions: Sequence[trimesh.Trimesh], densities: Sequence[PartDensity], poly: PolyFit | None
+) -> dict[str, Any]:
+    """Give standard deviations of the mass properties, if every density is known."""
+    known = np.array([density.density_g_cm3 for density in densities])
+    if np.isnan(known).any():
+        return {}
+    sds = np.array([density.sd_g_cm3 for density in densities])
+    covariance = np.diag(sds**2) if poly is None else poly.covariance
+    sd = rigid_sd(regions, known, covariance)
+    return {
+        "uncertainty": {
+            "mass_sd_g": sd.mass_g,
+            "com_sd_cm": sd.com_cm.tolist(),
+            "inertia_sd_g_cm2": [
+                float(sd.inertia_g_cm2[axes])
+                for axes in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+            ],
+        }
+    }
 
 
 def _unseen_flags(lengths: Sequence[PathLengths]) -> list[tuple[str, ...]]:
@@ -201,7 +267,7 @@ def _meta(
     """Fit report and provenance: nothing of the machine or the hour, so that bytes repeat."""
     names = [view.name for view in capture.views]
     meta = {
-        "model": settings.model,
+        "model": _model_used(capture, settings),
         "settings": asdict(settings),
         "tube": None if capture.tube is None else asdict(capture.tube),
         "fit": {
@@ -228,6 +294,13 @@ def _meta(
     }
     cleaned: dict[str, Any] = plain(meta)  # a part that no ray meets has no standard deviation
     return cleaned
+
+
+def _model_used(capture: Capture, settings: BuildSettings) -> str:
+    """``paper``, ``poly``, ``mono`` or, without a known source, ``attenuation``."""
+    if settings.model == "paper" or capture.tube is None:
+        return settings.model if capture.tube is not None else "attenuation"
+    return "mono" if capture.tube.kv is None else "poly"
 
 
 def _overlap_share(lengths: PathLengths) -> float:

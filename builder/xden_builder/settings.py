@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Literal, get_args
 
 from xden1k.errors import DataError
 from xden1k.rays import COLUMN_SAMPLES
+from xden_builder.poly.settings import PolySettings
 
 __all__ = ["MODELS", "BuildSettings", "Model"]
 
-Model = Literal["lac", "paper"]
+Model = Literal["poly", "paper"]
 MODELS: tuple[Model, ...] = get_args(Model)
 
 
@@ -23,14 +24,18 @@ class BuildSettings:
     Parameters
     ----------
     model
-        ``lac``: one attenuation coefficient per part by Levenberg-Marquardt, with a gain per
-        view. ``paper``: the paper's own way (Adam on full frames, no gain, one ray a pixel), kept
-        as a reference.
+        ``poly``: densities by the tube's spectrum, with pose, gain and stray light; a
+        monochromatic source needs no spectrum, and without a known source there is attenuation
+        only. ``paper``: the paper's own way (one coefficient for each part by Adam on full frames,
+        no gain, one ray a pixel, density by one constant), kept as a reference.
     subrays
-        Rays along each side of a pixel whose intensities are averaged (``lac`` only). One ray a
-        pixel reads a frame of thin bars 2 % low, and errs by 0.014 in transmission.
+        Rays along each side of a pixel whose intensities are averaged when attenuation
+        coefficients are fitted (``poly`` only). One ray a pixel reads a frame of thin bars 2 %
+        low, and errs by 0.014 in transmission.
     column_samples
         Density of columns through a voxel, in x and y; along z the fill is exact.
+    poly
+        Choices of the polychromatic fit.
 
     Raises
     ------
@@ -38,9 +43,10 @@ class BuildSettings:
         If the model is unknown or a count is not positive.
     """
 
-    model: Model = "lac"
+    model: Model = "poly"
     subrays: int = 3
     column_samples: int = COLUMN_SAMPLES
+    poly: PolySettings = field(default_factory=PolySettings)
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:

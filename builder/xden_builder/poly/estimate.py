@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float64
 
+from xden1k.arrays import Image
 from xden1k.errors import DataError
 from xden1k.rays import PathLengths, path_lengths
 from xden1k.views import ViewGeometry, XRayView
@@ -16,17 +17,18 @@ from xden_builder.capture import Capture
 from xden_builder.fit.levenberg import Minimum
 from xden_builder.poly.beam import ViewBeam, energy_groups, view_beam
 from xden_builder.poly.candidates import CandidateTable, candidate_table
-from xden_builder.poly.evidence import MaterialPosterior, Scene, weigh_materials
+from xden_builder.poly.evidence import MaterialPosterior, Radiographs, weigh_materials
 from xden_builder.poly.pixels import BLOCK_PX, BLOCK_RAYS, ViewPixels, choose_pixels
-from xden_builder.poly.pose import PoseFit, coarse, posed, refine_pose
+from xden_builder.poly.pose import coarse, posed
 from xden_builder.poly.posterior import Mass, Problem, solve
+from xden_builder.poly.refine import PoseFit, refine_pose
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.stand_ins import StandIns, certain, loosened, mixtures
 from xden_builder.poly.start import first_choice
 from xden_builder.poly.stray import coarse_binning, stray_light
-from xden_builder.poly.trust import sample_sd
+from xden_builder.poly.trust import sample_sd, transmissions
 
-__all__ = ["Seen", "Solution", "estimate"]
+__all__ = ["Scene", "Seen", "Solution", "densities", "estimate", "prepare"]
 
 SWEEPS: Final = 3
 """Rounds of densities and materials, at most."""
@@ -93,9 +95,50 @@ class Solution:
         """Most probable density of each part."""
         return self.minimum.unknowns[: self.problem.parts]
 
+    def image(self, number: int) -> Image:
+        """Model image of a view: direct beam and stray light, with the gain."""
+        seen, gain = self.seen[number], float(self.nuisances(number)[0])
+        stand_ins, amplitudes = self.problem.stand_ins, self.nuisances(number)[1:]
+        every = np.arange(seen.view.transmission.size)
+        known = np.where(seen.view.valid, seen.view.transmission, 1.0).ravel().astype(np.float64)
+        stray = stray_light(
+            seen.view, seen.beam, seen.smooth, stand_ins, self.density_g_cm3, every, known
+        )
+        direct = np.ones(every.size)
+        direct[seen.lengths.pixels] = transmissions(
+            seen.lengths, seen.beam, stand_ins.mac_cm2_g, self.density_g_cm3
+        )
+        image = gain * (direct + stray @ amplitudes)
+        return np.asarray(image.reshape(seen.view.transmission.shape), dtype=np.float32)
+
     def nuisances(self, number: int) -> Float64[np.ndarray, "4"]:
         """Gain, near scatter, far scatter and glare of a view."""
         return self.minimum.unknowns[self.problem.nuisances(number)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """A capture made ready: meshes in their pose, samples chosen, materials started.
+
+    Parameters
+    ----------
+    seen
+        Both views.
+    pose
+        None where it was not sought.
+    tables
+        Candidates of each part.
+    start
+        What the parts are taken for at first.
+    density_g_cm3
+        Shape (K,): to start from.
+    """
+
+    seen: tuple[Seen, ...]
+    pose: PoseFit | None
+    tables: tuple[CandidateTable, ...]
+    start: StandIns
+    density_g_cm3: Float64[np.ndarray, "k"]
 
 
 def estimate(
@@ -122,6 +165,18 @@ def estimate(
     DataError
         If the source is not known or outside the tables.
     """
+    mass = None if capture.weighed_mass_g is None else Mass(capture.weighed_mass_g, volumes_cm3)
+    return densities(prepare(capture, order, settings), mass, settings)
+
+
+def prepare(capture: Capture, order: Sequence[int], settings: PolySettings = DEFAULT) -> Scene:
+    """Do what does not depend on a weighed mass: start, pose, path lengths, samples.
+
+    Raises
+    ------
+    DataError
+        As :func:`estimate`.
+    """
     if capture.tube is None:
         raise DataError("the polychromatic fit needs a tube or a photon energy in scanner.toml")
     meshes = [part.mesh for part in capture.parts]
@@ -130,17 +185,14 @@ def estimate(
     tables = tuple(candidate_table(part, groups) for part in capture.parts)
     binning = coarse_binning(capture.views[0].geometry.shape)
     choice = first_choice(capture.views, meshes, order, groups, tables, binning)
-    stand_ins = certain(tables, choice)
+    start = certain(tables, choice)
     pose = None
-    density = stand_ins.mean_g_cm3
+    density = start.mean_g_cm3
     if settings.pose:
-        pose = refine_pose(
-            capture.views, beams, meshes, order, stand_ins.mac_cm2_g, stand_ins.mean_g_cm3
-        )
+        pose = refine_pose(capture.views, beams, meshes, order, start.mac_cm2_g, density)
         density = pose.density_g_cm3
     seen = _see(capture, beams, order, pose, settings)
-    mass = None if capture.weighed_mass_g is None else Mass(capture.weighed_mass_g, volumes_cm3)
-    return _sweep(seen, pose, tables, stand_ins, density, mass, settings)
+    return Scene(seen, pose, tables, start, density)
 
 
 def _see(
@@ -157,7 +209,7 @@ def _see(
     for number, (view, beam) in enumerate(zip(capture.views, beams, strict=True)):
         geometry = view.geometry
         if pose is not None:
-            geometry = posed(geometry, pose.pose, pose.centre_cm, shifted_rows=number == 1)
+            geometry = posed(geometry, pose.pose, shifted_rows=number == 1)
         lengths = path_lengths(meshes, order, geometry)
         blocks = lengths
         if settings.blocks and min(geometry.shape) > BLOCK_PX:
@@ -169,41 +221,32 @@ def _see(
     return tuple(seen)
 
 
-def _sweep(
-    seen: tuple[Seen, ...],
-    pose: PoseFit | None,
-    tables: tuple[CandidateTable, ...],
-    stand_ins: StandIns,
-    density: Float64[np.ndarray, "k"],
-    mass: Mass | None,
-    settings: PolySettings,
-) -> Solution:
+def densities(scene: Scene, mass: Mass | None, settings: PolySettings = DEFAULT) -> Solution:
     """Fit densities, weigh materials, and again, until no part changes what it most probably is.
 
     At first densities may leave their materials' ranges, so that stray light and gain need not
     make up for a wrong label.
     """
+    seen, tables, density = scene.seen, scene.tables, scene.density_g_cm3
     parts = len(tables)
     count = sum(len(each.samples.pixels) for each in seen)
     share = min(1.0, settings.worth_a_part * parts / max(count, 1))
-    now, best, nuisances = loosened(stand_ins), None, None
-    posteriors: tuple[MaterialPosterior, ...] = ()
+    now = loosened(scene.start)
+    best: list[int] = []
+    problem = _problem(seen, now, density, share, mass, settings)
+    nuisances = problem.prior.mean[parts:]
     for _ in range(SWEEPS):
-        problem = _problem(seen, now, density, share, mass, settings)
-        if nuisances is None:
-            nuisances = problem.prior.mean[parts:]
-        start = np.concatenate([density, nuisances])
-        minimum = solve(problem, start)
-        density, nuisances = minimum.unknowns[:parts].copy(), minimum.unknowns[parts:]
-        posteriors, density = _weigh(problem, minimum, tables, density, settings)
+        minimum = solve(problem, np.concatenate([density, nuisances]))
+        nuisances = minimum.unknowns[parts:]
+        posteriors, density = _weigh(problem, minimum, tables, settings)
         now = mixtures(tables, posteriors)
+        problem = _problem(seen, now, density, share, mass, settings)
         chosen = [int(np.argmax(each.probability)) for each in posteriors]
         if chosen == best:
             break
         best = chosen
-    problem = _problem(seen, now, density, share, mass, settings)
     minimum = solve(problem, np.concatenate([density, nuisances]))
-    return Solution(seen, pose, tables, posteriors, problem, minimum)
+    return Solution(seen, scene.pose, tables, posteriors, problem, minimum)
 
 
 def _problem(
@@ -217,7 +260,15 @@ def _problem(
     """Work out stray light and standard deviations at some densities."""
     density = density.clip(stand_ins.low_g_cm3, stand_ins.high_g_cm3)
     strays = [
-        stray_light(each.view, each.beam, each.smooth, stand_ins, density, each.samples.pixels)
+        stray_light(
+            each.view,
+            each.beam,
+            each.smooth,
+            stand_ins,
+            density,
+            each.samples.pixels,
+            each.samples.measured,
+        )
         for each in seen
     ]
     sds = [
@@ -242,12 +293,11 @@ def _weigh(
     problem: Problem,
     minimum: Minimum,
     tables: Sequence[CandidateTable],
-    density: Float64[np.ndarray, "k"],
     settings: PolySettings,
 ) -> tuple[tuple[MaterialPosterior, ...], Float64[np.ndarray, "k"]]:
     """Weigh the materials part by part, each with the outcome of those before."""
     nuisances = [minimum.unknowns[problem.nuisances(n)] for n in range(len(problem.views))]
-    scene = Scene(
+    scene = Radiographs(
         problem.views,
         problem.sds,
         [
@@ -257,7 +307,8 @@ def _weigh(
         [float(each[0]) for each in nuisances],
         settings.evidence_share * problem.share,
     )
-    density, macs = density.copy(), problem.stand_ins.mac_cm2_g.copy()
+    density = minimum.unknowns[: problem.parts].copy()
+    macs = problem.stand_ins.mac_cm2_g.copy()
     found = []
     for part, table in enumerate(tables):
         posterior = weigh_materials(scene, part, density, macs, table)

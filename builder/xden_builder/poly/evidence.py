@@ -14,7 +14,7 @@ from xden_builder.poly.candidates import CandidateTable
 from xden_builder.poly.pixels import ViewPixels
 from xden_builder.poly.settings import HUBER
 
-__all__ = ["MaterialPosterior", "Scene", "weigh_materials"]
+__all__ = ["MaterialPosterior", "Radiographs", "weigh_materials"]
 
 MOST_PIXELS: Final = 120
 MOST_BLOCKS: Final = 12
@@ -39,7 +39,7 @@ class MaterialPosterior:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class Radiographs:
     """Both radiographs, with everything but one part's material taken as known.
 
     Parameters
@@ -74,7 +74,7 @@ class _Rays(NamedTuple):
 
 
 def weigh_materials(
-    scene: Scene,
+    radiographs: Radiographs,
     part: int,
     density_g_cm3: Float64[np.ndarray, "k"],
     mac_cm2_g: Float64[np.ndarray, "k groups"],
@@ -84,8 +84,8 @@ def weigh_materials(
 
     Parameters
     ----------
-    scene
-        The radiographs.
+    radiographs
+        With everything else known.
     part
         Which.
     density_g_cm3, mac_cm2_g
@@ -93,7 +93,7 @@ def weigh_materials(
     table
         Its candidates. Where no ray meets the part they keep their prior probability.
     """
-    rays = list(_rays(scene, part, density_g_cm3, mac_cm2_g))
+    rays = list(_rays(radiographs, part, density_g_cm3, mac_cm2_g))
     found = np.stack([table.priors[:, 0], np.zeros(len(table.priors)), table.priors[:, 1] ** -2.0])
     found = np.ascontiguousarray(found.T)
     if rays:
@@ -106,7 +106,7 @@ def weigh_materials(
             np.cumsum(counts),
             measured,
             inverse_sd,
-            scene.share,
+            radiographs.share,
             HUBER,
             table.mac_cm2_g,
             table.priors,
@@ -121,14 +121,14 @@ def weigh_materials(
 
 
 def _rays(
-    scene: Scene,
+    radiographs: Radiographs,
     part: int,
     density_g_cm3: Float64[np.ndarray, "k"],
     mac_cm2_g: Float64[np.ndarray, "k groups"],
 ) -> Iterator[_Rays]:
     """Yield pixels and blocks of each view that meet the part."""
     for view, sd, stray, gain in zip(
-        scene.views, scene.sds, scene.strays, scene.gains, strict=True
+        radiographs.views, radiographs.sds, radiographs.strays, radiographs.gains, strict=True
     ):
         meets = view.meets[:, part]
         for kind, most in ((~view.is_block, MOST_PIXELS), (view.is_block, MOST_BLOCKS)):

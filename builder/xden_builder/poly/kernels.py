@@ -1,6 +1,7 @@
 """Compiled kernels: the polychromatic forward model and a search over materials.
 
-For pixel p with rays s and energy groups b, ``T_p = mean_s sum_b w_pb exp(-sum_k rho_k m_kb l_psk)``.
+For pixel p with rays s and energy groups b,
+``T_p = mean_s sum_b w_pb exp(-sum_k rho_k m_kb l_psk)``.
 """
 
 from typing import no_type_check

@@ -88,7 +88,7 @@ class _Samples(NamedTuple):
     """Some samples of one kind."""
 
     pixels: Int64[np.ndarray, "n"]
-    index: Int64[np.ndarray, "n"]
+    places: Int64[np.ndarray, "n"]
     lengths_cm: Float32[np.ndarray, "n s k"]
     measured: Float64[np.ndarray, "n"]
 
@@ -161,7 +161,7 @@ def _gathered(kinds: tuple[_Samples, _Samples, _Samples], beam: ViewBeam) -> Vie
     pixels = np.concatenate([each.pixels for each in kinds])
     return ViewPixels(
         pixels=pixels,
-        index=np.concatenate([each.index for each in kinds]),
+        index=np.concatenate([each.places for each in kinds]),
         is_block=np.repeat([False, True, False], counts),
         lengths_cm=np.ascontiguousarray(np.concatenate(padded)),
         rays=np.repeat([each.lengths_cm.shape[1] for each in kinds], counts),
@@ -188,7 +188,7 @@ def _middles(
 
 
 def _air(view: XRayView, lengths: PathLengths, rng: np.random.Generator) -> Int64[np.ndarray, "m"]:
-    """Valid pixels in a ring around the object; none where no ray meets it."""
+    """Choose valid pixels in a ring around the object; none where no ray meets it."""
     if not len(lengths.pixels):
         return np.zeros(0, dtype=np.int64)
     step = float(np.linalg.norm(view.geometry.column_step_cm))

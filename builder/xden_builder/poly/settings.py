@@ -57,7 +57,7 @@ class PolySettings:
     stray_share: float = 0.15
     floor: float = 0.003
     worth_a_part: float = 30.0
-    evidence_share: float = 0.3
+    evidence_share: float = 0.1
 
     def __post_init__(self) -> None:
         for each in fields(self):

@@ -62,4 +62,4 @@ def _attenuation_per_cm(
         image, mask = binned(view, binning)
         small = XRayView(view.name, image, mask, coarse(view.geometry, binning))
         pairs.append((path_lengths(meshes, order, small.geometry), small))
-    return np.nan_to_num(fit_lac(pairs).lac_per_cm, nan=UNKNOWN_PER_CM)
+    return np.asarray(np.nan_to_num(fit_lac(pairs).lac_per_cm, nan=UNKNOWN_PER_CM))

@@ -45,6 +45,7 @@ def stray_light(
     stand_ins: StandIns,
     density_g_cm3: Float64[np.ndarray, "k"],
     pixels: Int64[np.ndarray, "n"],
+    measured: Float64[np.ndarray, "n"],
 ) -> Float64[np.ndarray, "n 3"]:
     """Shapes of near scatter, far scatter and glare at some pixels, in shares of the open field.
 
@@ -64,6 +65,8 @@ def stray_light(
         What the parts are taken for.
     pixels
         Flat indices into the radiograph.
+    measured
+        Transmission there, which glare takes away from.
     """
     binning = view.transmission.shape[0] // lengths.shape[0]
     source = np.empty(len(lengths.pixels))
@@ -82,10 +85,9 @@ def stray_light(
     shapes = (
         gaussian_filter(scattered, NEAR_CM / pixel_cm, mode="constant"),
         gaussian_filter(scattered, FAR_CM / pixel_cm, mode="constant"),
-        gaussian_filter(light, GLARE_CM / pixel_cm, mode="nearest") - light,
+        gaussian_filter(light, GLARE_CM / pixel_cm, mode="nearest"),
     )
     index = np.stack(np.divmod(pixels, view.transmission.shape[1]))
     places = (index - (binning - 1) / 2) / binning
-    return np.stack(
-        [map_coordinates(shape, places, order=1, mode="nearest") for shape in shapes], axis=1
-    )
+    found = [map_coordinates(shape, places, order=1, mode="nearest") for shape in shapes]
+    return np.stack([*found[:2], found[2] - measured], axis=1)

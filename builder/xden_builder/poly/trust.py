@@ -12,7 +12,7 @@ from xden_builder.poly.beam import ViewBeam
 from xden_builder.poly.pixels import ViewPixels
 from xden_builder.poly.settings import PolySettings
 
-__all__ = ["sample_sd"]
+__all__ = ["sample_sd", "transmissions"]
 
 USUAL_STRAY = 0.08
 """Amplitude of each part of the scatter that its error is reckoned with."""
@@ -29,7 +29,7 @@ def sample_sd(
     noise_sd: float,
     settings: PolySettings,
 ) -> Float64[np.ndarray, "n"]:
-    """Standard deviation of each sample's transmission about the model.
+    """Estimate the standard deviation of each sample about the model, shape (n,).
 
     Four errors, independent of each other: edges that are off, times the steepest step to a
     neighbour; coefficients, spectrum and scale that are off, in proportion to -T ln T; stray light
@@ -58,7 +58,8 @@ def sample_sd(
         (lengths, 1, ~samples.is_block),
         (blocks, width, samples.is_block),
     ):
-        image, steps = _steps(source, beam, binning, mac_cm2_g, density_g_cm3)
+        model = transmissions(source, beam, mac_cm2_g, density_g_cm3, binning)
+        image, steps = _steps(source, model)
         transmission[mine] = image.flat[samples.index[mine]]
         step[mine] = steps.flat[samples.index[mine]]
     pixel_cm = float(np.linalg.norm(beam.geometry.column_step_cm))
@@ -69,15 +70,27 @@ def sample_sd(
     return np.asarray(np.sqrt(edge**2 + model**2 + veil**2 + settings.floor**2 + noise_sd**2))
 
 
-def _steps(
+def transmissions(
     lengths: PathLengths,
     beam: ViewBeam,
-    binning: int,
     mac_cm2_g: Float64[np.ndarray, "k groups"],
     density_g_cm3: Float64[np.ndarray, "k"],
-) -> tuple[Float64[np.ndarray, "rows columns"], Float64[np.ndarray, "rows columns"]]:
-    """Model image, and the largest step of each pixel to a neighbour."""
-    count, rays, _ = lengths.lengths_cm.shape
+    binning: int = 1,
+) -> Float64[np.ndarray, "n"]:
+    """Transmission of the direct beam in every pixel of some path lengths, shape (n,).
+
+    Parameters
+    ----------
+    lengths
+        Of a view, or of blocks of its pixels.
+    beam
+        Of the panel.
+    mac_cm2_g, density_g_cm3
+        Of the parts.
+    binning
+        Pixels along each side of a block.
+    """
+    count, rays, parts = lengths.lengths_cm.shape
     transmission = np.empty(count)
     kernels.predict(
         lengths.lengths_cm,
@@ -86,10 +99,17 @@ def _steps(
         density_g_cm3,
         beam.weights(lengths.pixels, binning),
         transmission,
-        np.empty((0, len(density_g_cm3))),
+        np.empty((0, parts)),
     )
+    return transmission
+
+
+def _steps(
+    lengths: PathLengths, transmission: Float64[np.ndarray, "n"]
+) -> tuple[Float64[np.ndarray, "rows columns"], Float64[np.ndarray, "rows columns"]]:
+    """Put the model into an image, and find the largest step of each pixel to a neighbour."""
     image, steps = np.ones(lengths.shape), np.zeros(lengths.shape)
-    if count:
+    if len(transmission):
         image.flat[lengths.pixels] = transmission
         box = Crop.around(lengths.pixels, lengths.shape, margin_px=1).box
         steps[box] = np.abs(neighbours(image[box]) - image[box]).max(axis=0)

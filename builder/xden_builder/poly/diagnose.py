@@ -1,0 +1,117 @@
+"""Numbers that tell how a solution knows what it says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+from xden_builder.poly.estimate import Solution
+from xden_builder.poly.posterior import MASS_SD_SHARE, Problem
+
+__all__ = ["Diagnosis", "diagnose"]
+
+DARK: Final = 0.02
+"""Transmission below which a sample tells more of stray light than of what stands in the beam."""
+PRIOR_OF_ONE_VIEW: Final = 0.02
+"""Weight of the priors where a view is asked alone: enough to keep unseen parts in place."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Diagnosis:
+    """Where the knowledge of each density comes from.
+
+    Parameters
+    ----------
+    covariance
+        Shape (K, K), in g²/cm⁶: by images, priors and scale, if materials and model are right.
+    told_by_images, told_by_scale
+        Shape (K,): share by which each lowered the variance, 0 to 1.
+    between_g_cm3
+        Shape (K,): standard deviation of the best densities of the possible materials.
+    apart_g_cm3, apart_sd_g_cm3
+        Shape (K,): difference of the densities by either view alone, and its standard deviation.
+    outline_share, dark_share
+        Shape (K,): of the information, from outlines and thin parts, and from dark samples.
+    met
+        Shape (K,): whether a usable sample meets the part.
+    """
+
+    covariance: Float64[np.ndarray, "k k"]
+    told_by_images: Float64[np.ndarray, "k"]
+    told_by_scale: Float64[np.ndarray, "k"]
+    between_g_cm3: Float64[np.ndarray, "k"]
+    apart_g_cm3: Float64[np.ndarray, "k"]
+    apart_sd_g_cm3: Float64[np.ndarray, "k"]
+    outline_share: Float64[np.ndarray, "k"]
+    dark_share: Float64[np.ndarray, "k"]
+    met: Bool[np.ndarray, "k"]
+
+
+def diagnose(solution: Solution) -> Diagnosis:
+    """Ask a solution where it knows its densities from."""
+    problem, parts = solution.problem, solution.problem.parts
+    hessian = solution.minimum.evaluation.hessian
+    covariance = np.linalg.inv(hessian)[:parts, :parts]
+    variance = covariance.diagonal()
+    without_scale = np.linalg.inv(hessian - _scale(problem)).diagonal()[:parts]
+    prior = problem.prior.sd[:parts] ** 2
+    apart, apart_sd = _views_apart(solution)
+    outline_share, dark_share = _information_shares(solution)
+    return Diagnosis(
+        covariance=covariance,
+        told_by_images=(1 - without_scale / prior).clip(0, 1),
+        told_by_scale=(1 - variance / without_scale).clip(0, 1),
+        between_g_cm3=np.array(
+            [
+                np.sqrt(np.cov(each.density_g_cm3, aweights=each.probability, ddof=0))
+                for each in solution.posteriors
+            ]
+        ),
+        apart_g_cm3=apart,
+        apart_sd_g_cm3=apart_sd,
+        outline_share=outline_share,
+        dark_share=dark_share,
+        met=np.any([view.samples.meets.any(axis=0) for view in solution.seen], axis=0),
+    )
+
+
+def _scale(problem: Problem) -> Float64[np.ndarray, "u u"]:
+    """Return what a weighed mass adds to the curvature."""
+    slope = np.zeros(len(problem.prior.mean))
+    if problem.mass is not None:
+        slope[: problem.parts] = problem.mass.volumes_cm3 / (MASS_SD_SHARE * problem.mass.mass_g)
+    return np.outer(slope, slope)
+
+
+def _views_apart(
+    solution: Solution,
+) -> tuple[Float64[np.ndarray, "k"], Float64[np.ndarray, "k"]]:
+    """Densities that each view alone would move to, in one Gauss-Newton step: their difference."""
+    problem, unknowns = solution.problem, solution.minimum.unknowns
+    steps, variances = [], []
+    for number in range(len(problem.views)):
+        residuals, jacobian, weights = problem.scaled(unknowns, number)
+        weighted = jacobian * weights[:, None]
+        curvature = weighted.T @ jacobian + PRIOR_OF_ONE_VIEW * np.diag(problem.prior.sd**-2.0)
+        inverse = np.linalg.inv(curvature)
+        steps.append(-(inverse @ (weighted.T @ residuals))[: problem.parts])
+        variances.append(inverse.diagonal()[: problem.parts])
+    return np.abs(steps[0] - steps[1]), np.sqrt(np.sum(variances, axis=0))
+
+
+def _information_shares(
+    solution: Solution,
+) -> tuple[Float64[np.ndarray, "k"], Float64[np.ndarray, "k"]]:
+    """Share of each density's Fisher information from outlines, and from dark samples."""
+    problem, unknowns = solution.problem, solution.minimum.unknowns
+    totals = np.zeros((3, problem.parts))
+    for number, view in enumerate(problem.views):
+        _, jacobian, weights = problem.scaled(unknowns, number)
+        information = weights[:, None] * jacobian[:, : problem.parts] ** 2
+        kinds = (np.ones(len(weights), dtype=bool), view.is_block, view.measured < DARK)
+        totals += [information[kind].sum(axis=0) for kind in kinds]
+    whole = totals[0].clip(min=1e-30)
+    return totals[1] / whole, totals[2] / whole

@@ -1,0 +1,186 @@
+"""What the polychromatic fit answers: densities, how sure they are, and what to beware of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+from xden1k.materials import families
+from xden1k.types import DensitySource
+from xden_builder.capture import CapturePart
+from xden_builder.poly.diagnose import Diagnosis, diagnose
+from xden_builder.poly.estimate import Solution
+
+__all__ = ["PolyFit", "PolyPart", "judged"]
+
+UNCERTAIN: Final = 0.1
+"""Of a density: a larger standard deviation is flagged."""
+MOST: Final = 0.5
+TOLD: Final = 0.5
+"""Less of a prior's variance taken away by the images leaves the density the prior's."""
+DOUBTED: Final = 0.5
+"""A label less probable than this is doubted."""
+UNSTABLE_SHARE: Final = 0.1
+UNSTABLE_SDS: Final = 2.0
+"""Views apart by more, of the density and in standard deviations, are flagged."""
+VIEW_SHARE: Final = 0.5
+"""Of the difference between the views: their standard error, if both are equally good."""
+MODEL_SD_SHARE: Final = 0.01
+"""Of a density that the images tell: scale of the meshes, composition and spectrum."""
+TOP: Final = 3
+
+
+@dataclass(frozen=True, slots=True)
+class PolyPart:
+    """What is known of one part.
+
+    Parameters
+    ----------
+    density_g_cm3, sd_g_cm3
+        Mean over its mesh, and the standard deviation.
+    source
+        ``xray``, ``prior`` or ``weighed``.
+    flags
+        Sorted.
+    materials
+        The most probable candidates: name, whether solid, probability.
+    """
+
+    density_g_cm3: float
+    sd_g_cm3: float
+    source: DensitySource
+    flags: tuple[str, ...]
+    materials: tuple[tuple[str, bool, float], ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PolyFit:
+    """Result of the polychromatic fit.
+
+    Parameters
+    ----------
+    solution
+        Where it ended.
+    parts
+        In the order of the capture's.
+    covariance
+        Shape (K, K): of the densities, in g²/cm⁶.
+    """
+
+    solution: Solution
+    parts: tuple[PolyPart, ...]
+    covariance: Float64[np.ndarray, "k k"]
+
+    def report(self, names: Sequence[str]) -> dict[str, Any]:
+        """Give what ``meta`` keeps, parts by their names, in JSON's types."""
+        solution, pose = self.solution, self.solution.pose
+        terms = ("gain", "near_scatter", "far_scatter", "glare")
+        return {
+            "views": {
+                seen.view.name: dict(zip(terms, solution.nuisances(number).tolist(), strict=True))
+                | {"samples": len(seen.samples.pixels)}
+                for number, seen in enumerate(solution.seen)
+            },
+            "pose": None
+            if pose is None
+            else pose.pose.to_dict()
+            | {
+                "sd": pose.sd.tolist(),
+                "rms_before": pose.rms_before,
+                "rms_after": pose.rms_after,
+            },
+            "materials": {
+                name: [list(each) for each in part.materials]
+                for name, part in zip(names, self.parts, strict=True)
+            },
+            "iterations": solution.minimum.iterations,
+            "converged": solution.minimum.converged,
+            "loss": solution.minimum.evaluation.loss,
+        }
+
+
+def judged(solution: Solution, parts: Sequence[CapturePart]) -> PolyFit:
+    """Say how sure each density is, and why it may be wrong.
+
+    The variance has four sources: images, priors and scale (from the curvature of the posterior);
+    the choice between materials; the disagreement of the views; and, of what the images tell, the
+    error that the model leaves anyway.
+    """
+    known, density = diagnose(solution), solution.density_g_cm3
+    extra = (
+        known.between_g_cm3**2
+        + (VIEW_SHARE * known.apart_g_cm3) ** 2 * known.told_by_images
+        + (MODEL_SD_SHARE * density) ** 2 * known.told_by_images
+    )
+    covariance = known.covariance + np.diag(extra)
+    sd = np.sqrt(covariance.diagonal())
+    raised = _raised(known, density, sd, solution.minimum.converged)
+    found = []
+    for number, (part, source) in enumerate(zip(parts, _sources(known), strict=True)):
+        materials = _materials(solution, number)
+        flags = {name for name, which in raised.items() if which[number]}
+        flags |= _material_flags(part.material, _probabilities(solution, number))
+        found.append(
+            PolyPart(
+                float(density[number]), float(sd[number]), source, tuple(sorted(flags)), materials
+            )
+        )
+    return PolyFit(solution, tuple(found), covariance)
+
+
+def _raised(
+    known: Diagnosis,
+    density: Float64[np.ndarray, "k"],
+    sd: Float64[np.ndarray, "k"],
+    converged: bool,
+) -> dict[str, Bool[np.ndarray, "k"]]:
+    """Which parts each flag is raised for."""
+    apart = known.apart_g_cm3
+    return {
+        "hidden": ~known.met,
+        "prior_dominated": known.told_by_images < TOLD,
+        "uncertain": sd > UNCERTAIN * density,
+        "edge_only": known.outline_share > MOST,
+        "starved": known.dark_share > MOST,
+        "unstable": (apart > UNSTABLE_SHARE * density)
+        & (apart > UNSTABLE_SDS * known.apart_sd_g_cm3),
+        "not_converged": np.full(len(density), not converged),
+    }
+
+
+def _sources(known: Diagnosis) -> Iterator[DensitySource]:
+    for images, scale in zip(known.told_by_images, known.told_by_scale, strict=True):
+        if scale > TOLD:
+            yield "weighed"
+        else:
+            yield "xray" if images >= TOLD else "prior"
+
+
+def _materials(solution: Solution, number: int) -> tuple[tuple[str, bool, float], ...]:
+    """Return the most probable candidates of a part."""
+    table, chance = solution.tables[number], solution.posteriors[number].probability
+    best = np.argsort(-chance, kind="stable")[:TOP].tolist()
+    return tuple(
+        (table.candidates[each].material, table.candidates[each].solid, float(chance[each]))
+        for each in best
+    )
+
+
+def _probabilities(solution: Solution, number: int) -> dict[str, float]:
+    """Probability of each material, solid or not."""
+    total: dict[str, float] = {}
+    table, chance = solution.tables[number], solution.posteriors[number].probability
+    for candidate, share in zip(table.candidates, chance.tolist(), strict=True):
+        total[candidate.material] = total.get(candidate.material, 0.0) + share
+    return total
+
+
+def _material_flags(label: str, probability: dict[str, float]) -> set[str]:
+    """``material_guessed`` without a material's name, ``label_doubted`` if it does not fit."""
+    if not label or label in families():
+        return {"material_guessed"}
+    return {"label_doubted"} if probability[label] < DOUBTED else set()
