@@ -2,7 +2,8 @@
 
 Reading order: ``shapes`` and ``skins`` (a vocabulary of solids), ``archetypes`` (objects built of
 them), ``catalogue`` (which there are, of what), ``phantom`` (one object), ``scanner`` (its
-radiographs), ``writer`` and ``truth`` (files), ``sheet`` (to look at).
+radiographs), ``writer``, ``grid``, ``glb`` and ``truth`` (files), ``check`` (of a whole set),
+``sheet`` (to look at).
 """
 
 from xden_builder.phantoms.catalogue import CATALOGUE, Category
