@@ -23,6 +23,8 @@ Picture = Float[np.ndarray, "rows columns 3"]
 Colors = Sequence[tuple[float, float, float]]
 _LIGHT = np.array([-0.42, 0.6, -0.68]) / np.linalg.norm([-0.42, 0.6, -0.68])
 """Towards the light, in the camera's frame: right, up, away."""
+_PANES = frozenset({"glass", "window"})
+"""Roles that are drawn in the section only, since they would hide what lies behind them."""
 
 
 def gallery(out_png: Path, seed: int = 0, categories: Sequence[str] = ()) -> None:
@@ -62,16 +64,31 @@ def _pictures(phantom: Phantom) -> list[Picture | Image]:
     meshes = [part.mesh for part in phantom.parts]
     colors = [part.color_rgb for part in phantom.parts]
     azimuth, flat = _looks(meshes)
+    azimuth, outside = _livelier_side(phantom, azimuth)
     normal = _horizontal(azimuth) if not flat else np.array([0.0, 0.0, 1.0])
     opened = [(mesh, color) for mesh, color in zip(cut_open(meshes, normal), colors, strict=True)]
     opened = [(mesh, color) for mesh, color in opened if len(mesh.faces)]
     _, scanner = Scanner(size_px=512).setting_for(phantom)
     views = [scanner.corrected(phantom, view) for view in VIEWS]
     return [
-        shaded(meshes, colors, azimuth + 25.0, 28.0),
+        outside,
         shaded([m for m, _ in opened], [c for _, c in opened], azimuth, 55.0 if flat else 18.0),
         *(_cropped(view, meshes) for view in views),
     ]
+
+
+def _livelier_side(phantom: Phantom, azimuth: float) -> tuple[float, Picture]:
+    """Choose between front and back: the side with more edges; panes are seen through."""
+    seen = [part for part in phantom.parts if part.role not in _PANES]
+    meshes, colors = [part.mesh for part in seen], [part.color_rgb for part in seen]
+    sides = [(at, shaded(meshes, colors, at + 25.0, 28.0)) for at in (azimuth, azimuth + 180.0)]
+    return max(sides, key=lambda side: _edges(side[1]))
+
+
+def _edges(picture: Picture) -> float:
+    """Sum of the steps between neighbouring pixels, but for those to the white around."""
+    grey = np.where((picture == 1.0).all(axis=2), np.nan, picture.mean(axis=2))
+    return float(sum(np.nansum(np.abs(np.diff(grey, axis=axis)) > 0.05) for axis in (0, 1)))
 
 
 def _looks(meshes: Sequence[trimesh.Trimesh]) -> tuple[float, bool]:

@@ -38,14 +38,13 @@ def _ear(radius: float, wall: float, z: float, size_cm: float) -> list[fittings.
 
 
 def _lid(radius: float, rim: float, wall: float, rise: float) -> list[Piece]:
-    """Domed sheet on the rim with a lip inside it, and a knob screwed on."""
-    line = fittings.curve([(0.0, rise + 0.2), (0.6, 0.75 * rise + 0.15), (1.0, 0.0)], 12)
-    upper = [(r * (radius + 0.05), rim + z) for r, z in line]
+    """Domed sheet with a flange on the rim and a lip inside it, and a knob screwed on."""
+    shares = np.linspace(0.0, 1.0, 13)
+    upper = [(r * radius, rim + 0.2 + rise * (1 - r**2)) for r in shares.tolist()]
     lower = [(r, z - 0.1) for r, z in upper]
     sheet = shapes.lathe(shapes.outline([*lower, *upper[::-1]]))
-    under = shapes.lathe(shapes.outline([(0, rim - 1), (radius, rim - 1), *upper[::-1]]))
-    lip = shapes.tube(radius - wall - 0.05, radius - wall - 0.17, rim - 0.7, rim + 1.0) ^ under
-    seat = shapes.tube(radius + 0.05, radius - 0.6 * wall, rim, rim + 0.15)
+    lip = shapes.tube(radius - wall - 0.05, radius - wall - 0.17, rim - 0.7, rim + 0.1)
+    seat = shapes.tube(radius + 0.05, radius - wall - 0.17, rim, rim + 0.2)
     top = rim + rise + 0.2
     knob = [(0, 0), (0.6, 0), (0.6, 0.5), (1.6, 1.1), (1.6, 1.6), (1.0, 1.9), (0, 1.9)]
     handle = shapes.lathe(shapes.outline([(r, top + z) for r, z in knob], 0.15))

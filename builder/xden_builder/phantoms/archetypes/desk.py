@@ -236,9 +236,9 @@ def ruler(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     side = [(0, 0), (wide, 0), (wide, thick), (0.7, thick), (0, 0.35 * thick)]
     strip = shapes.upright_across(shapes.polygon(side), size_cm).translate((size_cm / 2, 0, 0))
     marks = [
-        shapes.box((0.03, length, 9.0), (0.5 + 0.5 * i, 0.0, 4.5 + 0.3 * thick))
+        shapes.box((0.06, 2 * length, 9.0), (0.5 + 0.5 * i, 0.0, 4.5 + 0.3 * thick))
         for i in range(int(2 * (size_cm - 1.0)) + 1)
-        for length in [1.3 if i % 2 == 0 else 0.8]
+        for length in [1.4 if i % 10 == 0 else 1.0 if i % 2 == 0 else 0.6]
     ]
     hole = shapes.cylinder(0.3, -1.0, 1.0).translate((size_cm - 0.7, 0.6 * wide, 0))
     return [Piece("body", "body", strip - shapes.union(marks) - hole)]

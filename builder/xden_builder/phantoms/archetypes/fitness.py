@@ -47,7 +47,7 @@ def _dome(radii: fittings.Point, less: float) -> Manifold:
     """Half an egg, shrunk."""
     x, y, z = radii
     egg = Manifold.sphere(1.0, 72).scale((x - less, y - less, z - less))
-    return egg.trim_by_plane((0.0, 0.0, 1.0), 0.0)
+    return egg.trim_by_plane((0.0, 0.0, 1.0), 0.3)
 
 
 def _strap(side: float, top: float) -> Manifold:

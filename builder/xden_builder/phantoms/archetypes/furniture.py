@@ -186,6 +186,7 @@ def _lamp(tip: float) -> list[Piece]:
     globe = fittings.ellipsoid((2.9, 2.9, 3.6), (0, 0, tip + 3.2)) + shapes.cylinder(
         1.6, tip, tip + 1.0, 2.2
     )
+    globe = globe.trim_by_plane((0, 0, 1), tip)
     room = fittings.ellipsoid((2.75, 2.75, 3.45), (0, 0, tip + 3.2))
     plate = shapes.cylinder(2.16, tip + 1.0, tip + 1.2)
     driver = shapes.box((1.4, 0.16, 4.0), (0, 0, tip - 1.0))

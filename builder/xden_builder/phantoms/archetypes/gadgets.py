@@ -41,7 +41,7 @@ def computer_mouse(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     wide, high = size_cm * rng.uniform(0.52, 0.6), size_cm * rng.uniform(0.3, 0.38)
     hull = _hump(size_cm, wide, high) - _hump(size_cm - 0.5, wide - 0.5, high - 0.25)
     hull += _hump(size_cm, wide, high) ^ shapes.box((99, 99, 0.5))
-    slit = shapes.box((0.42 * size_cm, 0.1, high), (0.33 * size_cm, 0, 0.5 * high + 0.9))
+    slit = shapes.box((0.42 * size_cm, 0.15, high), (0.33 * size_cm, 0, 0.5 * high + 0.9))
     x = 0.27 * size_cm
     slot = shapes.box((2.4, 0.8, high), (x, 0, 0.5 * high + 0.9))
     wheel = shapes.cylinder(0.37 * high, -0.3, 0.3) + shapes.cylinder(0.1, -0.9, 0.9)
@@ -71,8 +71,8 @@ def _hump(long: float, wide: float, high: float) -> Manifold:
 
 def keyboard(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     """Rows of keys on a switch sheet over a steel plate and a board, in a tray."""
-    wide, rows = size_cm * rng.uniform(0.34, 0.4), 5
-    pitch = (wide - 1.4) / rows
+    rows, pitch = int(rng.integers(5, 7)), 1.9
+    wide = rows * pitch + 1.4
     columns = int((size_cm - 1.4) / pitch)
     tray, room = fittings.case(shapes.rounded_rectangle(size_cm, wide, 0.6), 0.0, 1.9, 0.25, 0.2)
     inner = (size_cm - 0.5, wide - 0.5)
@@ -235,7 +235,10 @@ def router(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     wire = shapes.cylinder(0.1, 0.6 * high + 0.5, 0.5 * high + 0.5 * size_cm)
     wire = wire.translate((0, wide / 2 + 0.45, 0))
     spots = [(x * size_cm, 0, 0) for x in (-0.42, 0.42)]
-    can = shapes.box((0.2 * size_cm, 0.3 * wide, 0.3), (-0.2 * size_cm, -0.1 * wide, z + 0.45))
+    can = shapes.box((0.2 * size_cm, 0.3 * wide, 0.3), (-0.2 * size_cm, -0.1 * wide, z + 0.31))
+    can -= shapes.box((0.2 * size_cm - 0.08, 0.3 * wide - 0.08, 0.3)).translate(
+        (-0.2 * size_cm, -0.1 * wide, z + 0.27)
+    )
     return [
         Piece("shield", "contact", can),
         Piece("aerial_wires", "contact", shapes.union(wire.translate(s) for s in spots)),

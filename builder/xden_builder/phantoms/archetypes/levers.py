@@ -16,7 +16,7 @@ __all__ = ["ARCHETYPES"]
 Outline = list[tuple[float, float]]
 
 _COMBINATION: Final[Outline] = [(0.0, 0.0), (1.0, 0.0), (1.0, 0.25), (0.55, 0.5), (0.0, 0.55)]
-_NEEDLE: Final[Outline] = [(0.0, 0.0), (1.0, 0.0), (1.0, 0.05), (0.3, 0.26), (0.0, 0.3)]
+_NEEDLE: Final[Outline] = [(0.0, 0.0), (1.0, 0.0), (1.0, 0.04), (0.4, 0.12), (0.0, 0.22)]
 
 
 def pliers(rng: np.random.Generator, size_cm: float, jaw: Outline, reach: float) -> list[Piece]:
@@ -135,6 +135,6 @@ ARCHETYPES: Final = {
     "clamp": Archetype(clamp, "bar screw pad frame"),
     "nail_clipper": Archetype(nail_clipper, "post lever leaf"),
     "pliers:combination": Archetype(partial(pliers, jaw=_COMBINATION, reach=0.2), _PLIERS),
-    "pliers:needle": Archetype(partial(pliers, jaw=_NEEDLE, reach=0.34), _PLIERS),
+    "pliers:needle": Archetype(partial(pliers, jaw=_NEEDLE, reach=0.4), _PLIERS),
     "tweezers": Archetype(tweezers, "body"),
 }

@@ -60,7 +60,7 @@ def _strings(long: float, wide: float, flat: float) -> Manifold:
 
 
 def skateboard(rng: np.random.Generator, size_cm: float) -> list[Piece]:
-    """Bent deck with grit on it; bolted trucks of base, bush, hanger and axle; wheels on bearings."""
+    """Bent deck with grit on it; bolted trucks with bushes; wheels on bearings."""
     wide, thick = size_cm * rng.uniform(0.24, 0.28), rng.uniform(1.0, 1.2)
     base, wheel = 0.3 * size_cm, rng.uniform(2.5, 3.0)
     plan = CrossSection.batch_hull(

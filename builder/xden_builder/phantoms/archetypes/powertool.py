@@ -156,7 +156,8 @@ def light_bulb(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     inside = shapes.cylinder(cap - 0.25, 0.7, thread_top)
     sink = [(0, thread_top), (cap, thread_top), (0.8 * radius, sink_top), (0, sink_top)]
     hollow = shapes.cylinder(cap - 0.25, thread_top, sink_top - 0.5)
-    line = fittings.curve([(0.8, 0.0), (1.0, 0.45), (0.75, 0.85), (0.0, 1.0)], 20)
+    half = [(0.8, 0.0), (0.95, 0.2), (1.0, 0.42), (0.9, 0.7), (0.66, 0.88), (0.35, 0.97)]
+    line = fittings.curve([*half, (0.0, 1.0)], 20)
     span = size_cm - sink_top
     globe = [(0.0, sink_top), *((max(r, 0) * radius, sink_top + z * span) for r, z in line)]
     section = shapes.outline([*globe[:-1], (0.0, size_cm)])
