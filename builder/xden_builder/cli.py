@@ -6,11 +6,12 @@ import logging
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from xden1k.commands import DONE_IN_PART, Group, json_option, print_json
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from xden_builder.phantoms.check import SetReport
     from xden_builder.run import BuildReport, Outcome
     from xden_builder.speed import Comparison
+    from xden_builder.storage import Place
 
 __all__ = ["cli"]
 
@@ -126,47 +128,67 @@ def phantoms(
 
 
 @cli.command(epilog="Example: xden-build run captures --out dataset")
-@click.argument("captures", type=FOLDER)
-@click.option("--out", type=FOLDER, required=True, help="Dataset folder to write.")
+@click.argument("captures")
+@click.option("--out", required=True, help="Dataset folder to write.")
 @click.option(
     "--model",
-    type=click.Choice(["lac", "paper"]),
-    default="lac",
+    type=click.Choice(["poly", "paper"]),
+    default="poly",
     show_default=True,
-    help="lac: Levenberg-Marquardt with a gain per view; paper: Adam on full frames.",
+    help="poly: by the tube's spectrum, with pose and stray light; paper: one constant for all.",
 )
+@click.option("--parts", help="Other part meshes in place of the annotated ones.")
 @click.option(
-    "--parts",
-    type=click.Path(path_type=Path, file_okay=False, exists=True),
-    help="Other part meshes in place of the annotated ones.",
+    "--cluster",
+    metavar="ADDRESS",
+    default="",
+    help="Work on the Ray cluster there, in place of processes here.",
 )
 @workers_option
 @json_option
 def run(
-    captures: Path, out: Path, model: Any, parts: Path | None, workers: int, as_json: bool
+    captures: str,
+    out: str,
+    model: Any,
+    parts: str | None,
+    cluster: str,
+    workers: int,
+    as_json: bool,
 ) -> None:
     """Rebuild every object of a capture folder into a dataset folder.
 
-    Can be stopped and started again: finished objects are kept in OUT.work. Exits with 3 if some
-    objects failed; they are listed, and in OUT.work/build_report.json.
+    CAPTURES, --out and --parts are folders, or fsspec URLs such as s3://bucket/captures. Can be
+    stopped and started again: finished objects are kept in OUT.work. Exits with 3 if some objects
+    failed; they are listed, and in OUT.work/build_report.json.
     """
-    from xden_builder.capture import CaptureFolder
     from xden_builder.run import build
     from xden_builder.settings import BuildSettings
+    from xden_builder.storage import place
 
-    settings = BuildSettings(model=model)
-    with _bar(len(CaptureFolder(captures).object_ids)) as bar:
+    told = click.get_current_context().get_parameter_source("workers")
+    if cluster and told is ParameterSource.COMMANDLINE:
+        raise click.UsageError("--workers has no meaning with --cluster: Ray knows its cores")
+    with _bar() as bar, redirect_stdout(sys.stderr):  # where Ray tells of lost machines
 
         def on_done(outcome: Outcome) -> None:
             bar.update()
             if outcome.status == "failed":
                 bar.write(f"failed: {outcome.object_id}: {outcome.message}", file=sys.stderr)
 
-        report = build(captures, out, settings, workers=workers, parts=parts, on_done=on_done)
+        report = build(
+            place(captures),
+            place(out),
+            BuildSettings(model=model),
+            workers=workers,
+            cluster=cluster,
+            parts=place(parts) if parts else None,
+            on_start=bar.reset,
+            on_done=on_done,
+        )
     if as_json:
         print_json(report.to_dict())
     else:
-        _echo_report(report, out)
+        _echo_report(report, place(out))
     if report.failures:
         raise SystemExit(DONE_IN_PART)
 
@@ -293,7 +315,7 @@ def _echo_comparisons(rows: list[Comparison]) -> None:
 
 
 @contextmanager
-def _bar(total: int, unit: str = "object") -> Iterator[Any]:
+def _bar(total: int | None = None, unit: str = " objects") -> Iterator[Any]:
     """Progress bar, on a terminal only."""
     from tqdm import tqdm
 
@@ -320,14 +342,15 @@ def _echo_check(report: SetReport) -> None:
     )
 
 
-def _echo_report(report: BuildReport, out: Path) -> None:
+def _echo_report(report: BuildReport, out: Place) -> None:
     from xden_builder.run import REPORT_NAME, work_folder
+    from xden_builder.storage import inside
 
     for outcome in report.outcomes:
         if outcome.flags:
             click.echo(f"flagged: {outcome.object_id}: {', '.join(outcome.flags)}")
     counts = ", ".join(f"{report.count(s)} {s}" for s in ("built", "kept", "failed"))
-    click.echo(f"{out}: {counts}; report in {work_folder(out) / REPORT_NAME}")
+    click.echo(f"{out}: {counts}; report in {inside(work_folder(out), REPORT_NAME)}")
 
 
 def _echo_audits(report: AuditReport) -> None:

@@ -1,4 +1,4 @@
-"""Rebuild a folder of captures: a process per core, resumable, one bad object never stops the rest.
+"""Rebuild a folder of captures: resumable, on one machine or many, stopped by no bad object.
 
 Finished objects are kept as work files beside the result (``OUT.work/``). A rerun makes only what
 is missing or changed; the dataset folder itself appears complete or not at all.
@@ -8,28 +8,46 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
+import platform
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
 
 from xden1k import __version__
-from xden1k.errors import DataError
-from xden1k.folder import refuse_to_replace_others, write_rows
+from xden1k.errors import DataError, XDenError
+from xden1k.folder import exclusive, write_rows
 from xden1k.records import object_row
-from xden_builder.capture import CaptureFolder
+from xden_builder.capture import ObjectRow
+from xden_builder.cluster import run_on_cluster
 from xden_builder.reconstruct import reconstruct
 from xden_builder.settings import BuildSettings
+from xden_builder.storage import (
+    FULL,
+    UNFINISHED,
+    Place,
+    beside,
+    dataset_path,
+    inside,
+    make_folder,
+    object_capture,
+    object_rows,
+    refuse_other_folders,
+    room_for,
+    size_of,
+    write_bytes,
+)
 from xden_builder.work import load_row, save_row
-from xden_builder.workers import explain, run_each
+from xden_builder.workers import Answer, explain, run_each
 
 __all__ = [
     "REPORT_NAME",
     "BuildReport",
+    "OtherVersionError",
     "Outcome",
     "build",
     "work_folder",
@@ -37,10 +55,15 @@ __all__ = [
 
 BUILDER = f"xden-build {__version__}"
 REPORT_NAME = "build_report.json"
+LOCK_NAME = "run.lock"
 DATA_VERSION = "0.1.0"
 """Of the data a rebuild makes; a release sets its own tag."""
 
 Status = Literal["built", "kept", "failed"]
+
+
+class OtherVersionError(XDenError):
+    """A worker's machine has other code than the one that started the run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +82,8 @@ class Outcome:
         The object's flags and, as ``part:flag``, its parts'.
     seconds
         Wall time in the worker.
+    digest
+        Checksum of all it was made from; empty if it failed.
     """
 
     object_id: str
@@ -66,6 +91,7 @@ class Outcome:
     message: str = ""
     flags: tuple[str, ...] = ()
     seconds: float = 0.0
+    digest: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,12 +121,14 @@ class BuildReport:
 
 
 def build(
-    captures: Path,
-    out: Path,
+    captures: Place,
+    out: Place,
     settings: BuildSettings,
     *,
     workers: int,
-    parts: Path | None = None,
+    cluster: str = "",
+    parts: Place | None = None,
+    on_start: Callable[[int], None] = lambda _: None,
     on_done: Callable[[Outcome], None] = lambda _: None,
 ) -> BuildReport:
     """Rebuild every object of a capture folder into a dataset folder.
@@ -116,8 +144,13 @@ def build(
         How to rebuild.
     workers
         Number of processes.
+    cluster
+        Address of a Ray cluster, which then does the work in place of processes here. It must see
+        the paths given; what it does not see can be URLs.
     parts
         Other part meshes, ``PARTS/OBJECT_ID/parts``, in place of the annotated ones.
+    on_start
+        Called with the number of objects.
     on_done
         Called with each outcome as it comes.
 
@@ -125,67 +158,79 @@ def build(
     ------
     DataError
         If the capture folder as a whole is not readable, ``out`` is something else than a dataset
-        folder, or not one object could be built; then nothing is written to ``out``.
+        folder, another run is making it, or not one object could be built; then nothing is written
+        to ``out``.
+    OtherVersionError
+        If a machine of the cluster has other code than this one.
+    OSError
+        If a disk is full: at once, with what is finished kept for a rerun.
     """
-    folder = CaptureFolder(captures, parts)
-    refuse_to_replace_others(out)
+    rows = object_rows(captures)
+    if isinstance(parts, Path) and not parts.is_dir():
+        raise DataError(f"{parts}: no such folder of part meshes")
+    refuse_other_folders(out)
     work = work_folder(out)
-    work.mkdir(parents=True, exist_ok=True)
     made_by = _made_by(settings)
     task = partial(_build_object, captures, parts, settings, made_by, work)
-    outcomes = []
-    for object_id, answer in run_each(task, folder.object_ids, workers):
-        outcomes.append(_outcome(object_id, answer))
-        on_done(outcomes[-1])
-    report = BuildReport(tuple(sorted(outcomes, key=lambda outcome: outcome.object_id)))
-    _write_report(work / REPORT_NAME, report)
-    if report.count("failed") == len(report.outcomes):
-        first = report.failures[0]
-        raise DataError(
-            f"{captures}: no object could be built, {out} is not written; the first, "
-            f"{first.object_id}: {first.message}; all in {work / REPORT_NAME}"
-        )
-    write_rows(
-        _rows(folder, made_by, work, report),
-        out,
-        version=DATA_VERSION,
-        builder=BUILDER,
-        config_sha256=settings.digest,
-    )
+    with _only_run(work, out):
+        on_start(len(rows))
+        keys = rows.values()
+        answers = run_on_cluster(task, keys, cluster) if cluster else run_each(task, keys, workers)
+        report = _gather(answers, on_done)
+        _write_report(work, report)
+        _refuse_nothing(report, captures, out)
+        _assemble(report, work, out, settings)
     return report
 
 
-def work_folder(out: Path) -> Path:
+def work_folder(out: Place) -> Place:
     """Where the work files and the report of a dataset folder are kept."""
-    return out.with_name(f"{out.name}.work")
+    return beside(out, ".work")
+
+
+@contextmanager
+def _only_run(work: Place, out: Place) -> Iterator[None]:
+    """Make the work folder and keep other runs out of it, where it is a path."""
+    make_folder(work)
+    with ExitStack() as stack:
+        if isinstance(work, Path):
+            try:
+                stack.enter_context(exclusive(work / LOCK_NAME))
+            except BlockingIOError as err:
+                raise DataError(f"{out}: another run is making it") from err
+            for left in work.glob(f"*{UNFINISHED}"):  # by runs that were killed
+                left.unlink(missing_ok=True)
+        yield
 
 
 def _build_object(
-    captures: Path,
-    parts: Path | None,
+    captures: Place,
+    parts: Place | None,
     settings: BuildSettings,
     made_by: str,
-    work: Path,
-    object_id: str,
+    work: Place,
+    asked: ObjectRow,
 ) -> Outcome:
     """Build one object in a worker process, unless it is kept from before."""
+    if _made_by(settings) != made_by:
+        raise OtherVersionError(
+            f"{platform.node()} has another version of xden1k than the machine the run started on"
+        )
     start = time.perf_counter()
-    folder = CaptureFolder(captures, parts)
-    digest, path = _digest(folder, made_by, object_id), work / f"{object_id}.h5"
-    row = load_row(path, digest)
-    status: Status = "kept"
-    if row is None:
-        status = "built"
-        row = object_row(reconstruct(folder.read(object_id), settings))
-        save_row(path, digest, row)
-    return Outcome(object_id, status, "", _flags(row), time.perf_counter() - start)
+    object_id = asked.object_id
+    with object_capture(captures, parts, asked) as folder:
+        digest = hashlib.sha256(f"{made_by}\n{folder.digest(object_id)}".encode()).hexdigest()
+        row = load_row(work, object_id, digest)
+        status: Status = "kept"
+        if row is None:
+            status = "built"
+            row = object_row(reconstruct(folder.read(object_id), settings))
+            save_row(work, object_id, digest, row)
+    seconds = time.perf_counter() - start
+    return Outcome(object_id, status, "", _flags(row), seconds, digest)
 
 
-def _digest(folder: CaptureFolder, made_by: str, object_id: str) -> str:
-    """Checksum of everything a work file depends on."""
-    return hashlib.sha256(f"{made_by}\n{folder.digest(object_id)}".encode()).hexdigest()
-
-
+@cache
 def _made_by(settings: BuildSettings) -> str:
     """Checksum of settings and code, so that a corrected builder makes its objects anew."""
     digest = hashlib.sha256(f"{BUILDER}\n{settings.digest}\n".encode())
@@ -202,27 +247,66 @@ def _flags(row: Mapping[str, Any]) -> tuple[str, ...]:
     return (*row["flags"], *(f"{name}:{flag}" for name, flags in parts for flag in flags))
 
 
+def _gather(
+    answers: Generator[Answer[ObjectRow, Outcome], None, None],
+    on_done: Callable[[Outcome], None],
+) -> BuildReport:
+    """Take the answers as they come; what would fail the other objects too ends the run."""
+    outcomes = []
+    with closing(answers):
+        for row, answer in answers:
+            if isinstance(answer, OtherVersionError):
+                raise answer
+            if isinstance(answer, OSError) and answer.errno in FULL:
+                raise answer
+            outcomes.append(_outcome(row.object_id, answer))
+            on_done(outcomes[-1])
+    return BuildReport(tuple(sorted(outcomes, key=lambda outcome: outcome.object_id)))
+
+
 def _outcome(object_id: str, answer: Outcome | BaseException) -> Outcome:
     if isinstance(answer, Outcome):
         return answer
     return Outcome(object_id, "failed", explain(object_id, answer))
 
 
-def _rows(
-    folder: CaptureFolder, made_by: str, work: Path, report: BuildReport
-) -> Iterator[Mapping[str, Any]]:
+def _refuse_nothing(report: BuildReport, captures: Place, out: Place) -> None:
+    if report.count("failed") == len(report.outcomes):
+        first = report.failures[0]
+        raise DataError(
+            f"{captures}: no object could be built, {out} is not written; the first, "
+            f"{first.object_id}: {first.message}; all in {inside(work_folder(out), REPORT_NAME)}"
+        )
+
+
+def _assemble(report: BuildReport, work: Place, out: Place, settings: BuildSettings) -> None:
+    """Make the dataset folder of the work files."""
+    with (
+        dataset_path(out) as folder,
+        room_for(f"the dataset {folder.name}", folder.absolute().parent, lambda: size_of(work)),
+    ):
+        write_rows(
+            _rows(report, work),
+            folder,
+            version=DATA_VERSION,
+            builder=BUILDER,
+            config_sha256=settings.digest,
+        )
+
+
+def _rows(report: BuildReport, work: Place) -> Iterator[Mapping[str, Any]]:
     """Rows of the objects that are there, sorted by id."""
     for outcome in report.outcomes:
         if outcome.status != "failed":
-            digest = _digest(folder, made_by, outcome.object_id)
-            row = load_row(work / f"{outcome.object_id}.h5", digest)
+            row = load_row(work, outcome.object_id, outcome.digest)
             if row is None:
-                raise DataError(f"{outcome.object_id}: its capture changed during the rebuild")
+                raise DataError(
+                    f"{outcome.object_id}: its file in {work} is gone or has changed; does every "
+                    "worker see this folder?"
+                )
             yield row
 
 
-def _write_report(path: Path, report: BuildReport) -> None:
-    partial_path = path.with_suffix(".partial")
+def _write_report(work: Place, report: BuildReport) -> None:
     text = json.dumps(report.to_dict(), indent=2, ensure_ascii=False) + "\n"
-    partial_path.write_text(text, encoding="utf-8")
-    os.replace(partial_path, path)
+    write_bytes(inside(work, REPORT_NAME), text.encode())

@@ -15,12 +15,13 @@ from typing import TypeVar
 
 from xden1k.errors import XDenError
 
-__all__ = ["WorkerDiedError", "explain", "run_each"]
+__all__ = ["Answer", "WorkerDiedError", "explain", "run_each"]
 
 logger = logging.getLogger(__name__)
 
+Key = TypeVar("Key")
 Result = TypeVar("Result")
-Answer = tuple[str, Result | BaseException]
+Answer = tuple[Key, Result | BaseException]
 
 
 class WorkerDiedError(XDenError):
@@ -28,8 +29,8 @@ class WorkerDiedError(XDenError):
 
 
 def run_each(
-    task: Callable[[str], Result], keys: Iterable[str], workers: int
-) -> Iterator[Answer[Result]]:
+    task: Callable[[Key], Result], keys: Iterable[Key], workers: int
+) -> Generator[Answer[Key, Result], None, None]:
     """Run a task for each key and yield its result or its exception, as they come.
 
     When a process dies (out of memory, killed), the keys that were under way are tried once more,
@@ -41,12 +42,13 @@ def run_each(
     task
         A function that can be pickled.
     keys
-        What to work on; at most twice as many as there are workers are taken ahead.
+        What to work on, values that can be pickled; at most twice as many as there are workers are
+        taken ahead.
     workers
         Number of processes.
     """
     waiting = iter(keys)
-    suspects: list[str] = yield from _with_pool(task, waiting, workers, 2 * workers)
+    suspects: list[Key] = yield from _with_pool(task, waiting, workers, 2 * workers)
     while suspects:
         for key in suspects:  # alone, so that its death accuses nobody else
             if (yield from _with_pool(task, iter([key]), 1, 1)):
@@ -64,8 +66,8 @@ def explain(key: str, error: BaseException) -> str:
 
 
 def _with_pool(
-    task: Callable[[str], Result], keys: Iterator[str], workers: int, window: int
-) -> Generator[Answer[Result], None, list[str]]:
+    task: Callable[[Key], Result], keys: Iterator[Key], workers: int, window: int
+) -> Generator[Answer[Key, Result], None, list[Key]]:
     context = get_context("spawn")
     with (
         _one_thread_each(),
@@ -87,11 +89,11 @@ def _end_with_the_parent() -> None:
 
 
 def _finish(
-    pool: ProcessPoolExecutor, task: Callable[[str], Result], keys: Iterator[str], window: int
-) -> Generator[Answer[Result], None, list[str]]:
+    pool: ProcessPoolExecutor, task: Callable[[Key], Result], keys: Iterator[Key], window: int
+) -> Generator[Answer[Key, Result], None, list[Key]]:
     """Run keys until they are used up or the pool breaks; return the keys that were cut off."""
-    running: dict[Future[Result], str] = {}
-    died: list[str] = []
+    running: dict[Future[Result], Key] = {}
+    died: list[Key] = []
     while True:
         while not died and len(running) < window and (key := next(keys, None)) is not None:
             try:

@@ -1,5 +1,6 @@
 """A dataset folder: written whole or not at all, and read object by object."""
 
+from xden1k.folder.place import exclusive
 from xden1k.folder.reader import DatasetFolder, open_folder
 from xden1k.folder.writer import (
     SHARD_BYTES,
@@ -12,6 +13,7 @@ from xden1k.folder.writer import (
 __all__ = [
     "SHARD_BYTES",
     "DatasetFolder",
+    "exclusive",
     "file_sha256",
     "open_folder",
     "refuse_to_replace_others",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
@@ -20,6 +19,7 @@ from xden1k.card import citation_text, eval_text, readme_text
 from xden1k.croissant import croissant_text
 from xden1k.datasheet import DATASHEET_COLUMNS, datasheet_text
 from xden1k.errors import DataError
+from xden1k.folder.place import publish, staging
 from xden1k.manifest import MANIFEST_NAME, DataFile, Manifest
 from xden1k.records import object_row
 from xden1k.schema import DATA_SCHEMA, METADATA_SCHEMA
@@ -76,7 +76,8 @@ def write_rows(
 
     Rows are taken one at a time and go straight to the disk. The folder is built beside ``out``
     and renamed when it is complete, so that ``out`` is there whole or not at all; an older
-    dataset folder is replaced as a whole. The same rows and arguments give the same bytes.
+    dataset folder is replaced as a whole, on Linux in one step. What a killed writer left beside
+    ``out`` is removed. The same rows and arguments give the same bytes.
 
     Parameters
     ----------
@@ -110,8 +111,8 @@ def write_rows(
     out = out.resolve()
     refuse_to_replace_others(out)
     out.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as beside:
-        root = Path(beside) / "folder"
+    with staging(out) as beside:
+        root = beside / "folder"
         files = _write_shards(rows, root, shard_bytes)
         table = _light_table(root, files)
         rows_in = {file.split: file.rows for file in files if file.config == "metadata"}
@@ -125,7 +126,10 @@ def write_rows(
             files=files,
         )
         _write_documents(root, manifest, table)
-        _publish(root, out, old=Path(beside) / "old")
+        for path in (root, *root.rglob("*")):
+            _sync(path)
+        publish(root, out)
+        _sync(out.parent)
     return manifest
 
 
@@ -242,22 +246,8 @@ def _write_documents(root: Path, manifest: Manifest, table: pa.Table) -> None:
     (root / CHECKSUMS_NAME).write_text("".join(lines), encoding="utf-8", newline="\n")
 
 
-def _publish(root: Path, out: Path, old: Path) -> None:
-    """Wait for the disk, then put the folder in its place."""
-    for path in (root, *root.rglob("*")):
-        _sync(path)
-    if out.exists():
-        out.rename(old)
-    try:
-        root.rename(out)
-    except OSError:
-        if old.exists():
-            old.rename(out)
-        raise
-    _sync(out.parent)
-
-
 def _sync(path: Path) -> None:
+    """Wait until a file or folder is on the disk."""
     if os.name == "nt" and path.is_dir():  # folders cannot be opened there
         return
     handle = os.open(path, os.O_RDONLY)
