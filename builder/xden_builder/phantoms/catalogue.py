@@ -1,7 +1,7 @@
 """What there is to simulate: categories, and the materials that their parts are made of.
 
-The table is ``catalogue.csv``. A new category goes to its end and no row ever moves: which split an
-object falls into depends on the place of its category.
+The table is ``catalogue.csv``. A new category takes the row of one that goes, or the end, and no
+other row moves: which split an object falls into depends on the place of its category.
 """
 
 from __future__ import annotations

@@ -70,7 +70,7 @@ def skateboard(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     flat = [shapes.slab(plan, low, low + thick), shapes.slab(plan, low + thick, low + thick + 0.12)]
 
     def kick(x: np.ndarray) -> np.ndarray:
-        return 0.3 * np.maximum(np.abs(x) - base - 2.8, 0.0)
+        return np.asarray(0.3 * np.maximum(np.abs(x) - base - 2.8, 0.0))
 
     deck, grit = (fittings.bent(solid, kick, 1.5) for solid in flat)
     bolt = shapes.cylinder(0.24, low - 0.9, low + thick) + shapes.cylinder(

@@ -1,4 +1,4 @@
-"""Toys with insides: car, train, bricks, doll, bear, puzzle cube, stacking rings, yo-yo."""
+"""Toys with insides: car, train, bricks, puzzle cube, stacking rings, yo-yo."""
 
 from __future__ import annotations
 
@@ -98,63 +98,62 @@ def _drive(size: float, wheel: float, axle: tuple[float, float], z: float) -> li
 def toy_train(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     """Wooden engine: boiler, cab and funnel doweled on a bed, wheels on pins, magnets to couple."""
     wide, wheel = size_cm * rng.uniform(0.3, 0.36), size_cm * rng.uniform(0.1, 0.12)
-    count, bed, thick = int(rng.integers(2, 4)), 1.35 * wheel, 0.09 * size_cm
-    boiler, top = 0.38 * wide, bed + thick
-    base = shapes.rounded_box((0.92 * size_cm, wide, thick), 0.1 * thick, (0, 0, bed + thick / 2))
-    drum = shapes.along_x(
-        shapes.slab(shapes.disc(boiler), -0.1 * size_cm, 0.42 * size_cm, 0.2 * boiler)
-    )
-    drum = drum.translate((0, 0, top + 0.85 * boiler)) - base
-    cab = shapes.box(
-        (0.3 * size_cm, 0.86 * wide, 0.36 * size_cm), (-0.27 * size_cm, 0, top + 0.18 * size_cm)
-    )
-    cab -= shapes.box(
-        (0.2 * size_cm, 2 * wide, 0.15 * size_cm), (-0.28 * size_cm, 0, top + 0.24 * size_cm)
-    )
-    roof = shapes.rounded_box(
-        (0.4 * size_cm, wide, 0.06 * size_cm),
-        0.02 * size_cm,
-        (-0.27 * size_cm, 0, top + 0.388 * size_cm),
-    )
-    height = top + 1.85 * boiler
-    funnel = shapes.cylinder(0.04 * size_cm, height - 0.6 * boiler, height + 0.12 * size_cm)
-    funnel += shapes.cylinder(
-        0.045 * size_cm, height - 0.02 * size_cm, height + 0.12 * size_cm, 0.07 * size_cm
-    )
-    dome = shapes.sphere(0.06 * size_cm, (0.1 * size_cm, 0, height))
-    dowel = shapes.cylinder(0.02 * size_cm, bed + 0.3 * thick, top + 0.6 * boiler)
-    dowels = shapes.union(dowel.translate((x * size_cm, 0, 0)) for x in (-0.2, 0.25))
-    magnet = shapes.along_x(shapes.cylinder(0.035 * size_cm, 0.0, 0.03 * size_cm))
-    pin = shapes.along_x(shapes.cylinder(0.008 * size_cm, -0.06 * size_cm, 0.028 * size_cm))
-    ends = [(0.46 * size_cm, 0.0), (0.46 * size_cm, 180.0)]
-    pieces = []
-    for i, (x, turn) in enumerate(ends):
-        put = [s.translate((x, 0, bed + thick / 2)).rotate((0, 0, turn)) for s in (pin, magnet)]
-        pieces += [
-            Piece(f"nail_{i + 1}", "nail", put[0]),
-            Piece(f"magnet_{i + 1}", "magnet", put[1]),
-        ]
-    spots = np.linspace(-0.3, 0.3, count) * size_cm
+    count, low, thick = int(rng.integers(2, 4)), 1.35 * wheel, 0.09 * size_cm
+    bed = shapes.rounded_box((0.92 * size_cm, wide, thick), 0.1 * thick, (0, 0, low + thick / 2))
+    spots = [(float(x), 0.0, 0.0) for x in np.linspace(-0.3, 0.3, count) * size_cm]
     disc = shapes.along_y(shapes.slab(shapes.disc(wheel), 0.0, 0.08 * size_cm, 0.15 * wheel))
     disc = disc.translate((0, 0.36 * wide, wheel))
-    rod = shapes.along_y(shapes.cylinder(0.12 * wheel, -0.5 * wide, 0.5 * wide)).translate(
-        (0, 0, wheel)
-    )
-    block = shapes.box((0.9 * wheel, 0.7 * wide, bed - 0.6 * wheel), (0, 0, bed / 2 + 0.3 * wheel))
+    pair = disc + disc.mirror((0, 1, 0))
+    rod = shapes.along_y(shapes.cylinder(0.12 * wheel, -0.5 * wide, 0.5 * wide))
+    rod = rod.translate((0, 0, wheel))
+    block = shapes.box((0.9 * wheel, 0.7 * wide, low - 0.6 * wheel), (0, 0, low / 2 + 0.3 * wheel))
+    above = _engine(size_cm, wide, low + thick)
     return [
-        *pieces,
-        Piece("dowels", "dowel", dowels),
-        *(Piece(f"axle_{i + 1}", "nail", rod.translate((x, 0, 0))) for i, x in enumerate(spots)),
+        *_couplings(size_cm, low + thick / 2),
+        *above[:1],
+        *(Piece(f"axle_{i + 1}", "nail", rod.translate(at)) for i, at in enumerate(spots)),
+        Piece("wheels", "wheel", shapes.union(pair.translate(at) for at in spots)),
+        *above[1:],
+        Piece("bed", "bed", bed + shapes.union(block.translate(at) for at in spots)),
+    ]
+
+
+def _couplings(size: float, z: float) -> list[Piece]:
+    """Magnet in front and behind, each nailed to the bed."""
+    nail = shapes.along_x(shapes.cylinder(0.008 * size, 0.4 * size, 0.488 * size))
+    magnet = shapes.along_x(shapes.cylinder(0.035 * size, 0.46 * size, 0.49 * size))
+    ends = [
+        (role, solid.translate((0, 0, z))) for role, solid in (("nail", nail), ("magnet", magnet))
+    ]
+    return [
+        Piece(f"{role}_{side}", role, solid.rotate((0, 0, turn)))
+        for side, turn in (("front", 0.0), ("rear", 180.0))
+        for role, solid in ends
+    ]
+
+
+def _engine(size: float, wide: float, floor: float) -> list[Piece]:
+    """Give what stands on the bed: dowels, funnel and dome, boiler, cab, roof."""
+    boiler = 0.38 * wide
+    top = floor + 1.85 * boiler
+    drum = shapes.slab(shapes.disc(boiler), -0.1 * size, 0.42 * size, 0.2 * boiler)
+    drum = shapes.along_x(drum).translate((0, 0, floor + 0.85 * boiler))
+    cab = shapes.box((0.3 * size, 0.86 * wide, 0.36 * size), (-0.27 * size, 0, floor + 0.18 * size))
+    cab -= shapes.box((0.2 * size, 2 * wide, 0.15 * size), (-0.28 * size, 0, floor + 0.24 * size))
+    at = (-0.27 * size, 0, floor + 0.388 * size)
+    roof = shapes.rounded_box((0.4 * size, wide, 0.06 * size), 0.02 * size, at)
+    funnel = shapes.cylinder(0.04 * size, top - 0.6 * boiler, top)
+    funnel += shapes.cylinder(0.045 * size, top - 0.02 * size, top + 0.12 * size, 0.07 * size)
+    dome = shapes.sphere(0.06 * size, (0.1 * size, 0, top))
+    dowel = shapes.cylinder(0.02 * size, floor - 0.06 * size, floor + 0.6 * boiler)
+    return [
         Piece(
-            "wheels",
-            "wheel",
-            shapes.union((disc + disc.mirror((0, 1, 0))).translate((x, 0, 0)) for x in spots),
+            "dowels", "dowel", shapes.union(dowel.translate((x * size, 0, 0)) for x in (-0.2, 0.25))
         ),
-        Piece("funnel", "trim", funnel.translate((0.32 * size_cm, 0, 0)) + dome),
-        Piece("boiler", "boiler", drum),
+        Piece("funnel", "trim", funnel.translate((0.32 * size, 0, 0)) + dome),
+        Piece("boiler", "boiler", drum.trim_by_plane((0, 0, 1), floor)),
         Piece("cab", "cab", cab),
         Piece("roof", "trim", roof),
-        Piece("bed", "bed", base + shapes.union(block.translate((x, 0, 0)) for x in spots)),
     ]
 
 
@@ -300,153 +299,10 @@ def yo_yo(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     ]
 
 
-# --- to hold --------------------------------------------------------------------------------------
-
-
-def doll(rng: np.random.Generator, size_cm: float) -> list[Piece]:
-    """Hollow head and trunk of vinyl, limbs on an elastic cord, rooted hair, a skirt."""
-    wall, head = 0.1 + 0.004 * size_cm, 0.12 * size_cm
-    shoulder, hip = 0.7 * size_cm, 0.42 * size_cm
-    skull = fittings.ellipsoid((0.92 * head, 0.9 * head, head), (0, 0, 0.86 * size_cm))
-    inner = fittings.ellipsoid(
-        (0.92 * head - wall, 0.9 * head - wall, head - wall), (0, 0, 0.86 * size_cm)
-    )
-    neck = shapes.cylinder(0.35 * head, shoulder - 0.02 * size_cm, 0.78 * size_cm)
-    stations = [(hip - 0.03, 0.4), (hip, 0.75), (0.5 * size_cm, 0.72), (0.64 * size_cm, 0.8)]
-    stations += [(shoulder, 0.62), (shoulder + 0.02 * size_cm, 0.3)]
-    trunk, room = (
-        skins.loft(
-            [
-                (z, head * s - less, 0.7 * head * s - less)
-                for z, s in stations[1 - (less == 0.0) : 5]
-            ],
-            2.3,
-        )
-        for less in (0.0, wall)
-    )
-    arm = _limb(
-        (
-            (0, 0.74 * head, shoulder - 0.02 * size_cm),
-            (0.02 * size_cm, 1.25 * head, 0.55 * size_cm),
-            (0.07 * size_cm, 1.4 * head, hip),
-        ),
-        0.26 * head,
-    )
-    leg = _limb(
-        (
-            (0, 0.36 * head, hip + 0.01),
-            (0, 0.42 * head, 0.2 * size_cm),
-            (0, 0.44 * head, 0.04 * size_cm),
-        ),
-        0.33 * head,
-    )
-    shoe = shapes.rounded_box(
-        (0.8 * head, 0.6 * head, 0.08 * size_cm),
-        0.15 * head,
-        (0.1 * head, 0.44 * head, 0.04 * size_cm),
-    )
-    hair = fittings.ellipsoid(
-        (1.06 * head, 1.06 * head, 1.12 * head), (-0.12 * head, 0, 0.875 * size_cm)
-    )
-    hair -= shapes.box(
-        (2 * head, 4 * head, 1.5 * head), (1.3 * head, 0, 0.86 * size_cm - 0.2 * head)
-    )
-    eye = shapes.sphere(0.13 * head, (0.78 * head, 0.34 * head, 0.87 * size_cm))
-    skirt = shapes.cylinder(1.7 * head, 0.28 * size_cm, 0.5 * size_cm, 0.8 * head)
-    skirt -= shapes.cylinder(
-        1.7 * head - 0.15, 0.28 * size_cm - 1e-3, 0.5 * size_cm + 1e-3, 0.8 * head - 0.15
-    )
-    band = shapes.tube(0.85 * head, 0.5 * head, 0.48 * size_cm, 0.5 * size_cm)
-    cord = shapes.along_y(shapes.cylinder(0.12, -0.76 * head, 0.76 * head)).translate(
-        (0, 0, shoulder - 0.02 * size_cm)
-    )
-    pieces = [Piece("cord", "cord", cord), Piece("eyes", "eye", eye + eye.mirror((0, 1, 0)))]
-    pieces += [
-        Piece("left_shoe", "shoe", shoe),
-        Piece("right_shoe", "shoe", shoe.mirror((0, 1, 0))),
-    ]
-    for name, solid in (("arm", arm), ("leg", leg)):
-        pieces += [
-            Piece(f"left_{name}", "limb", solid),
-            Piece(f"right_{name}", "limb", solid.mirror((0, 1, 0))),
-        ]
-    return [
-        *pieces,
-        Piece("trunk", "trunk", trunk - room),
-        Piece(
-            "head",
-            "head",
-            (skull + neck) - inner - shapes.cylinder(0.35 * head - wall, 0.0, 0.8 * size_cm),
-        ),
-        Piece("hair", "hair", hair - skull),
-        Piece("skirt", "cloth", skirt + band),
-    ]
-
-
-def _limb(points: tuple[fittings.Point, ...], radius: float) -> Manifold:
-    """Tapered limb through its joints, a ball at each."""
-    sizes = [radius, 0.85 * radius, 0.7 * radius]
-    joints = zip(points, points[1:], sizes, sizes[1:], strict=False)
-    return shapes.union(fittings.strut(*joint) for joint in joints)
-
-
-def teddy_bear(rng: np.random.Generator, size_cm: float) -> list[Piece]:
-    """Plush that sits: stuffing in a cover, eyes and a nose on it, a voice box in its belly."""
-    shape = (rng.uniform(0.94, 1.06), rng.uniform(0.94, 1.06))
-    cloth = 0.25 + 0.006 * size_cm
-    outside, stuffing = (_bear(size_cm, shape, less) for less in (0.0, cloth))
-    eye = shapes.sphere(0.028 * size_cm, (0.19 * size_cm, 0.075 * size_cm, 0.82 * size_cm))
-    nose = fittings.ellipsoid(
-        (0.035 * size_cm, 0.045 * size_cm, 0.032 * size_cm), (0.275 * size_cm, 0, 0.765 * size_cm)
-    )
-    radius, centre = 0.09 * size_cm, 0.3 * size_cm
-    box = shapes.slab(shapes.disc(radius), -0.06 * size_cm, 0.06 * size_cm, 0.02 * size_cm)
-    room = shapes.cylinder(radius - 0.2, 0.2 - 0.06 * size_cm, 0.06 * size_cm - 0.2)
-    reed = shapes.tube(0.35 * radius, 0.2 * radius, 0.2 - 0.06 * size_cm, 0.02 * size_cm)
-    weight = shapes.cylinder(0.7 * radius, 0.02 * size_cm, 0.06 * size_cm - 0.2)
-    voice = {"reed": ("reed", reed), "weight": ("weight", weight), "voice": ("box", box - room)}
-    return [
-        *(
-            Piece(name, role, solid.translate((0, 0, centre)))
-            for name, (role, solid) in voice.items()
-        ),
-        Piece("eyes", "eye", eye + eye.mirror((0, 1, 0))),
-        Piece("nose", "eye", nose),
-        Piece("stuffing", "stuffing", stuffing - (box).translate((0, 0, centre))),
-        Piece("cover", "cover", outside - stuffing),
-    ]
-
-
-def _bear(size: float, shape: tuple[float, float], less: float) -> Manifold:
-    """Sitting bear that looks along x, shrunk by ``less``."""
-    fat, big = shape
-    balls = [
-        ((0.2 * fat, 0.21 * fat, 0.33), (0.0, 0.0, 0.31)),
-        ((0.19 * big, 0.21 * big, 0.185), (0.02, 0.0, 0.76)),
-        ((0.1, 0.1, 0.08), (0.19, 0.0, 0.73)),
-    ]
-    pairs = [
-        ((0.05, 0.085, 0.085), (0.0, 0.17 * big, 0.915)),
-        ((0.2, 0.095, 0.095), (0.2, 0.15, 0.1)),
-        ((0.055, 0.1, 0.11), (0.4, 0.17, 0.13)),
-        ((0.085, 0.08, 0.18), (0.09, 0.22 * fat, 0.36)),
-    ]
-    balls += [(radii, (x, s * y, z)) for radii, (x, y, z) in pairs for s in (-1, 1)]
-    solids = (
-        fittings.ellipsoid(
-            (a * size - less, b * size - less, c * size - less), (x * size, y * size, z * size)
-        )
-        for (a, b, c), (x, y, z) in balls
-    )
-    return shapes.union(solids).trim_by_plane((0, 0, 1), 0.012 * size + less)
-
-
 ARCHETYPES: Final = {
     "building_brick": Archetype(building_brick, "brick_odd brick_even"),
-    "doll": Archetype(doll, "cord eye shoe limb trunk head hair cloth"),
     "puzzle_cube": Archetype(puzzle_cube, "screw spring core cubie tile_a tile_b tile_c"),
     "stacking_rings": Archetype(stacking_rings, "weight peg ring_odd ring_even knob foot"),
-    "teddy_bear": Archetype(teddy_bear, "reed weight box eye stuffing cover"),
     "toy_car": Archetype(toy_car, "axle hub tyre gear spring motor case cell window floor shell"),
     "toy_train": Archetype(toy_train, "nail magnet dowel wheel trim boiler cab bed"),
     "yo_yo": Archetype(yo_yo, "axle bearing string half cap"),
