@@ -25,9 +25,9 @@ __all__ = ["COLUMN_SAMPLES", "ObjectGrids", "column_samples", "object_grids"]
 
 COLUMN_SAMPLES = 16
 """Least density of columns through a field voxel."""
-SLENDER = 4
-"""Objects on a base below 1 / SLENDER of the cube's get denser columns, up to SLENDER times. So few
-of the others meet a ruler on end that its mass is 1 % off; of these, 0.02 %."""
+SMALL_BASE, DENSEST = 0.5, 4
+"""An object on a base below this share of the cube's gets denser columns, up to so many times. So
+few of the others meet a ruler on end that its mass is 1 % off; of these, 0.02 %."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,8 +63,8 @@ def column_samples(
 ) -> int:
     """Density of columns that places an object's faces well: more for what stands on a small base.
 
-    No object gets more columns in all than one on a quarter of the cube's base, so that what is
-    slender costs no more than what is broad.
+    No object gets more columns in all than one on half of the cube's base, so that what is slender
+    costs no more than what is broad.
 
     Parameters
     ----------
@@ -83,8 +83,8 @@ def column_samples(
     """
     boxes = np.array([mesh.bounds[:, :2] for mesh in meshes if len(mesh.faces)])
     sides = (boxes.max(axis=(0, 1)) - boxes.min(axis=(0, 1))) / field.voxel_size_cm + 1
-    denser = np.sqrt(field.size**2 / SLENDER / sides.prod())
-    return int(np.ceil(least * np.clip(denser, 1, SLENDER)))
+    denser = np.sqrt(SMALL_BASE * field.size**2 / sides.prod())
+    return int(np.ceil(least * np.clip(denser, 1, DENSEST)))
 
 
 def object_grids(
