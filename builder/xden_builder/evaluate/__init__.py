@@ -1,0 +1,1 @@
+"""How well objects are rebuilt, where the truth is known: on simulated captures."""

@@ -1,0 +1,126 @@
+"""Ways to densities that are compared, and what each is allowed to know."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Final, Literal, get_args
+
+import numpy as np
+import trimesh
+from jaxtyping import Float64
+
+from xden1k.materials import families, load_materials
+from xden1k.physics import apparent_density_g_cm3
+from xden1k.rays import path_lengths
+from xden_builder.capture import Capture, CapturePart
+from xden_builder.fit import fit_lac_adam
+from xden_builder.poly.candidates import candidates
+from xden_builder.poly.estimate import densities, prepare
+from xden_builder.poly.posterior import Mass
+from xden_builder.poly.result import PolyFit, judged
+from xden_builder.poly.settings import PolySettings
+
+__all__ = ["ABLATIONS", "MODES", "Ablation", "Mode", "nominal", "paper", "poly", "scaled", "told"]
+
+Mode = Literal["labels", "families", "blind"]
+MODES: Final[tuple[Mode, ...]] = get_args(Mode)
+Densities = Float64[np.ndarray, "k"]
+
+
+@dataclass(frozen=True, slots=True)
+class Ablation:
+    """The fit without one of its parts, or told something wrong.
+
+    Parameters
+    ----------
+    settings
+        Of the fit.
+    copper_cm
+        Filter that the fit believes in and that is not there.
+    exposure
+        Factor on both radiographs.
+    """
+
+    settings: PolySettings = field(default_factory=PolySettings)
+    copper_cm: float = 0.0
+    exposure: float = 1.0
+
+    def applied(self, capture: Capture) -> Capture:
+        """Return the capture as the fit is told it."""
+        assert capture.tube is not None
+        filters = dict(capture.tube.filtration_cm)
+        if self.copper_cm:
+            filters["Cu"] = filters.get("Cu", 0.0) + self.copper_cm
+        pa, lat = (
+            replace(view, transmission=view.transmission * np.float32(self.exposure))
+            for view in capture.views
+        )
+        return replace(capture, tube=replace(capture.tube, filtration_cm=filters), views=(pa, lat))
+
+
+ABLATIONS: Final[Mapping[str, Ablation]] = MappingProxyType(
+    {
+        "everything": Ablation(),
+        "no gain": Ablation(PolySettings(gain=False)),
+        "no stray light": Ablation(PolySettings(stray=False)),
+        "no pose": Ablation(PolySettings(pose=False)),
+        "no edge weights": Ablation(PolySettings(edge_weights=False)),
+        "no sub-pixel averaging": Ablation(PolySettings(blocks=False)),
+        "0.1 mm Cu too much in the filter": Ablation(copper_cm=0.01),
+        "exposure 10 % off": Ablation(exposure=1.1),
+    }
+)
+
+
+def told(capture: Capture, mode: Mode) -> Capture:
+    """Take knowledge of the materials away: all but the families, or all."""
+    return replace(capture, parts=tuple(_told(part, mode) for part in capture.parts))
+
+
+def _told(part: CapturePart, mode: Mode) -> CapturePart:
+    if mode == "labels" or not part.material or part.material in families():
+        return part if mode != "blind" else replace(part, material="")
+    family = load_materials()[part.material].family
+    return replace(part, material=family if mode == "families" else "")
+
+
+def scaled(
+    density_g_cm3: Densities, regions: Sequence[trimesh.Trimesh], mass_g: float
+) -> Densities:
+    """Scale all densities so that the object has a known mass."""
+    volumes = np.array([float(region.volume) for region in regions])
+    return np.asarray(density_g_cm3 * mass_g / float(volumes @ density_g_cm3))
+
+
+def paper(capture: Capture, order: Sequence[int]) -> Densities:
+    """Give the paper's densities: one attenuation coefficient for each part by Adam, by 0.17."""
+    meshes = [part.mesh for part in capture.parts]
+    views = [(path_lengths(meshes, order, view.geometry), view) for view in capture.views]
+    lac = np.nan_to_num(fit_lac_adam(views).lac_per_cm)
+    return np.array([apparent_density_g_cm3(each) for each in lac.tolist()])
+
+
+def nominal(parts: Sequence[CapturePart]) -> Densities:
+    """Give what the labels say, without any X-ray: the median density of what a part may be."""
+    found = []
+    for part in parts:
+        options = sorted(candidates(part.material, hollow=part.hollow), key=lambda c: c.mean_g_cm3)
+        shares = np.cumsum(np.exp([each.log_prior for each in options]))
+        found.append(options[int(np.searchsorted(shares, shares[-1] / 2))].mean_g_cm3)
+    return np.array(found)
+
+
+def poly(
+    capture: Capture,
+    order: Sequence[int],
+    regions: Sequence[trimesh.Trimesh],
+    masses_g: Sequence[float | None],
+    settings: PolySettings,
+) -> list[PolyFit]:
+    """Fit the tube's spectrum, once for each mass that may be known; the pose does not need it."""
+    volumes = np.array([float(region.volume) for region in regions])
+    scene = prepare(capture, order, settings)
+    weighed = [None if mass is None else Mass(mass, volumes) for mass in masses_g]
+    return [judged(densities(scene, mass, settings), capture.parts) for mass in weighed]

@@ -1,0 +1,242 @@
+"""Every method on every object of a folder of simulated captures, a process per core."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from time import process_time
+from typing import Any, Final
+
+import numpy as np
+import trimesh
+from jaxtyping import Float64
+
+from xden1k.errors import DataError
+from xden1k.mass import mass_of_meshes
+from xden1k.rays import disjoint_regions, ownership_order
+from xden_builder.capture import Capture, CaptureFolder
+from xden_builder.evaluate.methods import (
+    ABLATIONS,
+    MODES,
+    Ablation,
+    Mode,
+    nominal,
+    paper,
+    poly,
+    scaled,
+    told,
+)
+from xden_builder.evaluate.truth import Errors, Truth, errors_of, read_truth
+from xden_builder.poly.result import PolyFit
+from xden_builder.poly.rigid import rigid_sd
+from xden_builder.poly.settings import PolySettings
+from xden_builder.workers import explain, run_each
+
+__all__ = ["BodyCheck", "Evaluation", "ObjectResult", "PartCheck", "evaluate"]
+
+Key = tuple[str, str]
+"""A method and what it was told."""
+
+
+@dataclass(frozen=True, slots=True)
+class PartCheck:
+    """One density of the polychromatic fit and the truth."""
+
+    density_g_cm3: float
+    sd_g_cm3: float
+    truth_g_cm3: float
+    source: str
+    flags: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class BodyCheck:
+    """Mass and centre of mass of the polychromatic fit: errors by their standard deviations."""
+
+    mass: float
+    com: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectResult:
+    """All methods on one object.
+
+    Parameters
+    ----------
+    errors
+        By method and what it was told.
+    parts
+        Of the fit without a weighed mass, by what it was told.
+    body
+        Of the fit with labels.
+    ablated
+        Errors by ablation; empty where it was not asked for.
+    seconds
+        Processor time of the methods that look at the images.
+    """
+
+    errors: dict[Key, Errors]
+    parts: dict[Mode, tuple[PartCheck, ...]]
+    body: BodyCheck
+    ablated: dict[str, Errors]
+    seconds: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """All objects.
+
+    Parameters
+    ----------
+    objects
+        By object id.
+    failures
+        Object id and reason of those that could not be evaluated.
+    """
+
+    objects: dict[str, ObjectResult]
+    failures: tuple[tuple[str, str], ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values for JSON."""
+        return {
+            "objects": {
+                object_id: {
+                    **asdict(result),
+                    "errors": [
+                        {"method": method, "told": mode, **asdict(errors)}
+                        for (method, mode), errors in result.errors.items()
+                    ],
+                }
+                for object_id, result in self.objects.items()
+            },
+            "failures": [{"object_id": key, "message": why} for key, why in self.failures],
+        }
+
+
+SEEDLESS: Final = "xden-evaluate"
+
+
+def evaluate(
+    captures: Path,
+    *,
+    ablated: int,
+    workers: int,
+    on_done: Callable[[str], None] = lambda _: None,
+) -> Evaluation:
+    """Run every method on every object.
+
+    Parameters
+    ----------
+    captures
+        Folder of simulated captures, with their truth.
+    ablated
+        Number of objects, drawn by their ids, that the ablations are run on.
+    workers
+        Processes.
+    on_done
+        Told of each object.
+
+    Raises
+    ------
+    DataError
+        If the folder cannot be read.
+    """
+    folder = CaptureFolder(captures)
+    drawn = sorted(folder.object_ids, key=_draw)[:ablated]
+    task = partial(_evaluate_object, captures, frozenset(drawn))
+    objects, failures = {}, []
+    for object_id, answer in run_each(task, folder.object_ids, workers):
+        if isinstance(answer, BaseException):
+            failures.append((object_id, explain(object_id, answer)))
+        else:
+            objects[object_id] = answer
+        on_done(object_id)
+    return Evaluation(dict(sorted(objects.items())), tuple(sorted(failures)))
+
+
+def _draw(object_id: str) -> bytes:
+    """Order of the objects that has nothing to do with their names."""
+    return hashlib.sha256(f"{SEEDLESS}/{object_id}".encode()).digest()
+
+
+def _evaluate_object(captures: Path, drawn: frozenset[str], object_id: str) -> ObjectResult:
+    capture = CaptureFolder(captures).read(object_id)
+    if capture.tube is None or capture.tube.kv is None:
+        raise DataError(f"{object_id}: expected a tube, got another source")
+    truth = read_truth(captures / object_id, capture.parts)
+    meshes = [part.mesh for part in capture.parts]
+    order = ownership_order(meshes, [part.priority for part in capture.parts])
+    bench = _Bench(capture, order, disjoint_regions(meshes, order), truth, {}, {})
+    bench.paper()
+    checks = {}
+    for mode in MODES:
+        fit = bench.mode(mode)
+        checks[mode] = _part_checks(fit, truth)
+        if mode == "labels":
+            body = _body_check(fit, bench.regions, truth)
+    ablated = {name: bench.ablation(each) for name, each in ABLATIONS.items() if object_id in drawn}
+    return ObjectResult(bench.errors, checks, body, ablated, bench.seconds)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Bench:
+    """One object that methods are tried on."""
+
+    capture: Capture
+    order: Sequence[int]
+    regions: Sequence[trimesh.Trimesh]
+    truth: Truth
+    errors: dict[Key, Errors]
+    seconds: dict[str, float]
+
+    def paper(self) -> None:
+        """Try the paper's way, with and without a weighed mass."""
+        begin = process_time()
+        density = paper(self.capture, self.order)
+        self.seconds["paper"] = process_time() - begin
+        self._keep("paper", "nothing", density)
+        self._keep("paper + mass", "nothing", self._scaled(density))
+
+    def mode(self, mode: Mode) -> PolyFit:
+        """Try what labels say and what X-rays say, and return the fit without a weighed mass."""
+        capture = told(self.capture, mode)
+        usual = nominal(capture.parts)
+        self._keep("labels alone", mode, usual)
+        self._keep("labels alone + mass", mode, self._scaled(usual))
+        begin = process_time()
+        masses = (None, self.truth.mass_g)
+        fits = poly(capture, self.order, self.regions, masses, PolySettings())
+        self.seconds[f"poly, {mode}, with and without mass"] = process_time() - begin
+        for name, fit in zip(("poly", "poly + mass"), fits, strict=True):
+            self._keep(name, mode, fit.solution.density_g_cm3)
+        return fits[0]
+
+    def ablation(self, ablation: Ablation) -> Errors:
+        """Try the fit without one of its parts."""
+        capture = ablation.applied(self.capture)
+        (fit,) = poly(capture, self.order, self.regions, [None], ablation.settings)
+        return errors_of(fit.solution.density_g_cm3, self.regions, self.truth)
+
+    def _scaled(self, density: Float64[np.ndarray, "k"]) -> Float64[np.ndarray, "k"]:
+        return scaled(density, self.regions, self.truth.mass_g)
+
+    def _keep(self, method: str, mode: str, density: Float64[np.ndarray, "k"]) -> None:
+        self.errors[method, mode] = errors_of(density, self.regions, self.truth)
+
+
+def _part_checks(fit: PolyFit, truth: Truth) -> tuple[PartCheck, ...]:
+    return tuple(
+        PartCheck(part.density_g_cm3, part.sd_g_cm3, known, part.source, part.flags)
+        for part, known in zip(fit.parts, truth.density_g_cm3.tolist(), strict=True)
+    )
+
+
+def _body_check(fit: PolyFit, regions: Sequence[trimesh.Trimesh], truth: Truth) -> BodyCheck:
+    density = fit.solution.density_g_cm3
+    body, sd = mass_of_meshes(regions, density.tolist()), rigid_sd(regions, density, fit.covariance)
+    off = (body.com_cm - truth.com_cm) / np.maximum(sd.com_cm, 1e-12)
+    return BodyCheck((body.mass_g - truth.mass_g) / sd.mass_g, tuple(off.tolist()))

@@ -1,0 +1,153 @@
+"""Tables of an evaluation, in Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from itertools import chain
+from typing import Final
+
+import numpy as np
+from tabulate import tabulate
+
+from xden_builder.evaluate.methods import ABLATIONS, MODES
+from xden_builder.evaluate.run import Evaluation, ObjectResult, PartCheck
+from xden_builder.evaluate.truth import Errors
+
+__all__ = ["FAR_OFF", "calibration_rows", "flag_rows", "markdown"]
+
+FAR_OFF: Final = 0.2
+"""A density off by a larger share must be flagged."""
+METHODS: Final = (
+    ("paper", ("nothing",)),
+    ("paper + mass", ("nothing",)),
+    ("labels alone", MODES),
+    ("labels alone + mass", MODES),
+    ("poly", MODES),
+    ("poly + mass", MODES),
+)
+GROUPS: Final[tuple[tuple[str, Callable[[PartCheck], bool]], ...]] = (
+    ("all parts", lambda part: True),
+    ("told by X-rays", lambda part: part.source == "xray"),
+    ("told by the prior", lambda part: part.source == "prior"),
+    ("without a flag", lambda part: not part.flags),
+    ("with a flag", lambda part: bool(part.flags)),
+)
+
+
+def markdown(evaluation: Evaluation) -> str:
+    """Write all tables: methods, calibration, flags, ablations."""
+    objects = list(evaluation.objects.values())
+    ablated = [each for each in objects if each.ablated]
+    sections = [
+        f"{len(objects)} simulated objects, {sum(len(o.parts['labels']) for o in objects)} parts. "
+        "Means over objects, medians in brackets.",
+        _method_table(objects),
+        "Standard deviations, polychromatic fit without a weighed mass: share of parts within one "
+        "and two of them (a normal distribution has 68 and 95 %).",
+        _table(
+            ("told", "parts", "number", "within 1 sd", "within 2 sd"), calibration_rows(objects)
+        ),
+        "Mass and centre of mass, told the labels:",
+        _table(("figure", "within 1 sd", "within 2 sd"), _body_rows(objects)),
+        f"Flags: parts off by more than {FAR_OFF:.0%}, and parts without any flag.",
+        _table(
+            ("told", "off", "of these flagged", "not flagged", f"of these within {FAR_OFF:.0%}"),
+            flag_rows(objects),
+        ),
+    ]
+    if ablated:
+        sections += [
+            f"Ablations, {len(ablated)} of the objects, told the labels.",
+            _ablation_table(ablated),
+        ]
+    return "\n\n".join(sections) + "\n"
+
+
+def _table(headers: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    aligned = ["left", *["right"] * (len(headers) - 1)]
+    text: str = tabulate(
+        list(rows), headers=headers, tablefmt="github", disable_numparse=True, colalign=aligned
+    )
+    return text
+
+
+def _columns(errors: Sequence[Errors]) -> list[str]:
+    density, mass, com = np.array(
+        [(e.density_mae_g_cm3, e.mass_ape, e.com_l1_cm) for e in errors]
+    ).T
+    return [
+        f"{density.mean():.3f} ({np.median(density):.3f})",
+        f"{100 * mass.mean():.1f} ({100 * np.median(mass):.1f})",
+        f"{10 * com.mean():.2f} ({10 * np.median(com):.2f})",
+    ]
+
+
+HEADERS: Final = ("density MAE, g/cm³", "mass error, %", "centre of mass L1, mm")
+
+
+def _method_table(objects: Sequence[ObjectResult]) -> str:
+    rows = [
+        [method, mode, *_columns([each.errors[method, mode] for each in objects])]
+        for method, modes in METHODS
+        for mode in modes
+    ]
+    return _table(("method", "told", *HEADERS), rows)
+
+
+def _ablation_table(objects: Sequence[ObjectResult]) -> str:
+    return _table(
+        ("fit", *HEADERS),
+        [[name, *_columns([each.ablated[name] for each in objects])] for name in ABLATIONS],
+    )
+
+
+def calibration_rows(objects: Sequence[ObjectResult]) -> list[list[str]]:
+    """Share of parts within one and two standard deviations, by group and knowledge."""
+    rows = []
+    for mode in MODES:
+        every = list(chain.from_iterable(each.parts[mode] for each in objects))
+        for name, belongs in GROUPS:
+            off = np.array(
+                [
+                    abs(part.density_g_cm3 - part.truth_g_cm3) / part.sd_g_cm3
+                    for part in every
+                    if belongs(part)
+                ]
+            )
+            if off.size:
+                rows.append([mode, name, str(off.size), _share(off <= 1), _share(off <= 2)])
+    return rows
+
+
+def _body_rows(objects: Sequence[ObjectResult]) -> list[list[str]]:
+    mass = np.abs([each.body.mass for each in objects])
+    com = np.abs([each.body.com for each in objects]).ravel()
+    return [
+        [name, _share(off <= 1), _share(off <= 2)]
+        for name, off in (("mass", mass), ("centre of mass, each axis", com))
+    ]
+
+
+def flag_rows(objects: Sequence[ObjectResult]) -> list[list[str]]:
+    """How many wrong densities are flagged, and how many unflagged ones are right."""
+    rows = []
+    for mode in MODES:
+        every = list(chain.from_iterable(each.parts[mode] for each in objects))
+        wrong = np.array(
+            [abs(part.density_g_cm3 / part.truth_g_cm3 - 1) > FAR_OFF for part in every]
+        )
+        flagged = np.array([bool(part.flags) for part in every])
+        rows.append(
+            [
+                mode,
+                str(wrong.sum()),
+                _share(flagged[wrong]),
+                _share(~flagged),
+                _share(~wrong[~flagged]),
+            ]
+        )
+    return rows
+
+
+def _share(yes: np.ndarray) -> str:
+    return f"{100 * yes.mean():.1f} %" if yes.size else "none"
