@@ -14,6 +14,7 @@ import click
 from click.core import ParameterSource
 
 from xden1k.commands import DONE_IN_PART, Group, json_option, print_json
+from xden_builder.evaluate_command import evaluate
 
 if TYPE_CHECKING:
     from xden_builder.audit_run import AuditReport
@@ -215,6 +216,9 @@ def audit(root: Path, captures: Path, workers: int, as_json: bool) -> None:
         _echo_audits(report)
     if not report.good:
         raise SystemExit(DONE_IN_PART)
+
+
+cli.add_command(evaluate)
 
 
 @cli.command(epilog="Example: xden-build gallery gallery.png")

@@ -128,8 +128,8 @@ class Scene:
         None where it was not sought.
     tables
         Candidates of each part.
-    start
-        What the parts are taken for at first.
+    choice
+        Which candidate each part is taken for at first.
     density_g_cm3
         Shape (K,): to start from.
     """
@@ -137,7 +137,7 @@ class Scene:
     seen: tuple[Seen, ...]
     pose: PoseFit | None
     tables: tuple[CandidateTable, ...]
-    start: StandIns
+    choice: list[int]
     density_g_cm3: Float64[np.ndarray, "k"]
 
 
@@ -192,7 +192,7 @@ def prepare(capture: Capture, order: Sequence[int], settings: PolySettings = DEF
         pose = refine_pose(capture.views, beams, meshes, order, start.mac_cm2_g, density)
         density = pose.density_g_cm3
     seen = _see(capture, beams, order, pose, settings)
-    return Scene(seen, pose, tables, start, density)
+    return Scene(seen, pose, tables, choice, density)
 
 
 def _see(
@@ -231,8 +231,8 @@ def densities(scene: Scene, mass: Mass | None, settings: PolySettings = DEFAULT)
     parts = len(tables)
     count = sum(len(each.samples.pixels) for each in seen)
     share = min(1.0, settings.worth_a_part * parts / max(count, 1))
-    now = loosened(scene.start)
-    best: list[int] = []
+    now = loosened(certain(tables, scene.choice))
+    best = scene.choice
     problem = _problem(seen, now, density, share, mass, settings)
     nuisances = problem.prior.mean[parts:]
     for _ in range(SWEEPS):

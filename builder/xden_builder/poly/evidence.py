@@ -16,8 +16,8 @@ from xden_builder.poly.settings import HUBER
 
 __all__ = ["MaterialPosterior", "Radiographs", "weigh_materials"]
 
-MOST_PIXELS: Final = 120
-MOST_BLOCKS: Final = 12
+MOST_PIXELS: Final = 60
+MOST_BLOCKS: Final = 6
 """Compared in each view; those left out lend their weight to these."""
 
 
