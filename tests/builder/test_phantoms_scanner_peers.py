@@ -76,6 +76,7 @@ def seen_by_gvxr(gvxr: ModuleType, phantom: Phantom, scanner: Scanner) -> Image:
     return np.fliplr(image) / np.float32(gvxr.getTotalEnergyWithDetectorResponse())
 
 
+@pytest.mark.peer
 def test_direct_beam_is_that_of_gvirtualxray() -> None:
     gvxr = pytest.importorskip(
         "gvxrPython3", reason="gVirtualXray (gvxr) cannot be imported here", exc_type=ImportError
