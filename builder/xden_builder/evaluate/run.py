@@ -238,5 +238,5 @@ def _part_checks(fit: PolyFit, truth: Truth) -> tuple[PartCheck, ...]:
 def _body_check(fit: PolyFit, regions: Sequence[trimesh.Trimesh], truth: Truth) -> BodyCheck:
     density = fit.solution.density_g_cm3
     body, sd = mass_of_meshes(regions, density.tolist()), rigid_sd(regions, density, fit.covariance)
-    off = (body.com_cm - truth.com_cm) / np.maximum(sd.com_cm, 1e-12)
+    off = (body.com_cm - truth.com_cm) / sd.com_cm
     return BodyCheck((body.mass_g - truth.mass_g) / sd.mass_g, tuple(off.tolist()))

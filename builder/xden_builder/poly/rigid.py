@@ -17,6 +17,8 @@ __all__ = ["SCALE_SD", "RigidSD", "rigid_sd"]
 
 SCALE_SD: Final = 0.005
 """Relative standard deviation of the size of the meshes: an assumption."""
+SURFACE_SD_CM: Final = 0.005
+"""How well meshes know where the middle of the space they enclose is: an assumption."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +73,7 @@ def rigid_sd(
     slopes = volumes[:, None] * off / mass
     return RigidSD(
         float(np.hypot(np.sqrt(volumes @ covariance @ volumes), 2 * scale_sd * mass)),
-        np.sqrt(np.einsum("ki,kl,li->i", slopes, covariance, slopes)),
+        np.hypot(np.sqrt(np.einsum("ki,kl,li->i", slopes, covariance, slopes)), SURFACE_SD_CM),
         np.hypot(
             np.sqrt(np.einsum("kij,kl,lij->ij", inertias, covariance, inertias)),
             4 * scale_sd * np.abs(inertia),
