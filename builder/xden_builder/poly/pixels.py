@@ -124,8 +124,8 @@ def choose_pixels(
     )
     found = met[inner].sum(axis=0)
     width = view.transmission.shape[0] // blocks.shape[0]
-    image, known = binned(view, width)
-    whole = known.ravel()[blocks.pixels] & ~blocks.broken
+    image, _ = binned(view, width)
+    whole = _whole(view.valid, width).ravel()[blocks.pixels] & ~blocks.broken
     wanted = (PIXELS_A_PART - found).clip(LEAST_BLOCKS, MOST_BLOCKS)
     outer = _some_of_each(rng, blocks.lengths_cm.any(axis=1) & whole[:, None], wanted)
     air = _air(view, lengths, rng)
@@ -177,6 +177,15 @@ def _some_of_each(
     order = rng.permutation(np.flatnonzero(met.any(axis=1)))
     chosen = [order[met[order, part]][:count] for part, count in enumerate(wanted.tolist())]
     return np.unique(np.concatenate(chosen))
+
+
+def _whole(
+    valid: Bool[np.ndarray, "rows columns"], width: int
+) -> Bool[np.ndarray, "block_rows block_columns"]:
+    """Blocks whose pixels are all valid: the model averages over all of them."""
+    rows, columns = (size // width for size in valid.shape)
+    cut = valid[: rows * width, : columns * width]
+    return np.asarray(cut.reshape(rows, width, columns, width).all(axis=(1, 3)))
 
 
 def _middles(
