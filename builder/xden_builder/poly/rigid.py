@@ -75,7 +75,7 @@ def rigid_sd(
         float(np.hypot(np.sqrt(volumes @ covariance @ volumes), 2 * scale_sd * mass)),
         np.hypot(np.sqrt(np.einsum("ki,kl,li->i", slopes, covariance, slopes)), SURFACE_SD_CM),
         np.hypot(
-            np.sqrt(np.einsum("kij,kl,lij->ij", inertias, covariance, inertias)),
+            np.sqrt(np.einsum("kij,kl,lij->ij", inertias, covariance, inertias).clip(min=0)),
             4 * scale_sd * np.abs(inertia),
         ),
     )
