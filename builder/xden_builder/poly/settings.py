@@ -44,7 +44,7 @@ class PolySettings:
     Raises
     ------
     DataError
-        If a number is negative or there is no evidence at all.
+        If a number is negative or none at all, or there is no evidence.
     """
 
     gain: bool = True
@@ -62,7 +62,7 @@ class PolySettings:
     def __post_init__(self) -> None:
         for each in fields(self):
             value = getattr(self, each.name)
-            if value < 0:
+            if not value >= 0:
                 raise DataError(f"{each.name} must not be negative, got {value:g}")
         if not (self.floor and self.worth_a_part and self.evidence_share):
             raise DataError("floor, worth_a_part and evidence_share must be above zero")
