@@ -73,7 +73,9 @@ def rigid_sd(
     slopes = volumes[:, None] * off / mass
     return RigidSD(
         float(np.hypot(np.sqrt(volumes @ covariance @ volumes), 2 * scale_sd * mass)),
-        np.hypot(np.sqrt(np.einsum("ki,kl,li->i", slopes, covariance, slopes)), SURFACE_SD_CM),
+        np.hypot(
+            np.sqrt(np.einsum("ki,kl,li->i", slopes, covariance, slopes).clip(min=0)), SURFACE_SD_CM
+        ),
         np.hypot(
             np.sqrt(np.einsum("kij,kl,lij->ij", inertias, covariance, inertias).clip(min=0)),
             4 * scale_sd * np.abs(inertia),
