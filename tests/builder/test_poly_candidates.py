@@ -1,0 +1,113 @@
+"""What a part may be: probabilities that add up, labels believed as far as they deserve."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.builder.poly_scenes import TUBE, box
+from xden1k.materials import families, load_materials
+from xden_builder.capture import CapturePart
+from xden_builder.poly.beam import energy_groups
+from xden_builder.poly.candidates import Candidate, candidate_table, candidates
+
+LIBRARY = load_materials()
+EVERY_LABEL = ["", *families(), *sorted(LIBRARY)]
+GROUPS = energy_groups(TUBE, "CsI")
+
+
+def chance(found: tuple[Candidate, ...], **wanted: str) -> float:
+    """Probability of all candidates of a material or a family."""
+    return sum(
+        math.exp(each.log_prior)
+        for each in found
+        if wanted.get("material", each.material) == each.material
+        and wanted.get("family", LIBRARY[each.material].family) == LIBRARY[each.material].family
+    )
+
+
+@pytest.mark.parametrize("hollow", [False, True])
+@pytest.mark.parametrize("label", EVERY_LABEL)
+def test_probabilities_add_up_to_one_and_the_likeliest_comes_first(label, hollow):
+    found = candidates(label, hollow=hollow)
+    assert chance(found) == pytest.approx(1)
+    priors = [each.log_prior for each in found]
+    assert priors == sorted(priors, reverse=True)
+    assert {each.material for each in found} == set(LIBRARY), "a label rules nothing out"
+
+
+@pytest.mark.parametrize("label", sorted(LIBRARY))
+def test_a_label_is_the_first_candidate(label):
+    assert candidates(label)[0].material == label
+    assert candidates(label, hollow=True)[0].material == label
+
+
+@pytest.mark.parametrize("label", sorted({*families()} - {"gas", "tissue"}))  # rare ones only
+def test_a_familys_name_is_believed_and_chooses_no_member(label):
+    found = candidates(label)
+    assert LIBRARY[found[0].material].family == label
+    assert chance(found, family=label) > 0.8
+
+
+def test_a_wrong_label_is_likelier_within_its_family():
+    found = candidates("aluminium")
+    assert chance(found, material="steel") > 3 * chance(found, material="pp")
+
+
+@pytest.mark.parametrize(("label", "least", "most"), [("steel", 0.85, 1.0), ("gold", 0.0, 0.5)])
+def test_labels_of_rare_materials_are_not_believed_outright(label, least, most):
+    assert least < chance(candidates(label), material=label) < most
+
+
+def test_rare_materials_are_seldom_guessed():
+    found = candidates("")
+    for rare in ("gold", "tungsten", "mercury"):
+        assert chance(found, material=rare) < 0.02 * chance(found, material="steel")
+
+
+@pytest.mark.parametrize("label", EVERY_LABEL)
+def test_bounds_hold_the_mean_and_every_deviation_is_positive(label):
+    for hollow in (False, True):
+        for each in candidates(label, hollow=hollow):
+            assert 0 < each.low_g_cm3 < each.mean_g_cm3 < each.high_g_cm3
+            assert each.sd_g_cm3 > 0
+
+
+def test_hollow_parts_may_be_lighter_but_not_denser():
+    for label in ("pp", "steel", "water"):
+        hollow, solid = candidates(label, hollow=True)[0], candidates(label)[0]
+        assert hollow.low_g_cm3 < 0.1 * solid.low_g_cm3
+        assert hollow.mean_g_cm3 < solid.mean_g_cm3
+        assert hollow.sd_g_cm3 > 5 * solid.sd_g_cm3
+        assert hollow.high_g_cm3 <= solid.high_g_cm3
+
+
+def test_mouldings_may_be_foamed_but_sheet_and_glass_not():
+    assert [each.solid for each in candidates("abs") if each.material == "abs"] == [True, False]
+    for dense in ("steel", "glass_soda_lime", "water"):
+        assert all(each.solid for each in candidates(dense) if each.material == dense)
+    for each in candidates("abs"):
+        if not each.solid:
+            assert each.high_g_cm3 <= LIBRARY[each.material].density_nominal_g_cm3
+
+
+def test_parts_of_one_label_share_a_table_of_their_candidates():
+    one, other, hollow = (
+        candidate_table(CapturePart(name, box((1, 1, 1)), "abs", hollow=hollow), GROUPS)
+        for name, hollow in (("a", False), ("b", False), ("c", True))
+    )
+    assert one is other
+    assert one is not hollow
+    for index in (0, 1, 40):
+        each = one.candidates[index]
+        mac = GROUPS.mac_cm2_g(LIBRARY[each.material].composition)
+        np.testing.assert_array_equal(one.mac_cm2_g[index], mac)
+        assert one.log_prior[index] == each.log_prior
+        assert one.priors[index].tolist() == [
+            each.mean_g_cm3,
+            each.sd_g_cm3,
+            each.low_g_cm3,
+            each.high_g_cm3,
+        ]

@@ -1,0 +1,140 @@
+"""The compiled forward model against plain loops, the search over materials against slabs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.builder.poly_scenes import TUBE
+from xden1k.materials import load_materials
+from xden_builder.poly import kernels
+from xden_builder.poly.beam import energy_groups
+from xden_builder.poly.settings import HUBER
+
+LIBRARY = load_materials()
+GROUPS = energy_groups(TUBE, "CsI")
+OPEN = GROUPS.weights_at(np.zeros(1))[0]
+ALL_MAC = np.stack([GROUPS.mac_cm2_g(each.composition) for each in LIBRARY.values()])
+seeds = st.integers(0, 2**32 - 1)
+
+
+def scene(rng, parts=3, rays=4, groups=5):
+    """Random path lengths, some of which miss a part, with shares of groups that add up to one."""
+    shape = (7, rays, parts)
+    lengths = (rng.uniform(0, 2, shape) * (rng.uniform(size=shape) < 0.6)).astype(np.float32)
+    weights = rng.uniform(size=(7, groups))
+    return (
+        lengths,
+        rng.integers(1, rays + 1, 7),
+        rng.uniform(0.1, 3.0, (parts, groups)),
+        rng.uniform(0.1, 2.0, parts),
+        weights / weights.sum(axis=1, keepdims=True),
+    )
+
+
+def predicted(lengths, rays, mac, density, weights):
+    transmission, slopes = np.empty(len(lengths)), np.empty((len(lengths), len(density)))
+    kernels.predict(lengths, rays, mac, density, weights, transmission, slopes)
+    return transmission, slopes
+
+
+@settings(max_examples=25, deadline=None)
+@given(seeds)
+def test_a_pixel_is_the_mean_over_its_rays_of_the_sum_over_energies(seed):
+    lengths, rays, mac, density, weights = scene(np.random.default_rng(seed))
+    expected = [
+        np.mean([weights[p] @ np.exp(-(lengths[p, s] * density) @ mac) for s in range(rays[p])])
+        for p in range(len(lengths))
+    ]
+    found, _ = predicted(lengths, rays, mac, density, weights)
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    bare = np.empty(len(lengths))
+    kernels.predict(lengths, rays, mac, density, weights, bare, np.empty((0, len(density))))
+    np.testing.assert_array_equal(bare, found)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seeds)
+def test_slopes_are_the_derivatives_by_the_densities(seed):
+    lengths, rays, mac, density, weights = scene(np.random.default_rng(seed))
+    _, slopes = predicted(lengths, rays, mac, density, weights)
+    step = 1e-5
+    for part, axis in enumerate(np.eye(len(density)) * step):
+        ahead, behind = (
+            predicted(lengths, rays, mac, density + way * axis, weights)[0] for way in (1, -1)
+        )
+        np.testing.assert_allclose(slopes[:, part], (ahead - behind) / (2 * step), atol=1e-8)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seeds)
+def test_scatter_starts_where_the_beam_is_both_bright_and_turned(seed):
+    rng = np.random.default_rng(seed)
+    lengths, _, mac, density, weights = scene(rng)
+    scattering = mac * rng.uniform(0.1, 0.9, mac.shape)
+    found = np.empty(len(lengths))
+    kernels.scattered(lengths, mac, scattering, density, weights, found)
+    expected = []
+    for p in range(len(lengths)):
+        areal = lengths[p] * density
+        expected.append(np.mean((np.exp(-areal @ mac) * (areal @ scattering)) @ weights[p]))
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def slab(mac, density, transmissions=(0.9, 0.6, 0.3, 0.1)):
+    """Thicknesses with about these transmissions at one energy, and the transmissions."""
+    ways = -np.log(transmissions) / (density * (mac @ OPEN))
+    return ways, np.exp(-np.outer(ways * density, mac)) @ OPEN
+
+
+def scanned(ways, measured, macs, priors, *, rays=1, sd=0.003):
+    """Densities, costs and curvatures of candidates."""
+    others, found = np.tile(OPEN, (len(ways), 1)), np.empty((len(macs), 3))
+    ends = np.arange(rays, len(ways) + 1, rays)
+    inverse_sd = np.full(len(measured), 1 / sd)
+    kernels.scan(others, ways, ends, measured, inverse_sd, 1.0, HUBER, macs, priors, found)
+    return found.T
+
+
+@pytest.mark.parametrize("name", sorted(LIBRARY))
+def test_search_finds_the_density_of_a_slab_and_nothing_unlike_explains_it_better(name):
+    material, index = LIBRARY[name], list(LIBRARY).index(name)
+    truth = material.density_nominal_g_cm3
+    ways, measured = slab(ALL_MAC[index], truth)
+    nominal = np.array([each.density_nominal_g_cm3 for each in LIBRARY.values()])
+    off = 1.5 * nominal  # a prior that knows no better than a factor of two
+    priors = np.stack([off, off, 0.05 * nominal, 4 * nominal], axis=1)
+    density, cost, curvature = scanned(ways, measured, ALL_MAC, priors)
+    assert density[index] == pytest.approx(truth, rel=0.002)
+    assert (curvature > 0).all()
+    likelihood = cost - 0.5 * ((density - off) / off) ** 2
+    assert likelihood[index] < 0.1
+    unlike = np.abs(ALL_MAC / ALL_MAC[index] - 1).max(axis=1) > 0.5
+    assert likelihood[unlike].min() > likelihood[index]
+
+
+def test_search_averages_the_rays_of_a_pixel():
+    mac = ALL_MAC[list(LIBRARY).index("aluminium")]
+    ways, light = slab(mac, 2.7, (0.9, 0.5, 0.7, 0.2))
+    priors = np.array([[2.7, 2.7, 0.1, 9.0]])
+    density, _, _ = scanned(ways, light.reshape(2, 2).mean(axis=1), mac[None], priors, rays=2)
+    assert density[0] == pytest.approx(2.7, rel=1e-3)
+
+
+def test_search_stays_between_the_bounds_and_a_sure_prior_holds():
+    mac = ALL_MAC[list(LIBRARY).index("steel")]
+    ways, measured = slab(mac, 7.85)
+    bounded, sure = np.array([[7.0, 1.0, 6.5, 7.2]]), np.array([[7.0, 1e-4, 6.5, 9.0]])
+    assert scanned(ways, measured, mac[None], bounded)[0] == 7.2
+    assert scanned(ways, measured, mac[None], sure)[0] == pytest.approx(7.0, rel=1e-3)
+
+
+def test_one_wild_pixel_does_not_move_the_search_far():
+    mac = ALL_MAC[list(LIBRARY).index("pp")]
+    ways, measured = slab(mac, 0.9, np.linspace(0.9, 0.2, 30))
+    measured[7] = 1.0
+    priors = np.array([[0.9, 0.9, 0.05, 4.0]])
+    density, _, _ = scanned(ways, measured, mac[None], priors)
+    assert density[0] == pytest.approx(0.9, rel=0.01)

@@ -1,0 +1,147 @@
+"""Which samples are compared, and how far each is trusted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.builder.poly_scenes import TUBE, captured, tool
+from xden1k.rays import ownership_order, path_lengths
+from xden_builder.capture import Capture
+from xden_builder.fit.outline import on_outline
+from xden_builder.poly.beam import Heel, ViewBeam, energy_groups
+from xden_builder.poly.candidates import candidate_table
+from xden_builder.poly.pixels import BLOCK_PX, BLOCK_RAYS, ViewPixels, choose_pixels
+from xden_builder.poly.pose import coarse
+from xden_builder.poly.settings import PolySettings
+from xden_builder.poly.stand_ins import certain
+from xden_builder.poly.trust import sample_sd
+
+GROUPS = energy_groups(TUBE, "CsI")
+MESHES = [solid.mesh for solid in tool()]
+ORDER = ownership_order(MESHES)
+
+
+@pytest.fixture(scope="module")
+def capture() -> Capture:
+    return captured(tool(), size=126)
+
+
+def lengths_of(view):
+    """Of its pixels, and of its blocks."""
+    return (
+        path_lengths(MESHES, ORDER, view.geometry),
+        path_lengths(MESHES, ORDER, coarse(view.geometry, BLOCK_PX), BLOCK_RAYS),
+    )
+
+
+def chosen(view, seed=0) -> ViewPixels:
+    beam = ViewBeam(GROUPS, view.geometry, Heel())
+    return choose_pixels(view, *lengths_of(view), beam, np.random.default_rng(seed))
+
+
+def test_every_part_is_sampled_and_air_on_all_sides(capture):
+    for view in capture.views:
+        samples = chosen(view)
+        assert (samples.meets.sum(axis=0) >= 50).all()
+        air = ~samples.meets.any(axis=1)
+        rows, columns = np.divmod(samples.pixels[air], 126)
+        assert air.sum() == 300
+        assert np.ptp(rows) > 63
+        assert np.ptp(columns) > 63
+        assert (samples.measured[air] == 1).all()
+
+
+def test_inner_pixels_stand_alone_and_outlines_come_in_blocks(capture):
+    view = capture.views[1]
+    lengths, _ = lengths_of(view)
+    outline = set(lengths.pixels[on_outline(lengths)].tolist())
+    samples = chosen(view)
+    alone = samples.meets.any(axis=1) & ~samples.is_block
+    assert not outline & set(samples.pixels[alone].tolist())
+    assert (samples.rays[alone] == 1).all()
+    assert (samples.rays[samples.is_block] == BLOCK_RAYS**2).all()
+    middle = np.divmod(samples.pixels[samples.is_block], 126)
+    assert all(((index - 1) % BLOCK_PX == 0).all() for index in middle)
+
+
+def test_the_model_of_a_sample_is_its_measured_transmission(capture):
+    mac = np.stack([table.mac_cm2_g[0] for table in tables()])
+    density = np.array([solid.density_g_cm3 for solid in tool()])
+    for view in capture.views:
+        samples = chosen(view)
+        model, _ = samples.predict(mac, density)
+        kinds = {"pixel": ~samples.is_block, "block": samples.is_block}
+        for kind, limit in (("pixel", 0.005), ("block", 0.01)):
+            off = np.abs(model - samples.measured)[kinds[kind]]
+            assert np.quantile(off, 0.95) < limit, kind
+
+
+def tables():
+    return [candidate_table(solid.annotated, GROUPS) for solid in tool()]
+
+
+def test_pixels_that_are_not_valid_are_not_compared(capture):
+    view = capture.views[0]
+    valid = np.random.default_rng(1).random(view.valid.shape) > 0.3
+    image = np.where(valid, view.transmission, np.nan).astype(np.float32)
+    samples = chosen(replace(view, transmission=image, valid=valid))
+    assert np.isfinite(samples.measured).all()
+    assert valid.flat[samples.pixels[~samples.is_block]].all()
+    for row, column in zip(*np.divmod(samples.pixels[samples.is_block], 126), strict=True):
+        assert valid[row - 1 : row + 2, column - 1 : column + 2].all(), "a block with a hole"
+
+
+def test_the_same_numbers_choose_the_same_samples(capture):
+    view = capture.views[0]
+    first, again, other = chosen(view), chosen(view), chosen(view, seed=1)
+    np.testing.assert_array_equal(first.pixels, again.pixels)
+    assert first.pixels.tolist() != other.pixels.tolist()
+
+
+def trusted(view, samples, noise_sd=0.0, stray=0.0, **choices):
+    lengths, blocks = lengths_of(view)
+    taken = certain(tables(), [0, 0, 0])
+    return sample_sd(
+        samples,
+        lengths,
+        blocks,
+        ViewBeam(GROUPS, view.geometry, Heel()),
+        taken.mac_cm2_g,
+        taken.mean_g_cm3,
+        np.full((len(samples.pixels), 3), stray),
+        noise_sd,
+        PolySettings(**choices),
+    )
+
+
+def test_bare_air_errs_by_the_floor_and_nothing_by_less(capture):
+    view = capture.views[0]
+    samples = chosen(view)
+    sd = trusted(view, samples)
+    air = ~samples.meets.any(axis=1)
+    np.testing.assert_allclose(sd[air], PolySettings().floor, rtol=1e-9)
+    assert sd.min() >= PolySettings().floor
+
+
+def test_each_error_adds_to_the_others(capture):
+    view = capture.views[0]
+    samples = chosen(view)
+    least = trusted(view, samples)
+    assert (trusted(view, samples, noise_sd=0.01) > least).all()
+    assert (trusted(view, samples, stray=0.5) > least).all()
+    assert (trusted(view, samples, floor=0.02) > least).all()
+    met = samples.meets.any(axis=1)
+    assert (trusted(view, samples, model_share=0.1) >= least).all()
+    assert (trusted(view, samples, model_share=0.1) > least)[met].mean() > 0.95
+
+
+def test_edges_are_trusted_less_unless_told_otherwise(capture):
+    view = capture.views[0]
+    samples = chosen(view)
+    careful, blind = (trusted(view, samples, edge_weights=choice) for choice in (True, False))
+    assert (careful >= blind).all()
+    blocks = samples.is_block
+    assert np.median((careful / blind)[blocks]) > 2 * np.median((careful / blind)[~blocks])

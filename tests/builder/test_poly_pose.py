@@ -1,0 +1,164 @@
+"""Poses: a scanner moved sees what an object moved shows, and refinement finds it again."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from tests.builder.fit_scenes import FLAT
+from tests.builder.poly_scenes import (
+    TUBE,
+    box,
+    capture_of,
+    composition,
+    cylinder,
+    geometries,
+    radiograph,
+    tool,
+)
+from xden1k.rays import ownership_order, path_lengths
+from xden1k.views import XRayView
+from xden_builder.poly.beam import Heel, ViewBeam, energy_groups
+from xden_builder.poly.pose import Pose, binned, coarse, posed
+from xden_builder.poly.refine import PoseFit, refine_pose
+
+PARALLEL = replace(FLAT, pixel00_cm=np.array([-1.13, -4.0, 1.17]))
+small = st.floats(-0.4, 0.4)
+triples = st.tuples(small, small, small)
+poses = st.builds(Pose, triples, triples, st.floats(-0.1, 0.1), triples)
+
+
+def moved(points_cm, pose):
+    """Where points of an object at rest stand in a pose."""
+    turn = Rotation.from_rotvec(pose.rotation_rad)
+    return turn.apply(points_cm - pose.centre_cm) + pose.centre_cm + pose.shift_cm
+
+
+def slid(geometry, pose):
+    """The panel displaced along its rows' step."""
+    row = geometry.row_step_cm
+    where = geometry.pixel00_cm + pose.row_shift_cm * row / np.linalg.norm(row)
+    return replace(geometry, pixel00_cm=where)
+
+
+@settings(max_examples=20, deadline=None)
+@given(poses, st.booleans(), st.sampled_from(["cone", "parallel"]))
+def test_a_moved_scanner_sees_of_meshes_at_rest_what_moved_meshes_show(pose, shifted, beam):
+    geometry = PARALLEL if beam == "parallel" else geometries(size=24, width_cm=3.0)["lat"]
+    meshes = [box((0.5, 0.9, 0.4)), cylinder(0.3, 1.1, (0.2, 0.1, 0.3))]
+    turned = [mesh.copy() for mesh in meshes]
+    for mesh in turned:
+        mesh.vertices = moved(mesh.vertices, pose)
+    ours = path_lengths(meshes, [1, 0], posed(geometry, pose, shifted_rows=shifted))
+    there = path_lengths(turned, [1, 0], slid(geometry, pose) if shifted else geometry)
+    np.testing.assert_array_equal(ours.pixels, there.pixels)
+    np.testing.assert_allclose(ours.lengths_cm, there.lengths_cm, atol=2e-6)
+
+
+def test_no_pose_moves_nothing():
+    for geometry in (FLAT, *geometries(size=16).values()):
+        same = posed(geometry, Pose(centre_cm=(1.0, 2.0, 3.0)), shifted_rows=True)
+        for name in ("pixel00_cm", "column_step_cm", "row_step_cm", "source_cm", "direction"):
+            vector = getattr(geometry, name)
+            if vector is not None:
+                np.testing.assert_allclose(getattr(same, name), vector, atol=1e-12)
+
+
+@settings(deadline=None)
+@given(poses)
+def test_poses_come_back_from_json(pose):
+    kept = json.loads(json.dumps(pose.to_dict() | {"rms_after": 0.1}))
+    assert Pose.from_dict(kept) == pose
+    assert replace(pose, rotation_rad=(0.0,) * 3).moved(pose.vector) == pose
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(1, 4), st.integers(0, 2**32 - 1))
+def test_bins_are_means_of_their_valid_pixels(binning, seed):
+    rng = np.random.default_rng(seed)
+    image = rng.uniform(size=(9, 11)).astype(np.float32)
+    valid = rng.uniform(size=image.shape) < 0.6
+    image[~valid] = np.nan
+    geometry = replace(FLAT, shape=image.shape)
+    found, known = binned(XRayView("pa", image, valid, geometry), binning)
+    assert found.shape == known.shape == coarse(geometry, binning).shape
+    for row, column in np.ndindex(*found.shape):
+        here = np.s_[row * binning : (row + 1) * binning, column * binning : (column + 1) * binning]
+        assert known[row, column] == valid[here].any()
+        expected = image[here][valid[here]].mean() if valid[here].any() else 1.0
+        assert found[row, column] == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_coarse_pixel_lies_in_the_middle_of_its_pixels():
+    geometry = geometries(size=12)["lat"]
+    index = np.arange(4.0)
+    rows, columns = (each.ravel() for each in np.meshgrid(index, index, indexing="ij"))
+    (centre,) = coarse(geometry, 4).pixel_centres_cm(np.array([1.0]), np.array([2.0]))
+    fine = geometry.pixel_centres_cm(4 + rows, 8 + columns)
+    np.testing.assert_allclose(centre, fine.mean(axis=0), atol=1e-12)
+
+
+# refinement
+
+
+def refined(true: Pose, size: int = 256, factor: float = 1.1) -> PoseFit:
+    """Show an object in a pose, and look for it from rest and from wrong densities."""
+    solids, scanner = tool(), geometries(size)
+    views = [
+        replace(
+            radiograph(solids, name, posed(geometry, true, shifted_rows=name == "lat")),
+            geometry=geometry,
+        )
+        for name, geometry in scanner.items()
+    ]
+    groups = energy_groups(TUBE, "CsI")
+    meshes = [solid.mesh for solid in solids]
+    return refine_pose(
+        capture_of(solids, views).views,
+        [ViewBeam(groups, view.geometry, Heel()) for view in views],
+        meshes,
+        ownership_order(meshes),
+        np.stack([groups.mac_cm2_g(composition(solid.material)) for solid in solids]),
+        np.array([factor * solid.density_g_cm3 for solid in solids]),
+    )
+
+
+@pytest.fixture(scope="module")
+def lost_and_found():
+    """A pose 1 degree, 1 mm and 0.3 pixels off, and what refinement makes of it."""
+    degree, shift_cm = np.radians(1) / np.sqrt(3), 0.1 / np.sqrt(3)
+    true = Pose((degree, -degree, degree), (shift_cm, shift_cm, -shift_cm), 0.3 * 14 / 256)
+    return true, refined(true)
+
+
+def test_a_degree_a_millimetre_and_a_third_of_a_pixel_are_found_again(lost_and_found):
+    true, fit = lost_and_found
+    turn = Rotation.from_rotvec(fit.pose.rotation_rad)
+    left = turn * Rotation.from_rotvec(true.rotation_rad).inv()
+    assert np.degrees(left.magnitude()) < 0.05
+    points = np.concatenate([solid.mesh.vertices for solid in tool()])
+    off_cm = np.linalg.norm(moved(points, fit.pose) - moved(points, true), axis=1)
+    assert off_cm.max() < 0.01
+    assert fit.pose.row_shift_cm == pytest.approx(true.row_shift_cm, abs=0.002)
+
+
+def test_refinement_says_how_well_it_went(lost_and_found):
+    _, fit = lost_and_found
+    assert fit.rms_after < 0.2 * fit.rms_before
+    assert fit.gain == pytest.approx([1, 1], abs=0.002)
+    assert fit.density_g_cm3 == pytest.approx([solid.density_g_cm3 for solid in tool()], rel=0.05)
+    assert (fit.sd > 0).all()
+    assert np.degrees(fit.sd[:3]).max() < 0.2
+    assert fit.sd[3:].max() < 0.01
+
+
+def test_an_object_in_its_place_is_left_there():
+    fit = refined(Pose(), size=128, factor=1.0)
+    assert np.degrees(np.abs(fit.pose.rotation_rad)).max() < 0.3
+    assert np.abs(fit.pose.vector[3:]).max() < 0.01

@@ -1,0 +1,121 @@
+"""The posterior: derivatives, a scale's word, and unknowns that are switched off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.builder.poly_scenes import captured, owned_volumes_cm3, solved, tool, true_mass_g
+from xden_builder.poly.estimate import Solution
+from xden_builder.poly.posterior import NUISANCES, Mass, solve
+from xden_builder.poly.settings import PolySettings
+
+SIZE = 64
+
+
+@pytest.fixture(scope="module")
+def solution() -> Solution:
+    """A small object whose place is known."""
+    return solved(captured(tool(), size=SIZE), pose=False)
+
+
+def between_bounds(solution: Solution, rng: np.random.Generator) -> np.ndarray:
+    """Some unknowns, none at a bound."""
+    prior = solution.problem.prior
+    drawn = rng.normal(solution.minimum.unknowns, 0.3 * prior.sd)
+    return np.asarray(drawn.clip(prior.low + 1e-3, prior.high - 1e-3))
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.booleans())
+def test_gradient_is_the_derivative_of_the_loss(solution, seed, weighed):
+    problem = solution.problem
+    if weighed:
+        problem = replace(problem, mass=Mass(60.0, np.array([1.2, 36.0, 7.6])))
+    point = between_bounds(solution, np.random.default_rng(seed))
+    gradient = problem.evaluate(point).gradient
+    for index, axis in enumerate(np.eye(len(point)) * 1e-6):
+        slope = (problem.evaluate(point + axis).loss - problem.evaluate(point - axis).loss) / 2e-6
+        assert 2 * gradient[index] == pytest.approx(slope, rel=1e-3, abs=1e-3), index
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_curvature_is_positive_everywhere(solution, seed):
+    point = between_bounds(solution, np.random.default_rng(seed))
+    hessian = solution.problem.evaluate(point).hessian
+    np.testing.assert_allclose(hessian, hessian.T)
+    scale = np.sqrt(hessian.diagonal())
+    assert np.linalg.eigvalsh(hessian / np.outer(scale, scale)).min() > 1e-6
+
+
+def test_there_is_one_density_a_part_and_four_unknowns_a_view(solution):
+    assert len(solution.minimum.unknowns) == 3 + 2 * NUISANCES
+    assert solution.problem.parts == 3
+    together = [*range(3), *np.r_[solution.problem.nuisances(0), solution.problem.nuisances(1)]]
+    assert together == list(range(11))
+
+
+def test_the_solution_is_a_minimum_within_bounds(solution):
+    problem, found = solution.problem, solution.minimum
+    assert found.converged
+    free = (found.unknowns > problem.prior.low) & (found.unknowns < problem.prior.high)
+    pull = found.evaluation.gradient / np.sqrt(found.evaluation.hessian.diagonal())
+    assert np.abs(pull[free]).max() < 1e-3
+    assert (found.evaluation.gradient[found.unknowns <= problem.prior.low] >= 0).all()
+
+
+def test_images_of_the_model_itself_give_its_unknowns_back(solution):
+    problem = solution.problem
+    truth = np.array([7.85, 0.905, 1.0, 1.03, 0.06, 0.05, 0.03, 0.97, 0.09, 0.02, 0.03])
+    views = [
+        replace(view, measured=problem.image(truth, number)[0])
+        for number, view in enumerate(problem.views)
+    ]
+    found = solve(replace(problem, views=views), problem.prior.mean).unknowns
+    assert found[:3] == pytest.approx(truth[:3], rel=0.002)
+    assert found[[3, 7]] == pytest.approx(truth[[3, 7]], rel=0.002)
+    for number, strays in enumerate(problem.strays):  # near and far scatter are alike
+        amplitudes = slice(4 + 4 * number, 7 + 4 * number)
+        veil_off = strays @ (found[amplitudes] - truth[amplitudes])
+        assert np.abs(veil_off).max() < PolySettings().floor
+
+
+@pytest.mark.parametrize("factor", [0.97, 1.0, 1.04])
+def test_a_weighed_mass_pulls_the_mass_as_far_as_images_and_materials_bear(factor):
+    capture = captured(tool(), size=SIZE)
+    weighed_g, volumes_cm3 = factor * true_mass_g(tool()), owned_volumes_cm3(capture)
+    free, pulled = (
+        float(volumes_cm3 @ solved(each, pose=False).density_g_cm3)
+        for each in (capture, replace(capture, weighed_mass_g=weighed_g))
+    )
+    assert abs(pulled - weighed_g) < max(0.75 * abs(free - weighed_g), 0.005 * weighed_g)
+
+
+@pytest.mark.parametrize(("gain", "stray"), [(False, True), (True, False), (False, False)])
+def test_what_is_not_modelled_stays_where_it_is(gain, stray):
+    capture = captured(tool(), size=SIZE, exposures=(1.06, 0.95))
+    found = solved(capture, pose=False, gain=gain, stray=stray)
+    for number in (0, 1):
+        seen_gain, *amplitudes = found.nuisances(number)
+        assert (abs(seen_gain - 1) < 1e-4) == (not gain)
+        assert (np.abs(amplitudes).max() < 1e-5) == (not stray)
+
+
+def test_settings_switch_the_pose_off():
+    assert solved(captured(tool(), size=32), pose=False).pose is None
+
+
+def test_prior_of_a_view_allows_for_several_percent_of_exposure():
+    (gain, sd), prior = (1.0, 0.05), PolySettings()
+    assert prior.gain
+    found = solved(captured(tool(), size=SIZE, exposures=(1.06, 0.95)), pose=False)
+    assert found.problem.prior.mean[3] == gain
+    assert found.problem.prior.sd[3] == sd
+    assert [found.nuisances(number)[0] for number in (0, 1)] == pytest.approx(
+        [1.06, 0.95], abs=0.005
+    )

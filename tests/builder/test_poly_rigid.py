@@ -1,0 +1,64 @@
+"""Uncertainty of mass, centre of mass and inertia against draws of densities and sizes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.builder.poly_scenes import box, cylinder
+from xden1k.mass import mass_of_meshes
+from xden_builder.poly.rigid import SURFACE_SD_CM, rigid_sd
+
+MESHES = [box((2, 3, 4), (-3, 0, 0)), box((1, 1, 5), (2, 1, 0)), cylinder(0.8, 3, (0, -3, 1))]
+DENSITY = np.array([0.9, 7.8, 1.2])
+SHARE = np.array([0.05, 0.01, 0.08])
+TOGETHER = np.array([[1.0, -0.6, 0.2], [-0.6, 1.0, 0.0], [0.2, 0.0, 1.0]])
+COVARIANCE = np.outer(SHARE * DENSITY, SHARE * DENSITY) * TOGETHER
+
+
+def drawn(covariance, scale_sd, count=600):
+    """Masses, centres and inertias of bodies whose densities and sizes err."""
+    rng = np.random.default_rng(5)
+    densities = rng.multivariate_normal(DENSITY, covariance, count)
+    bodies = []
+    for density, size in zip(densities, rng.normal(1, scale_sd, count), strict=True):
+        # what X-rays see is density times length: a mesh too large makes densities too small
+        larger = [mesh.copy().apply_scale(size) for mesh in MESHES]
+        bodies.append(mass_of_meshes(larger, (density / size).tolist()))
+    return bodies
+
+
+@pytest.mark.parametrize("scale_sd", [0.0, 0.02])
+def test_deviations_are_those_of_random_draws(scale_sd):
+    bodies = drawn(COVARIANCE, scale_sd)
+    found = rigid_sd(MESHES, DENSITY, COVARIANCE, scale_sd)
+    assert found.mass_g == pytest.approx(np.std([each.mass_g for each in bodies]), rel=0.12)
+    inertia = np.std([each.inertia_g_cm2 for each in bodies], axis=0)
+    np.testing.assert_allclose(found.inertia_g_cm2.diagonal(), inertia.diagonal(), rtol=0.12)
+    if not scale_sd:  # where the frame's origin is, a scale moves the centre: not an error
+        com = np.std([each.com_cm for each in bodies], axis=0)
+        np.testing.assert_allclose(found.com_cm, np.hypot(com, SURFACE_SD_CM), rtol=0.12)
+        np.testing.assert_allclose(found.inertia_g_cm2, inertia, rtol=0.12)
+
+
+def test_densities_that_err_together_move_the_mass_but_not_the_centre():
+    together = np.outer(DENSITY, DENSITY) * 0.03**2
+    found = rigid_sd(MESHES, DENSITY, together, scale_sd=0.0)
+    body = mass_of_meshes(MESHES, DENSITY.tolist())
+    assert found.mass_g == pytest.approx(0.03 * body.mass_g)
+    np.testing.assert_allclose(found.com_cm, SURFACE_SD_CM)
+    np.testing.assert_allclose(found.inertia_g_cm2, 0.03 * np.abs(body.inertia_g_cm2))
+
+
+def test_one_part_has_a_centre_that_no_density_moves():
+    found = rigid_sd(MESHES[:1], DENSITY[:1], COVARIANCE[:1, :1])
+    np.testing.assert_allclose(found.com_cm, SURFACE_SD_CM)
+    assert found.mass_g > 0.05 * 0.9 * 24
+
+
+def test_where_a_body_lies_does_not_matter():
+    away = [mesh.copy().apply_translation((30, -20, 10)) for mesh in MESHES]
+    here, there = (rigid_sd(meshes, DENSITY, COVARIANCE) for meshes in (MESHES, away))
+    assert there.mass_g == pytest.approx(here.mass_g)
+    np.testing.assert_allclose(there.com_cm, here.com_cm, rtol=1e-6)
+    np.testing.assert_allclose(there.inertia_g_cm2, here.inertia_g_cm2, rtol=1e-6)

@@ -1,0 +1,132 @@
+"""Stray light: nothing from nothing, and a veil of the assumed shape is measured."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.builder.poly_scenes import (
+    TUBE,
+    captured,
+    fitted,
+    geometries,
+    relabelled,
+    solved,
+    tool,
+)
+from xden1k.rays import PathLengths, ownership_order, path_lengths
+from xden1k.views import XRayView
+from xden_builder.capture import Capture
+from xden_builder.poly.beam import Heel, ViewBeam, energy_groups
+from xden_builder.poly.candidates import candidate_table
+from xden_builder.poly.pose import coarse
+from xden_builder.poly.stand_ins import StandIns, certain
+from xden_builder.poly.stray import STRAY_TERMS, coarse_binning, stray_light
+
+SIZE = 128
+GROUPS = energy_groups(TUBE, "CsI")
+
+
+def stand_ins() -> StandIns:
+    tables = [candidate_table(solid.annotated, GROUPS) for solid in tool()]
+    return certain(tables, [0] * len(tables))
+
+
+def shapes_of(view: XRayView) -> np.ndarray:
+    """Shapes of stray light over the whole panel for the true object."""
+    meshes = [solid.mesh for solid in tool()]
+    small = coarse(view.geometry, coarse_binning(view.geometry.shape))
+    every = np.arange(view.transmission.size)
+    return stray_light(
+        view,
+        ViewBeam(GROUPS, view.geometry, Heel()),
+        path_lengths(meshes, ownership_order(meshes), small),
+        stand_ins(),
+        np.array([solid.density_g_cm3 for solid in tool()]),
+        every,
+        view.transmission.ravel().astype(np.float64),
+    )
+
+
+def veiled(capture: Capture, near: float, far: float, glare: float = 0.0) -> Capture:
+    """The capture with stray light of the shapes that the fit knows."""
+    views = []
+    for view in capture.views:
+        veil = shapes_of(view) @ np.array([near, far, glare])
+        light = view.transmission + veil.reshape(view.transmission.shape)
+        views.append(replace(view, transmission=light.astype(np.float32)))
+    return replace(capture, views=(views[0], views[1]))
+
+
+@pytest.fixture(scope="module")
+def clean() -> Capture:
+    return captured(tool(), size=SIZE)
+
+
+def test_there_is_no_stray_light_without_an_object():
+    geometry = geometries(size=32)["pa"]
+    image = np.full(geometry.shape, 0.8, dtype=np.float32)
+    view = XRayView("pa", image, np.ones(image.shape, dtype=bool), geometry)
+    nothing = PathLengths(
+        np.zeros(0, dtype=np.int64),
+        np.zeros((0, 1, 3), dtype=np.float32),
+        np.zeros(0, dtype=np.float32),
+        np.zeros(0, dtype=bool),
+        geometry.shape,
+    )
+    pixels = np.arange(0, image.size, 7)
+    found = stray_light(
+        view,
+        ViewBeam(GROUPS, geometry, Heel()),
+        nothing,
+        stand_ins(),
+        np.ones(3),
+        pixels,
+        image.flat[pixels].astype(np.float64),
+    )
+    assert found.shape == (len(pixels), STRAY_TERMS)
+    assert np.abs(found).max() < 1e-6, "scatter of air, or glare of an even image"
+
+
+def test_scatter_is_smooth_and_fades_away_from_the_object(clean):
+    near, far, glare = shapes_of(clean.views[0]).T.reshape(3, SIZE, SIZE)
+    centre, corner = (SIZE // 2, SIZE // 2), (2, 2)
+    for scatter in (near, far):
+        assert scatter.min() >= 0
+        assert scatter[centre] > 3 * scatter[corner]
+    assert near[centre] > far[centre]
+    assert near[corner] < far[corner] * near[centre] / far[centre]
+    dark = clean.views[0].transmission < 0.4
+    assert glare[dark].mean() > 0 > glare[~dark & (near > 0.05)].mean()
+
+
+@pytest.mark.parametrize(("near", "far"), [(0.15, 0.0), (0.0, 0.3), (0.12, 0.1)])
+def test_strength_of_a_veil_is_recovered(clean, near, far):
+    capture = veiled(clean, near, far)
+    found = solved(capture, pose=False)
+    for number, view in enumerate(clean.views):
+        shadow = shapes_of(view)[:, 0] > 0.05
+        shapes = shapes_of(view)[shadow, :2]
+        expected = float((shapes @ np.array([near, far])).mean())
+        fitted_veil = float((shapes @ found.nuisances(number)[1:3]).mean())
+        assert fitted_veil == pytest.approx(expected, abs=0.0035)
+
+
+def test_a_veil_moves_densities_only_if_it_is_not_modelled(clean):
+    capture = relabelled(veiled(clean, 0.2, 0.2), grip="polymer")
+    truth = 0.91
+    off = {
+        stray: abs(fitted(capture, pose=False, stray=stray)["grip"].density_g_cm3 / truth - 1)
+        for stray in (True, False)
+    }
+    assert off[True] < 0.03
+    assert off[False] > 2 * off[True]
+
+
+@pytest.mark.parametrize(
+    ("shape", "binning"), [((512, 512), 4), ((2048, 512), 4), ((100, 700), 1), ((255, 256), 1)]
+)
+def test_smooth_light_is_reckoned_on_about_128_pixels(shape, binning):
+    assert coarse_binning(shape) == binning
