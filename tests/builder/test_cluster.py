@@ -30,6 +30,7 @@ NODE = {"num_cpus": 1, "node_ip_address": "127.0.0.1", "object_store_memory": 80
 def cluster():
     """A Ray cluster of one node, to which a test adds others; nothing leaves the machine."""
     with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryDirectory(prefix="ray") as short:
+        patch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
         patch.setenv("RAY_TMPDIR", short)  # its sockets allow no long path
         patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
         patch.setenv("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")  # else 127.0.0.1 is translated
@@ -121,6 +122,7 @@ def test_an_object_that_raises_or_kills_its_process_is_an_answer_like_others(clu
     assert (tmp_path / "kills").read_text() == "x" * (RETRIES + 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("as_urls", [False, True], ids=["shared_paths", "urls"])
 def test_a_rebuild_that_loses_a_node_gives_the_local_builds_bytes(
     cluster, second_node, captures, built, tmp_path, as_urls
