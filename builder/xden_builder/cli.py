@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["cli"]
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
-REALISTIC = False
+REALISTIC = True
 """Whether ``phantoms`` makes a realistic scanner and lifelike objects unless told otherwise."""
 
 workers_option = click.option(
@@ -319,11 +319,12 @@ def _echo_comparisons(rows: list[Comparison]) -> None:
 
 
 @contextmanager
-def _bar(total: int | None = None, unit: str = " objects") -> Iterator[Any]:
-    """Progress bar, on a terminal only."""
+def _bar(total: int | None = None, unit: str = "object") -> Iterator[Any]:
+    """Progress bar with the rate and what is left, on a terminal only."""
     from tqdm import tqdm
 
-    with tqdm(total=total, unit=unit, disable=None) as bar:
+    told = "{l_bar}{bar}| {n_fmt} of {total_fmt}, {rate_noinv_fmt}, {remaining} left"
+    with tqdm(total=total, unit=f" {unit}s", bar_format=told, smoothing=0.1, disable=None) as bar:
         yield bar
 
 
