@@ -185,7 +185,7 @@ def _audits(
             found.append(audit_view(view, each, lac, gain=gain, floor=floor))
         else:
             gain = float(poly.solution.nuisances(number)[0])
-            model = poly.solution.image(number)
+            model = poly.solution.image(number, each)
             found.append(audit_image(view, each, model, gain=gain, floor=floor))
     return tuple(found)
 

@@ -95,8 +95,16 @@ class Solution:
         """Most probable density of each part."""
         return self.minimum.unknowns[: self.problem.parts]
 
-    def image(self, number: int) -> Image:
-        """Model image of a view: direct beam and stray light, with the gain."""
+    def image(self, number: int, lengths: PathLengths) -> Image:
+        """Model image of a view: direct beam and stray light, with the gain.
+
+        Parameters
+        ----------
+        number
+            Of the view.
+        lengths
+            In the refined pose, of as many rays a pixel as are to be averaged.
+        """
         seen, gain = self.seen[number], float(self.nuisances(number)[0])
         stand_ins, amplitudes = self.problem.stand_ins, self.nuisances(number)[1:]
         every = np.arange(seen.view.transmission.size)
@@ -105,8 +113,8 @@ class Solution:
             seen.view, seen.beam, seen.smooth, stand_ins, self.density_g_cm3, every, known
         )
         direct = np.ones(every.size)
-        direct[seen.lengths.pixels] = transmissions(
-            seen.lengths, seen.beam, stand_ins.mac_cm2_g, self.density_g_cm3
+        direct[lengths.pixels] = transmissions(
+            lengths, seen.beam, stand_ins.mac_cm2_g, self.density_g_cm3
         )
         image = gain * (direct + stray @ amplitudes)
         return np.asarray(image.reshape(seen.view.transmission.shape), dtype=np.float32)
