@@ -1,7 +1,7 @@
 """Meshes onto their shadows: the pose that both radiographs agree with best.
 
 Seven unknowns are found by Gauss-Newton steps, together with the densities and a gain of each
-view, on images averaged over 4 x 4 and then 2 x 2 pixels. Derivatives by pose are central
+view, on images averaged over 8 x 8, 4 x 4 and 2 x 2 pixels. Derivatives by pose are central
 differences of whole renderings, since outlines move.
 """
 
@@ -18,7 +18,7 @@ from jaxtyping import Float, Float64
 from xden1k.arrays import Mask
 from xden1k.rays import path_lengths
 from xden1k.views import ViewGeometry, XRayView
-from xden_builder.fit.levenberg import minimise
+from xden_builder.fit.box import box_minimum
 from xden_builder.fit.problem import Evaluation
 from xden_builder.poly import kernels
 from xden_builder.poly.beam import ViewBeam
@@ -33,13 +33,20 @@ ROW_SHIFT_SD_CM: Final = 0.05
 """How far meshes and images are expected to disagree: 2 degrees, 3 mm, half a millimetre."""
 STEPS_CM: Final = 0.02
 """Of a central difference at full resolution, times the binning; rotations move the rim as far."""
-PIXEL_SD: Final = 0.01
-BINNINGS: Final = ((4, 4), (2, 2))
+PIXEL_SD: Final = 0.05
+BINNINGS: Final = ((8, 4), (4, 3), (2, 2))
 """Pixels averaged along each side, and Gauss-Newton steps on such images."""
+DENSITY_SHARES: Final = (0.3, 10.0)
+"""Least and most density in shares of the first guess: a part that fades away has no pose."""
+COARSEST_PX: Final = 32
+"""Images are never smaller."""
+FIRST_DAMPING: Final = 1e-3
+MOST_TRIES: Final = 5
+SETTLED_SHARE: Final = 1e-3
+"""Of the loss: a step that gains less ends a resolution."""
 WORTH: Final = 400.0
 """Independent observations that all pixels together are worth: their errors hang together."""
 GAIN_SD: Final = 0.05
-RAYS: Final = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,16 +107,23 @@ def refine_pose(
         len(meshes),
         np.concatenate([density_g_cm3, np.ones(len(views)), np.zeros(POSE_UNKNOWNS)]),
     )
+    others = np.full(len(views) + POSE_UNKNOWNS, np.inf)
+    low, high = (
+        np.append(share * density_g_cm3, sign * others)
+        for share, sign in zip(DENSITY_SHARES, (-1, 1), strict=True)
+    )
     rms, steps = [], 0
+    finest = min(min(view.transmission.shape) for view in views) // COARSEST_PX
     for binning, most in BINNINGS:
-        level = _Level.of(
-            views, beams, meshes, order, mac_cm2_g, origin, binning, points, radius_cm
-        )
-        rms.append(level.rms(unknowns))
-        found = minimise(level.evaluate, unknowns, level.lower, level.upper, most)
-        unknowns, steps = found.unknowns, steps + found.iterations
+        if 1 < binning <= finest or binning == BINNINGS[-1][0]:
+            level = _Level.of(
+                views, beams, meshes, order, mac_cm2_g, origin, binning, points, radius_cm
+            )
+            rms.append(level.rms(unknowns))
+            unknowns, here, taken = _descend(level, unknowns, most, low, high)
+            steps += taken
     rms.append(level.rms(unknowns))
-    told = found.evaluation.hessian + 1e-9 * np.diag(found.evaluation.hessian.diagonal())
+    told = here.hessian + 1e-9 * np.diag(here.hessian.diagonal())
     covariance = np.linalg.pinv(told, hermitian=True)
     return PoseFit(
         pose=origin.moved(unknowns[-POSE_UNKNOWNS:]),
@@ -120,6 +134,50 @@ def refine_pose(
         rms_after=rms[-1],
         steps=steps,
     )
+
+
+def _descend(
+    level: _Level,
+    unknowns: Float64[np.ndarray, "u"],
+    most: int,
+    low: Float64[np.ndarray, "u"],
+    high: Float64[np.ndarray, "u"],
+) -> tuple[Float64[np.ndarray, "u"], Evaluation, int]:
+    """Take damped Gauss-Newton steps; a try that fails costs two renderings, no derivative."""
+    damping, steps = FIRST_DAMPING, 0
+    here = level.evaluate(unknowns)
+    for _ in range(most):
+        for _ in range(MOST_TRIES):
+            ahead = _ahead(unknowns, here, damping, low, high)
+            loss = level.loss(ahead)
+            if loss < here.loss:
+                break
+            damping *= 10
+        else:
+            break
+        steps += 1
+        gained = here.loss - loss
+        damping = max(damping / 10, 1e-6)
+        unknowns, here = ahead, level.evaluate(ahead)
+        if gained < SETTLED_SHARE * here.loss:
+            break
+    return unknowns, here, steps
+
+
+def _ahead(
+    unknowns: Float64[np.ndarray, "u"],
+    here: Evaluation,
+    damping: float,
+    low: Float64[np.ndarray, "u"],
+    high: Float64[np.ndarray, "u"],
+) -> Float64[np.ndarray, "u"]:
+    """Solve between bounds, with each unknown scaled to unit curvature."""
+    scale = 1 / np.sqrt(here.hessian.diagonal().clip(min=1e-12))
+    scaled = here.hessian * np.outer(scale, scale) + damping * np.eye(len(scale))
+    step = box_minimum(
+        scaled, scale * here.gradient, (low - unknowns) / scale, (high - unknowns) / scale
+    )
+    return np.asarray((unknowns + scale * step).clip(low, high))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,40 +222,47 @@ class _Level:
     def parts(self) -> int:
         return len(self.meshes)
 
-    @property
-    def lower(self) -> Float64[np.ndarray, "u"]:
-        free = np.full(len(self.beams) + POSE_UNKNOWNS, -np.inf)
-        return np.concatenate([np.zeros(self.parts), free])
-
-    @property
-    def upper(self) -> Float64[np.ndarray, "u"]:
-        return np.full(len(self.lower), np.inf)
-
     def evaluate(self, unknowns: Float64[np.ndarray, "u"]) -> Evaluation:
         """Sum of squares, large ones tempered, with priors; and half its derivatives."""
         mean, precision = self._prior()
-        off = (unknowns - mean) * precision
-        loss, gradient, hessian = float(off @ (unknowns - mean)), off, np.diag(precision)
-        share = min(1.0, WORTH / max(sum(map(len, self.measured)), 1))
+        gradient, hessian = (unknowns - mean) * precision, np.diag(precision)
+        loss = float(gradient @ (unknowns - mean))
         for number, seen in enumerate(self.measured):
             model, jacobian = self._view(unknowns, number)
             residuals, scaled = (model - seen) / PIXEL_SD, jacobian / PIXEL_SD
-            size = np.abs(residuals)
-            tempered = np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2)
-            loss += share * float(tempered.sum())
-            weighted = scaled * (share * HUBER / np.maximum(size, HUBER))[:, None]
+            loss += self._tempered(residuals)
+            share = self._share * HUBER / np.maximum(np.abs(residuals), HUBER)
+            weighted = scaled * share[:, None]
             gradient = gradient + weighted.T @ residuals
             hessian = hessian + weighted.T @ scaled
         return Evaluation(loss, gradient, hessian, ())
 
-    def rms(self, unknowns: Float64[np.ndarray, "u"]) -> float:
-        """Root mean square residual of transmission."""
+    def loss(self, unknowns: Float64[np.ndarray, "u"]) -> float:
+        """Sum of :meth:`evaluate` alone."""
+        mean, precision = self._prior()
+        squares = float(((unknowns - mean) ** 2 * precision).sum())
+        return squares + sum(map(self._tempered, self._residuals(unknowns)))
+
+    def _tempered(self, residuals: Float64[np.ndarray, "n"]) -> float:
+        size = np.abs(residuals)
+        squares = np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2)
+        return self._share * float(squares.sum())
+
+    @property
+    def _share(self) -> float:
+        return min(1.0, WORTH / max(sum(map(len, self.measured)), 1))
+
+    def _residuals(self, unknowns: Float64[np.ndarray, "u"]) -> list[Float64[np.ndarray, "_n"]]:
+        """Model less measurement of each view, in standard deviations."""
         density, gains, pose = self._split(unknowns)
-        squares = [
-            (gain * self._render(number, density, pose, slopes=False)[0] - seen) ** 2
+        return [
+            (gain * self._render(number, density, pose, slopes=False)[0] - seen) / PIXEL_SD
             for number, (seen, gain) in enumerate(zip(self.measured, gains.tolist(), strict=True))
         ]
-        return float(np.sqrt(np.concatenate(squares).mean()))
+
+    def rms(self, unknowns: Float64[np.ndarray, "u"]) -> float:
+        """Root mean square residual of transmission."""
+        return PIXEL_SD * float(np.sqrt((np.concatenate(self._residuals(unknowns)) ** 2).mean()))
 
     def _split(
         self, unknowns: Float64[np.ndarray, "u"]
@@ -251,7 +316,9 @@ class _Level:
         """Transmission of the compared pixels, and its derivatives by density if wanted."""
         beam, mask = self.beams[number], self.masks[number]
         geometry = posed(beam.geometry, self.origin.moved(pose), shifted_rows=number == 1)
-        lengths = path_lengths(self.meshes, self.order, coarse(geometry, self.binning), RAYS)
+        lengths = path_lengths(
+            self.meshes, self.order, coarse(geometry, self.binning), max(self.binning // 2, 2)
+        )
         count, rays, parts = lengths.lengths_cm.shape
         transmission, slope = np.empty(count), np.empty((count if slopes else 0, parts))
         kernels.predict(
