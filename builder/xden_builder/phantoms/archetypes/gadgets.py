@@ -193,7 +193,7 @@ def multimeter(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     shell, _ = fittings.case(outline, 0.0, depth, 0.25, 0.2)
     top, level = depth - 0.25, depth - 0.9
     screen = (0.26 * size_cm, 0.7 * breadth)
-    glass = shapes.box((*screen, 0.2), (0.28 * size_cm, 0, depth - 0.1))
+    glass = shapes.box((*screen, 0.25), (0.28 * size_cm, 0, depth - 0.125))
     crystal = shapes.box((screen[0] + 0.4, screen[1] + 0.4, 0.3), (0.28 * size_cm, 0, top - 0.15))
     knob = shapes.slab(shapes.disc(0.22 * breadth + 0.3), top, depth + 0.5, 0.15)
     knob += shapes.cylinder(0.25, level + 0.16, depth)
