@@ -1,0 +1,120 @@
+"""The whole fit behind the realistic scanner: scatter, heel, blur, noise, meshes out of place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tests.builder.poly_scenes import capture_of, fitted, relabelled, tool, true_mass_g
+from xden1k.rays import disjoint_regions, ownership_order
+from xden1k.types import DensityObject
+from xden_builder.capture import Capture
+from xden_builder.phantoms import Phantom, PhantomPart, Plan, Scanner
+from xden_builder.poly.pose import Pose
+from xden_builder.reconstruct import reconstruct
+
+SCANNER = replace(Scanner.realistic(256), panel_cm=20.0)
+PLAN = Plan(0, 1, 0)
+TRUTH = {solid.name: solid.density_g_cm3 for solid in tool()}
+
+
+def scanned(**grip) -> Capture:
+    """What the simulated scanner and its operator leave of an object."""
+    solids = tool(**grip)
+    meshes = [solid.mesh for solid in solids]
+    owned = disjoint_regions(meshes, ownership_order(meshes))
+    phantom = Phantom(
+        PLAN,
+        tuple(
+            PhantomPart(each.name, "body", mesh, each.material, each.density_g_cm3, (0.5, 0.5, 0.5))
+            for each, mesh in zip(solids, owned, strict=True)
+        ),
+    )
+    error = SCANNER.mesh_error(PLAN)
+    handed = [
+        replace(each, mesh=error.applied(mesh)) for each, mesh in zip(solids, owned, strict=True)
+    ]
+    flats = {view: SCANNER.calibration(PLAN.seed, view) for view in ("pa", "lat")}
+    return replace(
+        capture_of(handed, [SCANNER.corrected(phantom, view) for view in flats]),
+        open_field={
+            view: np.asarray(panel.flat.astype(np.float32) - panel.dark)
+            for view, panel in flats.items()
+        },
+        noise_sd=dict.fromkeys(flats, 5e-5),
+    )
+
+
+@pytest.fixture(scope="module")
+def capture() -> Capture:
+    return scanned()
+
+
+@pytest.fixture(scope="module")
+def rebuilt(capture) -> DensityObject:
+    return reconstruct(capture)
+
+
+def test_plastic_steel_and_water_are_right_within_two_percent(rebuilt):
+    found = {part.name: part.density_g_cm3 for part in rebuilt.parts}
+    assert found == pytest.approx(TRUTH, rel=0.02)
+    assert rebuilt.mass_g == pytest.approx(true_mass_g(tool()), rel=0.02)
+    for part in rebuilt.parts:
+        assert abs(part.density_g_cm3 - TRUTH[part.name]) < 3 * part.density_sd_g_cm3
+
+
+def test_steel_is_steel_where_the_papers_rule_reads_three_times_as_much(rebuilt):
+    (blade,) = [part for part in rebuilt.parts if part.name == "blade"]
+    assert blade.density_g_cm3 == pytest.approx(7.85, abs=0.2)
+    assert blade.apparent_density_g_cm3 > 20
+
+
+def test_images_fit_although_nothing_is_ideal(rebuilt):
+    assert rebuilt.flags == ()
+    for view in rebuilt.meta["reprojection"].values():
+        assert view["transmission_corr"] > 0.995
+
+
+def test_meshes_out_of_place_are_put_back(capture, rebuilt):
+    error = SCANNER.mesh_error(PLAN)
+    pose = Pose.from_dict(rebuilt.meta["poly"]["pose"])
+    handed = np.concatenate([part.mesh.vertices for part in capture.parts])
+    true = np.linalg.solve(error.matrix, np.c_[handed, np.ones(len(handed))].T).T[:, :3]
+    turn = Rotation.from_rotvec(pose.rotation_rad)
+    back = turn.apply(handed - pose.centre_cm) + pose.centre_cm + pose.shift_cm
+    assert np.linalg.norm(handed - true, axis=1).max() > 0.1
+    assert np.linalg.norm(back - true, axis=1).max() < 0.03  # of it 0.02 by their scale
+
+
+def test_scatter_and_exposure_are_told_apart(rebuilt):
+    for name, view in rebuilt.meta["poly"]["views"].items():
+        assert view["gain"] == pytest.approx(SCANNER.exposure(PLAN, name), rel=0.01)
+        assert view["near_scatter"] + view["far_scatter"] > 0.1
+
+
+def test_a_wrong_metal_is_found_out(capture):
+    blade = fitted(relabelled(capture, blade="aluminium"))["blade"]
+    assert blade.density_g_cm3 == pytest.approx(TRUTH["blade"], rel=0.05)
+    assert "label_doubted" in blade.flags
+
+
+def test_an_unlabelled_part_is_guessed_well_and_flagged(capture):
+    blade = fitted(relabelled(capture, blade=""))["blade"]
+    assert blade.density_g_cm3 == pytest.approx(TRUTH["blade"], rel=0.05)
+    assert "material_guessed" in blade.flags
+
+
+def test_a_foamed_grip_is_measured():
+    grip = fitted(scanned(density_g_cm3=0.45))["grip"]
+    assert grip.density_g_cm3 == pytest.approx(0.45, rel=0.05)
+    assert "label_doubted" not in grip.flags
+
+
+@pytest.mark.parametrize("labels", [{}, {"blade": "", "grip": "", "level": ""}])
+def test_a_weighed_mass_makes_the_mass_right_within_a_percent(capture, labels):
+    weighed_g = true_mass_g(tool())
+    obj = reconstruct(relabelled(replace(capture, weighed_mass_g=weighed_g), **labels))
+    assert obj.mass_g == pytest.approx(weighed_g, rel=0.01)
