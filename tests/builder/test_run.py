@@ -13,12 +13,13 @@ from click.testing import CliRunner
 from xden1k.errors import DataError
 from xden1k.folder import open_folder, write_folder
 from xden1k.rays import path_lengths
+from xden_builder import run
 from xden_builder.audit import audit_object, audit_view
 from xden_builder.capture import CaptureFolder
 from xden_builder.cli import cli
 from xden_builder.phantoms import write_captures
 from xden_builder.reconstruct import reconstruct
-from xden_builder.run import build, work_folder
+from xden_builder.run import OtherVersionError, build, work_folder
 from xden_builder.settings import BuildSettings
 
 SETTINGS = BuildSettings()
@@ -133,6 +134,27 @@ def test_a_failing_rebuild_leaves_the_older_dataset_alone(captures, half_built):
     with pytest.raises(DataError, match="no object could be built"):
         build(captures, half_built, SETTINGS, workers=2)
     assert contents(half_built) == before
+
+
+def test_a_machine_with_other_code_ends_the_run(captures, tmp_path, monkeypatch):
+    monkeypatch.setattr(run, "_made_by", lambda _: "another version's checksum")
+    with pytest.raises(OtherVersionError, match="has another version of xden1k"):
+        build(captures, tmp_path / "out", SETTINGS, workers=1)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "exit_code", "told"),
+    [
+        (["--parts", "nowhere"], 1, "nowhere: no such folder of part meshes"),
+        (["--cluster", "auto", "--workers", "2"], 2, "--workers has no meaning with --cluster"),
+    ],
+)
+def test_wrong_words_are_one_line(captures, tmp_path, words, exit_code, told):
+    ran = CliRunner().invoke(cli, ["run", str(captures), "--out", str(tmp_path / "out"), *words])
+    assert ran.exit_code == exit_code
+    assert told in ran.stderr
+    assert list(tmp_path.iterdir()) == [captures]
 
 
 def test_a_folder_that_is_no_dataset_is_not_replaced(captures, tmp_path):
