@@ -21,6 +21,7 @@ from xden1k.rays import CubeGrid, PathLengths, part_fractions, path_lengths
 from xden1k.types import DensityObject
 from xden1k.views import XRayView
 from xden_builder.capture import Capture, CTReference
+from xden_builder.poly.image import replayed
 from xden_builder.poly.pose import Pose, posed
 
 __all__ = [
@@ -122,8 +123,7 @@ def audit_view(
     """
     fitted = gain is not None
     if gain is None:
-        _, background = _pixel_sets(view, lengths)
-        gain = float(np.median(view.transmission[background])) if background.any() else 1.0
+        gain = _background_gain(view, lengths)
     model = lengths.image(lac_per_cm, gain)
     return audit_image(view, lengths, model, gain=gain, floor=floor, fitted=fitted)
 
@@ -180,6 +180,12 @@ def _pixel_sets(
     broken = np.zeros_like(hit)
     broken.flat[lengths.pixels[lengths.broken]] = True
     return hit & view.valid & ~broken, ~hit & view.valid
+
+
+def _background_gain(view: XRayView, lengths: PathLengths) -> float:
+    """Median transmission beside the object; 1 where there is nothing beside it."""
+    _, background = _pixel_sets(view, lengths)
+    return float(np.median(view.transmission[background])) if background.any() else 1.0
 
 
 def _errors(
@@ -348,8 +354,14 @@ def audit_object(
         if view.name not in refined and turned is not None:
             geometry = posed(geometry, Pose.from_dict(turned), shifted_rows=False)
         lengths = path_lengths(meshes, range(len(meshes)), geometry, subrays)
-        floor = noise_floor(capture, view.name)
-        views.append(audit_view(view, lengths, lac, gain=gains.get(view.name), floor=floor))
+        floor, gain = noise_floor(capture, view.name), gains.get(view.name)
+        if "poly" not in obj.meta:
+            views.append(audit_view(view, lengths, lac, gain=gain, floor=floor))
+            continue
+        fitted = gain is not None
+        beside = None if fitted else _background_gain(view, lengths)
+        model, gain = replayed(obj, capture, view, geometry, lengths, beside)
+        views.append(audit_image(view, lengths, model, gain=gain, floor=floor, fitted=fitted))
     return ObjectAudit(
         obj.object_id, tuple(views), None if ct is None else audit_ct(meshes, lac.tolist(), ct)
     )

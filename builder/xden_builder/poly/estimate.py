@@ -18,6 +18,7 @@ from xden_builder.fit.levenberg import Minimum
 from xden_builder.poly.beam import ViewBeam, energy_groups, view_beam
 from xden_builder.poly.candidates import CandidateTable, candidate_table
 from xden_builder.poly.evidence import MaterialPosterior, Radiographs, weigh_materials
+from xden_builder.poly.image import model_image
 from xden_builder.poly.pixels import BLOCK_PX, BLOCK_RAYS, ViewPixels, choose_pixels
 from xden_builder.poly.pose import coarse, posed
 from xden_builder.poly.posterior import Mass, Problem, solve
@@ -26,7 +27,7 @@ from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.stand_ins import StandIns, certain, loosened, mixtures
 from xden_builder.poly.start import first_choice
 from xden_builder.poly.stray import coarse_binning, stray_light
-from xden_builder.poly.trust import sample_sd, transmissions
+from xden_builder.poly.trust import sample_sd
 
 __all__ = ["Scene", "Seen", "Solution", "densities", "estimate", "prepare"]
 
@@ -105,19 +106,17 @@ class Solution:
         lengths
             In the refined pose, of as many rays a pixel as are to be averaged.
         """
-        seen, gain = self.seen[number], float(self.nuisances(number)[0])
-        stand_ins, amplitudes = self.problem.stand_ins, self.nuisances(number)[1:]
-        every = np.arange(seen.view.transmission.size)
-        known = np.where(seen.view.valid, seen.view.transmission, 1.0).ravel().astype(np.float64)
-        stray = stray_light(
-            seen.view, seen.beam, seen.smooth, stand_ins, self.density_g_cm3, every, known
+        seen, stand_ins = self.seen[number], self.problem.stand_ins
+        return model_image(
+            seen.view,
+            seen.beam,
+            seen.lengths,
+            seen.smooth,
+            stand_ins.mac_cm2_g,
+            stand_ins.scattering_cm2_g,
+            self.density_g_cm3,
+            self.nuisances(number),
         )
-        direct = np.ones(every.size)
-        direct[lengths.pixels] = transmissions(
-            lengths, seen.beam, stand_ins.mac_cm2_g, self.density_g_cm3
-        )
-        image = gain * (direct + stray @ amplitudes)
-        return np.asarray(image.reshape(seen.view.transmission.shape), dtype=np.float32)
 
     def nuisances(self, number: int) -> Float64[np.ndarray, "4"]:
         """Gain, near scatter, far scatter and glare of a view."""
@@ -272,7 +271,8 @@ def _problem(
             each.view,
             each.beam,
             each.smooth,
-            stand_ins,
+            stand_ins.mac_cm2_g,
+            stand_ins.scattering_cm2_g,
             density,
             each.samples.pixels,
             each.samples.measured,

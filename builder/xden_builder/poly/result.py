@@ -14,6 +14,7 @@ from xden1k.types import DensitySource
 from xden_builder.capture import CapturePart
 from xden_builder.poly.diagnose import Diagnosis, diagnose
 from xden_builder.poly.estimate import Solution
+from xden_builder.poly.image import TERMS
 
 __all__ = ["PolyFit", "PolyPart", "judged"]
 
@@ -79,10 +80,9 @@ class PolyFit:
     def report(self, names: Sequence[str]) -> dict[str, Any]:
         """Give what ``meta`` keeps, parts by their names, in JSON's types."""
         solution, pose = self.solution, self.solution.pose
-        terms = ("gain", "near_scatter", "far_scatter", "glare")
         return {
             "views": {
-                seen.view.name: dict(zip(terms, solution.nuisances(number).tolist(), strict=True))
+                seen.view.name: dict(zip(TERMS, solution.nuisances(number).tolist(), strict=True))
                 | {"samples": len(seen.samples.pixels)}
                 for number, seen in enumerate(solution.seen)
             },
@@ -97,6 +97,10 @@ class PolyFit:
             "materials": {
                 name: [list(each) for each in part.materials]
                 for name, part in zip(names, self.parts, strict=True)
+            },
+            "stand_ins": {
+                name: dict(shares)
+                for name, shares in zip(names, solution.problem.stand_ins.shares, strict=True)
             },
             "iterations": solution.minimum.iterations,
             "converged": solution.minimum.converged,

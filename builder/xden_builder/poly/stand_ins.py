@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -24,12 +24,15 @@ class StandIns:
 
     Parameters
     ----------
+    shares
+        Of each part: materials that its coefficients are mixed of, and in which shares of mass.
     mac_cm2_g, scattering_cm2_g
         Shape (K, groups).
     mean_g_cm3, sd_g_cm3, low_g_cm3, high_g_cm3
         Shape (K,): density to be expected, and its bounds.
     """
 
+    shares: Sequence[Mapping[str, float]]
     mac_cm2_g: Float64[np.ndarray, "k groups"]
     scattering_cm2_g: Float64[np.ndarray, "k groups"]
     mean_g_cm3: Float64[np.ndarray, "k"]
@@ -43,6 +46,7 @@ def certain(tables: Sequence[CandidateTable], choice: Sequence[int]) -> StandIns
     pairs = list(zip(tables, choice, strict=True))
     priors = np.stack([table.priors[index] for table, index in pairs])
     return StandIns(
+        [{table.candidates[index].material: 1.0} for table, index in pairs],
         np.stack([table.mac_cm2_g[index] for table, index in pairs]),
         np.stack([table.scattering_cm2_g[index] for table, index in pairs]),
         *(np.ascontiguousarray(column) for column in priors.T),
@@ -52,6 +56,7 @@ def certain(tables: Sequence[CandidateTable], choice: Sequence[int]) -> StandIns
 def loosened(stand_ins: StandIns) -> StandIns:
     """Let densities leave their materials' ranges, so that a wrong material shows itself."""
     return StandIns(
+        stand_ins.shares,
         stand_ins.mac_cm2_g,
         stand_ins.scattering_cm2_g,
         stand_ins.mean_g_cm3,
@@ -67,26 +72,45 @@ def mixtures(tables: Sequence[CandidateTable], posteriors: Sequence[MaterialPost
     Where one is certain that is the material itself. Where nothing decides, it is a point on the
     line through the materials: density and attenuation of the mixture, and how far they scatter.
     """
-    rows = [_mixture(*pair) for pair in zip(tables, posteriors, strict=True)]
-    macs, scatterings, priors = (np.stack(column) for column in zip(*rows, strict=True))
-    return StandIns(macs, scatterings, *(np.ascontiguousarray(column) for column in priors.T))
+    pairs = list(zip(tables, posteriors, strict=True))
+    shares = [_shares(posterior) for _, posterior in pairs]
+    priors = np.stack(
+        [_prior(table, share) for (table, _), share in zip(pairs, shares, strict=True)]
+    )
+    weights = [
+        share * posterior.density_g_cm3 / (share @ posterior.density_g_cm3)
+        for (_, posterior), share in zip(pairs, shares, strict=True)
+    ]
+    return StandIns(
+        [_by_material(table, weight) for table, weight in zip(tables, weights, strict=True)],
+        np.stack([weight @ table.mac_cm2_g for table, weight in zip(tables, weights, strict=True)]),
+        np.stack(
+            [weight @ table.scattering_cm2_g for table, weight in zip(tables, weights, strict=True)]
+        ),
+        *(np.ascontiguousarray(column) for column in priors.T),
+    )
 
 
-def _mixture(
-    table: CandidateTable, posterior: MaterialPosterior
-) -> tuple[Float64[np.ndarray, "b"], Float64[np.ndarray, "b"], Float64[np.ndarray, "4"]]:
-    """Coefficients, and mean, standard deviation and bounds of the density."""
+def _shares(posterior: MaterialPosterior) -> Float64[np.ndarray, "c"]:
+    """Probability of each candidate that is still possible; they add up to 1."""
     chance = posterior.probability
-    possible = chance > NEGLIGIBLE * chance.max()
-    share = np.where(possible, chance, 0.0) / chance[possible].sum()
-    weights = share * posterior.density_g_cm3
-    weights /= weights.sum()
+    kept = np.where(chance > NEGLIGIBLE * chance.max(), chance, 0.0)
+    return np.asarray(kept / kept.sum())
+
+
+def _prior(table: CandidateTable, share: Float64[np.ndarray, "c"]) -> Float64[np.ndarray, "4"]:
+    """Mean, standard deviation, least and most density of a mixture."""
     means, sds, lows, highs = table.priors.T
     mean = float(share @ means)
     sd = float(np.sqrt(share @ (sds**2 + (means - mean) ** 2)))
-    bounds = lows[possible].min(), highs[possible].max()
-    return (
-        weights @ table.mac_cm2_g,
-        weights @ table.scattering_cm2_g,
-        np.array([mean, sd, *bounds]),
-    )
+    possible = share > 0
+    return np.array([mean, sd, lows[possible].min(), highs[possible].max()])
+
+
+def _by_material(table: CandidateTable, weight: Float64[np.ndarray, "c"]) -> dict[str, float]:
+    """Add up what the candidates of each material weigh."""
+    total: dict[str, float] = {}
+    for candidate, share in zip(table.candidates, weight.tolist(), strict=True):
+        if share:
+            total[candidate.material] = total.get(candidate.material, 0.0) + share
+    return total

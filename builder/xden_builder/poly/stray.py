@@ -13,7 +13,6 @@ from xden1k.views import XRayView
 from xden_builder.poly import kernels
 from xden_builder.poly.beam import ViewBeam
 from xden_builder.poly.pose import binned
-from xden_builder.poly.stand_ins import StandIns
 
 __all__ = ["STRAY_TERMS", "coarse_binning", "stray_light"]
 
@@ -42,7 +41,8 @@ def stray_light(
     view: XRayView,
     beam: ViewBeam,
     lengths: PathLengths,
-    stand_ins: StandIns,
+    mac_cm2_g: Float64[np.ndarray, "k groups"],
+    scattering_cm2_g: Float64[np.ndarray, "k groups"],
     density_g_cm3: Float64[np.ndarray, "k"],
     pixels: Int64[np.ndarray, "n"],
     measured: Float64[np.ndarray, "n"],
@@ -61,8 +61,10 @@ def stray_light(
         Of its panel.
     lengths
         Of the coarse panel, by :func:`coarse_binning`.
-    stand_ins, density_g_cm3
-        What the parts are taken for.
+    mac_cm2_g, scattering_cm2_g
+        Of each part in each energy group: attenuation, and the scattering part of it.
+    density_g_cm3
+        Of each part.
     pixels
         Flat indices into the radiograph.
     measured
@@ -72,8 +74,8 @@ def stray_light(
     source = np.empty(len(lengths.pixels))
     kernels.scattered(
         lengths.lengths_cm,
-        stand_ins.mac_cm2_g,
-        stand_ins.scattering_cm2_g,
+        mac_cm2_g,
+        scattering_cm2_g,
         density_g_cm3,
         beam.weights(lengths.pixels, binning),
         source,

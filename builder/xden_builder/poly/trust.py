@@ -7,12 +7,12 @@ from jaxtyping import Float64
 
 from xden1k.rays import PathLengths
 from xden_builder.fit.crops import Crop, neighbours
-from xden_builder.poly import kernels
 from xden_builder.poly.beam import ViewBeam
+from xden_builder.poly.image import transmissions
 from xden_builder.poly.pixels import ViewPixels
 from xden_builder.poly.settings import PolySettings
 
-__all__ = ["sample_sd", "transmissions"]
+__all__ = ["sample_sd"]
 
 USUAL_STRAY = 0.08
 """Amplitude of each part of the scatter that its error is reckoned with."""
@@ -68,40 +68,6 @@ def sample_sd(
     model = -settings.model_share * transmission * np.log(transmission.clip(min=1e-4))
     veil = settings.stray_share * USUAL_STRAY * stray[:, :2].sum(axis=1)
     return np.asarray(np.sqrt(edge**2 + model**2 + veil**2 + settings.floor**2 + noise_sd**2))
-
-
-def transmissions(
-    lengths: PathLengths,
-    beam: ViewBeam,
-    mac_cm2_g: Float64[np.ndarray, "k groups"],
-    density_g_cm3: Float64[np.ndarray, "k"],
-    binning: int = 1,
-) -> Float64[np.ndarray, "n"]:
-    """Transmission of the direct beam in every pixel of some path lengths, shape (n,).
-
-    Parameters
-    ----------
-    lengths
-        Of a view, or of blocks of its pixels.
-    beam
-        Of the panel.
-    mac_cm2_g, density_g_cm3
-        Of the parts.
-    binning
-        Pixels along each side of a block.
-    """
-    count, rays, parts = lengths.lengths_cm.shape
-    transmission = np.empty(count)
-    kernels.predict(
-        lengths.lengths_cm,
-        np.full(count, rays),
-        mac_cm2_g,
-        density_g_cm3,
-        beam.weights(lengths.pixels, binning),
-        transmission,
-        np.empty((0, parts)),
-    )
-    return transmission
 
 
 def _steps(
