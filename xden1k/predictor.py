@@ -13,6 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import trimesh
+from jaxtyping import Float
 
 from xden1k.arrays import Grid, Labels, Vec3
 from xden1k.folder import DatasetFolder
@@ -84,6 +85,12 @@ class SampleView:
         """One closed mesh for each part, cm. Needs ``PARTS``."""
         self._need(Modality.PARTS, "part_meshes")
         return tuple(part.mesh for part in self._object.parts)
+
+    @cached_property
+    def part_names(self) -> tuple[str, ...]:
+        """Name of each part. Needs ``PARTS``."""
+        self._need(Modality.PARTS, "part_names")
+        return tuple(self._row("part_names")["part_names"])
 
     @cached_property
     def labels(self) -> Labels:
@@ -201,6 +208,10 @@ class Predictor(Protocol):
         """Learn from examples. Called once before :meth:`predict`, only if ``trainable``."""
         ...
 
-    def predict(self, sample: SampleView) -> Grid:
-        """Predict the target: shape (64, 64, 64), g/cm³, voxel means, 0 outside the envelope."""
+    def predict(self, sample: SampleView) -> Grid | Float[np.ndarray, "parts"]:
+        """Predict the target in g/cm³.
+
+        Voxel means of shape (64, 64, 64), 0 outside the envelope; or, by a method that reads
+        ``PARTS``, one value for air and each part, shape (K + 1,).
+        """
         ...

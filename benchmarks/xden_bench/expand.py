@@ -52,10 +52,11 @@ def grid_of_parts(
     >>> round(grid_of_parts(np.array([0.0, 8.0]), [box], np.zeros(3), 2.0)[0, 0, 0].item(), 1)
     1.0
     """
-    from xden1k.rays import COLUMN_SAMPLES, CubeGrid, density_grid, part_fractions
+    from xden1k.rays import CubeGrid, column_samples, density_grid, part_fractions
 
     grid = CubeGrid(origin_cm, voxel_size_cm, FIELD_SIZE)
-    fills = part_fractions(meshes, range(len(meshes)), grid, COLUMN_SAMPLES)
+    columns = column_samples(meshes, grid)
+    fills = part_fractions(meshes, range(len(meshes)), grid, columns)
     values = density_grid(fills, part_density_g_cm3[1:].tolist(), grid)
     field: Grid = values.astype(np.float16).astype(np.float32)
     return field

@@ -53,11 +53,24 @@ def test_the_notes_say_that_a_scan_against_itself_is_circular(tmp_path):
     assert "circular: the truth of scans is the builder's own" in meta.notes
 
 
-def test_an_object_on_another_grid_is_refused(tmp_path):
+def moved(obj):
+    return replace(obj, origin_cm=obj.origin_cm + np.array([0.0, 0.1, 0.0]))
+
+
+def test_an_object_on_another_grid_is_told_part_by_part_whatever_their_order(tmp_path):
     obj = box_object("bar-0001", BAR, split="test")
-    moved = replace(obj, origin_cm=obj.origin_cm + np.array([0.0, 0.1, 0.0]))
-    truth, built = folder_of(obj, tmp_path / "truth"), folder_of(moved, tmp_path / "built")
-    with pytest.raises(DataError, match=r"bar-0001: its grid .* origin 0\.1 cm apart"):
+    other = moved(replace(obj, parts=obj.parts[::-1]))
+    truth, built = folder_of(obj, tmp_path / "truth"), folder_of(other, tmp_path / "built")
+    values = Rebuilt(built, "density").predict(sample_of(truth, obj))
+    np.testing.assert_allclose(values, [0.0, *(part.density_g_cm3 for part in obj.parts)])
+
+
+def test_an_object_on_another_grid_with_other_parts_is_refused(tmp_path):
+    obj = box_object("bar-0001", BAR, split="test")
+    first, *rest = obj.parts
+    other = moved(replace(obj, parts=(replace(first, name="else"), *rest)))
+    truth, built = folder_of(obj, tmp_path / "truth"), folder_of(other, tmp_path / "built")
+    with pytest.raises(DataError, match=r"lies on another grid and has other parts: .*'else'"):
         Rebuilt(built, "density").predict(sample_of(truth, obj))
 
 
