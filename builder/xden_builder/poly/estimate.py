@@ -110,7 +110,7 @@ class Solution:
         return model_image(
             seen.view,
             seen.beam,
-            seen.lengths,
+            lengths,
             seen.smooth,
             stand_ins.mac_cm2_g,
             stand_ins.scattering_cm2_g,
