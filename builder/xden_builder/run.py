@@ -30,6 +30,7 @@ from xden_builder.storage import (
     FULL,
     UNFINISHED,
     Place,
+    absolute,
     beside,
     dataset_path,
     inside,
@@ -171,7 +172,8 @@ def build(
     refuse_other_folders(out)
     work = work_folder(out)
     made_by = _made_by(settings)
-    task = partial(_build_object, captures, parts, settings, made_by, work)
+    seen = absolute(captures), None if parts is None else absolute(parts), absolute(work)
+    task = partial(_build_object, settings, made_by, *seen)
     with _only_run(work, out):
         on_start(len(rows))
         keys = rows.values()
@@ -204,10 +206,10 @@ def _only_run(work: Place, out: Place) -> Iterator[None]:
 
 
 def _build_object(
-    captures: Place,
-    parts: Place | None,
     settings: BuildSettings,
     made_by: str,
+    captures: Place,
+    parts: Place | None,
     work: Place,
     asked: ObjectRow,
 ) -> Outcome:

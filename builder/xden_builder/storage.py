@@ -28,6 +28,7 @@ __all__ = [
     "FULL",
     "UNFINISHED",
     "Place",
+    "absolute",
     "beside",
     "dataset_path",
     "inside",
@@ -65,6 +66,11 @@ def place(text: str) -> Place:
     ('s3://bucket/captures', 'captures')
     """
     return text if "://" in text else Path(text)
+
+
+def absolute(folder: Place) -> Place:
+    """Name a folder so that a process in another working folder finds it."""
+    return folder.absolute() if isinstance(folder, Path) else folder
 
 
 def inside(folder: Place, name: str) -> Place:
@@ -260,7 +266,8 @@ def _copy_object(object_id: str, url: str, root: Path) -> None:
     """Copy what a rebuild of one object may open."""
     fs, base = url_to_fs(url)
     names = [path.removeprefix(f"{base}/") for path in fs.find(inside(base, object_id))]
-    _copy(url, [name for name in names if not name.endswith(UNREAD)] + ["scanner.toml"], root)
+    read = [name for name in names if name.rpartition("/")[2] not in UNREAD]
+    _copy(url, [*read, "scanner.toml"], root)
     for scanner in (root / object_id / "scanner.toml", root / "scanner.toml"):
         if scanner.is_file():
             views = read_scanner(scanner, root / object_id).views.values()

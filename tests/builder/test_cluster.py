@@ -128,14 +128,14 @@ def test_a_rebuild_that_loses_a_node_gives_the_local_builds_bytes(
     cluster, second_node, captures, built, tmp_path, as_urls
 ):
     out = tmp_path / "dataset"
-    places = [f"file://{captures}", f"file://{out}"] if as_urls else [str(captures), str(out)]
+    places = [f"file://{captures}", f"file://{out}"] if as_urls else [captures, "dataset"]
     command = [Path(sys.executable).with_name("xden-build"), "run", places[0], "--out", places[1]]
     with subprocess.Popen(  # noqa: S603
         [*command, "--cluster", cluster.address],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        cwd=tmp_path,  # the workers have another
     ) as driver:
         wait_for(lambda: driver.poll() or len(list(work_folder(out).glob("*.seal"))) >= 2)
         cluster.remove_node(second_node, allow_graceful=False)
