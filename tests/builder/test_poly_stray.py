@@ -10,6 +10,7 @@ import pytest
 from tests.builder.poly_scenes import (
     TUBE,
     captured,
+    composition,
     fitted,
     geometries,
     relabelled,
@@ -20,18 +21,20 @@ from xden1k.rays import PathLengths, ownership_order, path_lengths
 from xden1k.views import XRayView
 from xden_builder.capture import Capture
 from xden_builder.poly.beam import Heel, ViewBeam, energy_groups
-from xden_builder.poly.candidates import candidate_table
 from xden_builder.poly.pose import coarse
-from xden_builder.poly.stand_ins import StandIns, certain
 from xden_builder.poly.stray import STRAY_TERMS, coarse_binning, stray_light
 
 SIZE = 128
 GROUPS = energy_groups(TUBE, "CsI")
 
 
-def stand_ins() -> StandIns:
-    tables = [candidate_table(solid.annotated, GROUPS) for solid in tool()]
-    return certain(tables, [0] * len(tables))
+def coefficients() -> tuple[np.ndarray, np.ndarray]:
+    """Attenuation of each part in each group, and the scattering part of it."""
+    compositions = [composition(solid.material) for solid in tool()]
+    return (
+        np.stack([GROUPS.mac_cm2_g(each) for each in compositions]),
+        np.stack([GROUPS.scattering_cm2_g(each) for each in compositions]),
+    )
 
 
 def shapes_of(view: XRayView) -> np.ndarray:
@@ -43,7 +46,7 @@ def shapes_of(view: XRayView) -> np.ndarray:
         view,
         ViewBeam(GROUPS, view.geometry, Heel()),
         path_lengths(meshes, ownership_order(meshes), small),
-        stand_ins(),
+        *coefficients(),
         np.array([solid.density_g_cm3 for solid in tool()]),
         every,
         view.transmission.ravel().astype(np.float64),
@@ -81,7 +84,7 @@ def test_there_is_no_stray_light_without_an_object():
         view,
         ViewBeam(GROUPS, geometry, Heel()),
         nothing,
-        stand_ins(),
+        *coefficients(),
         np.ones(3),
         pixels,
         image.flat[pixels].astype(np.float64),
