@@ -29,6 +29,7 @@ from xden_builder.evaluate.methods import (
     scaled,
     told,
 )
+from xden_builder.evaluate.quality import SHOWN, QualityPair, quality_of
 from xden_builder.evaluate.truth import Errors, Truth, errors_of, read_truth
 from xden_builder.poly.result import PolyFit
 from xden_builder.poly.rigid import rigid_sd
@@ -74,6 +75,8 @@ class ObjectResult:
         Of the fit with labels.
     ablated
         Errors by ablation; empty where it was not asked for.
+    quality
+        Of all parts against the outer surface alone; None where it was not asked for.
     seconds
         Processor time of the methods that look at the images.
     """
@@ -82,6 +85,7 @@ class ObjectResult:
     parts: dict[Mode, tuple[PartCheck, ...]]
     body: BodyCheck
     ablated: dict[str, Errors]
+    quality: QualityPair | None
     seconds: dict[str, float]
 
 
@@ -177,9 +181,11 @@ def _evaluate_object(captures: Path, drawn: frozenset[str], object_id: str) -> O
         fit = bench.mode(mode)
         checks[mode] = _part_checks(fit, truth)
         if mode == "labels":
-            body = _body_check(fit, bench.regions, truth)
+            body, quality = _body_check(fit, bench.regions, truth), None
+            if object_id in drawn or capture.category in SHOWN:
+                quality = quality_of(capture, order, bench.regions, truth, fit)
     ablated = {name: bench.ablation(each) for name, each in ABLATIONS.items() if object_id in drawn}
-    return ObjectResult(bench.errors, checks, body, ablated, bench.seconds)
+    return ObjectResult(bench.errors, checks, body, ablated, quality, bench.seconds)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,6 +10,7 @@ import numpy as np
 from tabulate import tabulate
 
 from xden_builder.evaluate.methods import ABLATIONS, MODES
+from xden_builder.evaluate.quality import SHOWN, Quality, QualityPair
 from xden_builder.evaluate.run import Evaluation, ObjectResult, PartCheck
 from xden_builder.evaluate.truth import Errors
 
@@ -60,6 +61,7 @@ def markdown(evaluation: Evaluation) -> str:
             f"Ablations, {len(ablated)} of the objects, told the labels.",
             _ablation_table(ablated),
         ]
+    sections += _quality_sections([each for each in objects if each.quality])
     return "\n\n".join(sections) + "\n"
 
 
@@ -99,6 +101,64 @@ def _ablation_table(objects: Sequence[ObjectResult]) -> str:
         ("fit", *HEADERS),
         [[name, *_columns([each.ablated[name] for each in objects])] for name in ABLATIONS],
     )
+
+
+def _quality_sections(objects: Sequence[ObjectResult]) -> list[str]:
+    """Write what the interior is worth: over all objects, and for some."""
+    pairs = [each.quality for each in objects if each.quality is not None]
+    if not pairs:
+        return []
+    drawn = [each.quality for each in objects if each.quality is not None and each.ablated]
+    headers = ("", "PA", "LAT", "PA background", "LAT background")
+    sections = []
+    if drawn:
+        sections += [
+            f"Reprojection error of {len(drawn)} objects: mean absolute error of -ln T on the "
+            "pixels whose ray meets the object, and beside it; mean and standard deviation over "
+            "objects.",
+            _table(
+                headers,
+                [
+                    ["annotated parts", *_reprojection([pair.interior for pair in drawn])],
+                    ["outer surface alone", *_reprojection([pair.outside for pair in drawn])],
+                ],
+            ),
+        ]
+    shown: dict[str, QualityPair] = {}
+    for pair in pairs:
+        if pair.category in SHOWN:
+            shown.setdefault(pair.category, pair)
+    rows = [
+        [category, prior, *_quality_columns(quality)]
+        for category, pair in sorted(shown.items())
+        for prior, quality in (("parts", pair.interior), ("outer surface", pair.outside))
+    ]
+    return [
+        *sections,
+        "Against the true density of voxels (in place of a CT), g/cm³, and the radiographs: mean "
+        "absolute error of -ln T and correlation of T on the object.",
+        _table(
+            ("object", "known", "voxel MAE", "PA MAE", "LAT MAE", "PA corr.", "LAT corr."), rows
+        ),
+    ]
+
+
+def _reprojection(qualities: Sequence[Quality]) -> list[str]:
+    numbers = np.array(
+        [
+            [view.attenuation_mae for view in quality.views]
+            + [view.background_attenuation_mae for view in quality.views]
+            for quality in qualities
+        ]
+    )
+    means, sds = np.nanmean(numbers, axis=0), np.nanstd(numbers, axis=0)
+    return [f"{mean:.3f} ± {sd:.3f}" for mean, sd in zip(means, sds, strict=True)]
+
+
+def _quality_columns(quality: Quality) -> list[str]:
+    maes = [f"{view.attenuation_mae:.3f}" for view in quality.views]
+    correlations = [f"{view.transmission_corr:.3f}" for view in quality.views]
+    return [f"{quality.voxel_mae_g_cm3:.3f}", *maes, *correlations]
 
 
 def calibration_rows(objects: Sequence[ObjectResult]) -> list[list[str]]:
