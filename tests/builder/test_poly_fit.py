@@ -8,12 +8,14 @@ from dataclasses import replace
 import pytest
 import trimesh
 
+from tests.builder.fit_scenes import cone
 from tests.builder.poly_scenes import (
     TUBE,
     Solid,
     captured,
     fitted,
     owned_volumes_cm3,
+    radiograph,
     relabelled,
     solved,
     tool,
@@ -21,6 +23,7 @@ from tests.builder.poly_scenes import (
 )
 from xden1k.records import object_row
 from xden1k.types import DensityObject
+from xden_builder.audit import audit_object
 from xden_builder.capture import Capture, CapturePart, Tube
 from xden_builder.poly.pose import Pose
 from xden_builder.reconstruct import reconstruct
@@ -72,6 +75,18 @@ def test_the_papers_number_is_kept_beside_ours(rebuilt):
 def test_model_explains_its_images(rebuilt):
     for view in rebuilt.meta["reprojection"].values():
         assert view["transmission_corr"] > 0.999
+
+
+def test_an_audit_repeats_the_fits_images_from_what_is_kept(capture, rebuilt):
+    oblique = radiograph(tool(), "oblique", cone(40.0, 96, 14.0))
+    audit = audit_object(rebuilt, replace(capture, audit_views=(oblique,)))
+    assert audit.good
+    *fitted_views, unseen = audit.views
+    for view in fitted_views:
+        kept = rebuilt.meta["reprojection"][view.name]
+        assert view.transmission_mae == pytest.approx(kept["transmission_mae"], rel=0.02)
+    assert not unseen.fitted
+    assert unseen.transmission_corr > 0.998
 
 
 def test_report_is_of_jsons_types_and_complete(capture, rebuilt):
