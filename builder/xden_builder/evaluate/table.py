@@ -38,6 +38,8 @@ GROUPS: Final[tuple[tuple[str, Callable[[PartCheck], bool]], ...]] = (
 def markdown(evaluation: Evaluation) -> str:
     """Write all tables: methods, calibration, flags, ablations."""
     objects = list(evaluation.objects.values())
+    if not objects:
+        return "0 simulated objects.\n"
     ablated = [each for each in objects if each.ablated]
     sections = [
         f"{len(objects)} simulated objects, {sum(len(o.parts['labels']) for o in objects)} parts. "
