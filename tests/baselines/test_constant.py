@@ -123,6 +123,7 @@ def test_no_density_is_within_reach_of_a_sample() -> None:
         "origin_cm",
         "outer_mesh",
         "part_meshes",
+        "part_names",
         "views",
         "voxel_size_cm",
     }

@@ -64,7 +64,8 @@ def test_the_true_part_densities_score_zero_on_the_sample(
     reference = Reference(open_folder(SAMPLE), split)
     path = truth_as_part_density(reference, tmp_path / "truth.npz", target)
     scored = score(path, reference, load_protocol())
-    assert scored.metrics["density_mae_g_cm3"].mean < 1e-6
+    # a step of float16 here and there, which is larger for apparent densities of metal
+    assert scored.metrics["density_mae_g_cm3"].mean < 1e-5
     assert scored.metrics["mass_mape"].mean < 1e-5
     assert scored.metrics["com_l1_cm"].mean < 1e-5
     (warning,) = (str(one) for one in scored.warnings if one.code == "W504")
