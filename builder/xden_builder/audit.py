@@ -358,8 +358,7 @@ def audit_object(
         if "poly" not in obj.meta:
             views.append(audit_view(view, lengths, lac, gain=gain, floor=floor))
             continue
-        fitted = gain is not None
-        beside = None if fitted else _background_gain(view, lengths)
+        fitted, (_, beside) = gain is not None, _pixel_sets(view, lengths)
         model, gain = replayed(obj, capture, view, geometry, lengths, beside)
         views.append(audit_image(view, lengths, model, gain=gain, floor=floor, fitted=fitted))
     return ObjectAudit(

@@ -53,22 +53,24 @@ def evaluate(
 ) -> None:
     """Rebuild objects whose density is known, and compare.
 
-    CAPTURES is a folder of simulated captures of a tube; without it, COUNT objects are simulated
-    with every effect of the scanner, pores, and labels that err. Exits with 3 if some object could
-    not be evaluated.
+    CAPTURES is a folder of simulated captures of a tube, evaluated whole; without it, objects are
+    simulated by --count, --seed and --size, with every effect of the scanner, pores, and labels
+    that err. Exits with 3 if some object could not be evaluated.
     """
+    if out and not out.parent.is_dir():
+        raise click.UsageError(f"--out: there is no folder {out.parent}")
     with TemporaryDirectory(prefix="xden-evaluate-") as scratch:
         folder = captures or _simulated(Path(scratch) / "captures", count, seed, size, workers)
         report = _evaluated(folder, ablated, workers)
     from xden_builder.evaluate.table import markdown
 
     tables = markdown(report)
-    if out:
-        out.write_text(tables, encoding="utf-8")
     if as_json:
         print_json(report.to_dict())
     else:
         click.echo(tables)
+    if out:
+        out.write_text(tables, encoding="utf-8")
     for object_id, why in report.failures:
         click.echo(f"failed: {object_id}: {why}", err=True)
     if report.failures:

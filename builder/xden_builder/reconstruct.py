@@ -29,6 +29,7 @@ from xden_builder.density import PartDensity, part_densities
 from xden_builder.fit import LacFit, fit_lac, fit_lac_adam
 from xden_builder.plausible import check_places, check_size, view_flags
 from xden_builder.poly.estimate import estimate
+from xden_builder.poly.posterior import MASS_SD_SHARE
 from xden_builder.poly.result import PolyFit, judged
 from xden_builder.poly.rigid import rigid_sd
 from xden_builder.settings import BuildSettings
@@ -118,7 +119,7 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
         weighed_mass_g=capture.weighed_mass_g,
         flags=(*_object_flags(capture), *view_flags(audits)),
         meta=_meta(capture, lengths, fit, audits, settings)
-        | _uncertainty(regions, densities, poly)
+        | _uncertainty(regions, densities, poly, capture.weighed_mass_g)
         | ({} if poly is None else {"poly": plain(poly.report([part.name for part in parts]))}),
     )
 
@@ -191,7 +192,10 @@ def _audits(
 
 
 def _uncertainty(
-    regions: Sequence[trimesh.Trimesh], densities: Sequence[PartDensity], poly: PolyFit | None
+    regions: Sequence[trimesh.Trimesh],
+    densities: Sequence[PartDensity],
+    poly: PolyFit | None,
+    weighed_mass_g: float | None,
 ) -> dict[str, Any]:
     """Give standard deviations of the mass properties, if every density is known."""
     known = np.array([density.density_g_cm3 for density in densities])
@@ -199,7 +203,10 @@ def _uncertainty(
         return {}
     sds = np.array([density.sd_g_cm3 for density in densities])
     covariance = np.diag(sds**2) if poly is None else poly.covariance
-    sd = rigid_sd(regions, known, covariance)
+    weighed_sd_g = None
+    if poly is not None and weighed_mass_g is not None:
+        weighed_sd_g = MASS_SD_SHARE * weighed_mass_g
+    sd = rigid_sd(regions, known, covariance, weighed_sd_g=weighed_sd_g)
     return {
         "uncertainty": {
             "mass_sd_g": sd.mass_g,

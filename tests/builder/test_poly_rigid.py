@@ -62,3 +62,14 @@ def test_where_a_body_lies_does_not_matter():
     assert there.mass_g == pytest.approx(here.mass_g)
     np.testing.assert_allclose(there.com_cm, here.com_cm, rtol=1e-6)
     np.testing.assert_allclose(there.inertia_g_cm2, here.inertia_g_cm2, rtol=1e-6)
+
+
+def test_a_weighed_mass_bounds_the_deviation_of_the_mass_but_not_of_each_density():
+    boxes = [box((1, 1, 1), (0, 0, 0)), box((1, 1, 1), (3, 0, 0))]
+    density, covariance = np.array([1.0, 1.0]), np.diag([0.25, 0.25])
+    free = rigid_sd(boxes, density, covariance)
+    weighed = rigid_sd(boxes, density, covariance, weighed_sd_g=0.01)
+    assert free.mass_g > 0.7
+    assert weighed.mass_g == pytest.approx(0.01, rel=0.01)
+    # what one box has too much the other lacks: the centre is as free as before
+    assert weighed.com_cm[0] == pytest.approx(free.com_cm[0], rel=0.01)

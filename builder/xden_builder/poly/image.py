@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from xden1k.arrays import Image
+from xden1k.arrays import Image, Mask
+from xden1k.errors import DataError
 from xden1k.materials import load_materials
 from xden1k.rays import PathLengths, path_lengths
 from xden1k.types import DensityObject
@@ -100,9 +101,12 @@ def replayed(
     view: XRayView,
     geometry: ViewGeometry,
     lengths: PathLengths,
-    gain: float | None,
+    beside: Mask,
 ) -> tuple[Image, float]:
     """Compute the image of a view from what a dataset keeps of a fit, and its gain.
+
+    A view that was not fitted has the mean stray light of those that were, and the gain that makes
+    its median right beside the object.
 
     Parameters
     ----------
@@ -111,22 +115,29 @@ def replayed(
     capture
         What it was made from.
     view
-        One of its radiographs; one that was not fitted has the mean stray light of those that were.
+        One of its radiographs.
     geometry
         Of the view, in the frame of the meshes.
     lengths
         Of the object's parts in that geometry.
-    gain
-        For a view that was not fitted; otherwise the fit's is taken.
+    beside
+        Shape (rows, columns): valid pixels beside the object.
+
+    Raises
+    ------
+    DataError
+        If the capture no longer says what tube it was taken with.
     """
-    assert capture.tube is not None
+    if capture.tube is None:
+        raise DataError(
+            f"{obj.object_id}: expected the tube it was rebuilt with, scanner.toml names none"
+        )
     fit: Mapping[str, Any] = obj.meta["poly"]
     groups = energy_groups(capture.tube, capture.detector.scintillator)
     known = np.array([[values[term] for term in TERMS] for values in fit["views"].values()])
     names = list(fit["views"])
-    nuisances = known[names.index(view.name)] if view.name in names else known.mean(axis=0)
-    if gain is not None:
-        nuisances = np.array([gain, *nuisances[1:]])
+    fitted = view.name in names
+    nuisances = known[names.index(view.name)] if fitted else [1.0, *known.mean(axis=0)[1:]]
     stand_ins = [fit["stand_ins"][part.name] for part in obj.parts]
     smooth = path_lengths(
         [part.mesh for part in obj.parts],
@@ -141,9 +152,12 @@ def replayed(
         _coefficients(stand_ins, groups, scattering=False),
         _coefficients(stand_ins, groups, scattering=True),
         np.array([part.density_g_cm3 for part in obj.parts]),
-        nuisances,
+        np.array(nuisances),
     )
-    return image, float(nuisances[0])
+    if fitted or not beside.any():
+        return image, float(nuisances[0])
+    gain = float(np.median(view.transmission[beside]) / np.median(image[beside]))
+    return np.asarray(gain * image), gain
 
 
 def _coefficients(

@@ -16,7 +16,7 @@ from xden_builder.poly.pixels import ViewPixels
 from xden_builder.poly.settings import HUBER, PolySettings
 from xden_builder.poly.stand_ins import StandIns
 
-__all__ = ["NUISANCES", "Box", "Mass", "Problem", "solve"]
+__all__ = ["MASS_SD_SHARE", "NUISANCES", "Box", "Mass", "Problem", "solve"]
 
 GAIN: Final = (1.0, 0.05, 0.5, 2.0)
 SCATTER: Final = (0.08, 0.1, 0.0, 0.6)

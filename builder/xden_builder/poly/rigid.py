@@ -45,6 +45,7 @@ def rigid_sd(
     density_g_cm3: Float64[np.ndarray, "k"],
     covariance: Float64[np.ndarray, "k k"],
     scale_sd: float = SCALE_SD,
+    weighed_sd_g: float | None = None,
 ) -> RigidSD:
     """Carry the uncertainty of the densities over to the body, to first order.
 
@@ -59,6 +60,9 @@ def rigid_sd(
         Shape (K,) and (K, K).
     scale_sd
         Relative, of the meshes' size.
+    weighed_sd_g
+        Standard deviation of the mass, if the densities were fitted to a weighed one: whatever
+        else is not known, they are not free to change the mass by more.
     """
     units = [mass_of_meshes([mesh], [1.0]) for mesh in meshes]
     volumes = np.array([unit.mass_g for unit in units])
@@ -66,18 +70,24 @@ def rigid_sd(
     mass = float(volumes @ density_g_cm3)
     com = (volumes * density_g_cm3) @ centres / mass
     off = centres - com
+    scales = (2 * scale_sd, 4 * scale_sd)
+    if weighed_sd_g is not None:
+        slope = covariance @ volumes
+        known = volumes @ slope + weighed_sd_g**2
+        covariance = covariance - np.outer(slope, slope) / known
+        scales = (0.0, 2 * scale_sd)
     squares = (off**2).sum(axis=1)[:, None, None] * np.eye(3) - off[:, :, None] * off[:, None, :]
     inertias = np.stack([unit.inertia_g_cm2 for unit in units])
     inertias = inertias + volumes[:, None, None] * squares
     inertia = np.einsum("k,kij->ij", density_g_cm3, inertias)
     slopes = volumes[:, None] * off / mass
     return RigidSD(
-        float(np.hypot(np.sqrt(volumes @ covariance @ volumes), 2 * scale_sd * mass)),
+        float(np.hypot(np.sqrt(volumes @ covariance @ volumes), scales[0] * mass)),
         np.hypot(
             np.sqrt(np.einsum("ki,kl,li->i", slopes, covariance, slopes).clip(min=0)), SURFACE_SD_CM
         ),
         np.hypot(
             np.sqrt(np.einsum("kij,kl,lij->ij", inertias, covariance, inertias).clip(min=0)),
-            4 * scale_sd * np.abs(inertia),
+            scales[1] * np.abs(inertia),
         ),
     )

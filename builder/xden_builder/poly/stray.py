@@ -14,14 +14,13 @@ from xden_builder.poly import kernels
 from xden_builder.poly.beam import ViewBeam
 from xden_builder.poly.pose import binned
 
-__all__ = ["STRAY_TERMS", "coarse_binning", "stray_light"]
+__all__ = ["coarse_binning", "stray_light"]
 
 NEAR_CM: Final = 2.0
 FAR_CM: Final = 6.0
 """Standard deviations on the panel of the two Gaussians that scatter is made of: assumed."""
 GLARE_CM: Final = 1.0
 """Standard deviation of the light's far spread in the scintillator: assumed."""
-STRAY_TERMS: Final = 3
 COARSE_PX: Final = 128
 """Stray light is smooth: about so many pixels along a side show all of it."""
 
