@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 __all__ = ["cli"]
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
-REALISTIC = True
-"""Whether ``phantoms`` makes a realistic scanner and lifelike objects unless told otherwise."""
 
 workers_option = click.option(
     "--workers",
@@ -61,12 +59,12 @@ def cli() -> None:
     "--scanner",
     type=click.Path(path_type=Path, dir_okay=False),
     help="TOML file of the simulated scanner.",
-    show_default="realistic" if REALISTIC else "monochromatic, 100 keV",
+    show_default="realistic",
 )
 @click.option(
     "--lifelike/--tidy",
     default=None,
-    show_default="lifelike" if REALISTIC else "tidy",
+    show_default="lifelike",
     help="Whether there are pores, paint, and labels that err or are missing.",
 )
 @click.option("--ideal", is_flag=True, help="Nothing errs; monochromatic and tidy, if not chosen.")
@@ -99,8 +97,7 @@ def phantoms(
 
     if as_dataset and check:
         raise click.UsageError("--check is for captures, not for --as-dataset")
-    real = REALISTIC and not ideal
-    made = Scanner.realistic() if real else Scanner.monochromatic()
+    made = Scanner.monochromatic() if ideal else Scanner.realistic()
     write = write_truth_dataset if as_dataset else write_captures
     with _bar(count) as bar:
         write(
@@ -110,7 +107,7 @@ def phantoms(
             size=size,
             ideal=ideal,
             scanner=load_scanner(scanner) if scanner else made,
-            realism=LIFELIKE if (real if lifelike is None else lifelike) else TIDY,
+            realism=LIFELIKE if (not ideal if lifelike is None else lifelike) else TIDY,
             workers=workers,
             progress=lambda _: bar.update(),
             categories=[name for name in categories.split(",") if name],

@@ -174,11 +174,7 @@ def test_truth_as_a_dataset_is_not_for_the_check(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("realistic", [False, True])
-def test_ideal_switches_everything_off_whatever_is_usual(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, realistic: bool
-) -> None:
-    monkeypatch.setattr("xden_builder.cli.REALISTIC", realistic)
+def test_ideal_switches_everything_off(tmp_path: Path) -> None:
     make(tmp_path / "command", "--ideal")
     write_captures(tmp_path / "library", 1, 4, scanner=Scanner.monochromatic(32).ideal())
     for path in (tmp_path / "library").rglob("*"):
@@ -187,19 +183,12 @@ def test_ideal_switches_everything_off_whatever_is_usual(
             assert same.read_bytes() == path.read_bytes(), path.name
 
 
-def test_usual_scanner_and_labels_are_switched_by_one_constant(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("xden_builder.cli.REALISTIC", True)
+def test_scanner_is_realistic_and_labels_err_unless_told_otherwise(tmp_path: Path) -> None:
     usual = make(tmp_path / "usual")
     assert Scanner(**usual["scanner"]) == Scanner.realistic(32)  # type: ignore[arg-type]
     assert Realism(**usual["realism"]) == LIFELIKE  # type: ignore[arg-type]
     tidy = make(tmp_path / "tidy", "--tidy")
     assert (tidy["scanner"], Realism(**tidy["realism"])) == (usual["scanner"], TIDY)  # type: ignore[arg-type]
-    monkeypatch.setattr("xden_builder.cli.REALISTIC", False)
-    plain = make(tmp_path / "plain", "--lifelike")
-    assert Scanner(**plain["scanner"]) == Scanner.monochromatic(32)  # type: ignore[arg-type]
-    assert Realism(**plain["realism"]) == LIFELIKE  # type: ignore[arg-type]
 
 
 def test_scanner_file_made_ideal_keeps_its_source(tmp_path: Path) -> None:
