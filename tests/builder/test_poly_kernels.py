@@ -11,7 +11,7 @@ from tests.builder.poly_scenes import TUBE
 from xden1k.materials import load_materials
 from xden_builder.poly import kernels
 from xden_builder.poly.beam import energy_groups
-from xden_builder.poly.settings import HUBER
+from xden_builder.poly.huber import HUBER
 
 LIBRARY = load_materials()
 GROUPS = energy_groups(TUBE, "CsI")

@@ -11,8 +11,8 @@ from jaxtyping import Float64, Int64
 
 from xden_builder.poly import kernels
 from xden_builder.poly.candidates import CandidateTable
+from xden_builder.poly.huber import HUBER
 from xden_builder.poly.pixels import ViewPixels
-from xden_builder.poly.settings import HUBER
 
 __all__ = ["MaterialPosterior", "Radiographs", "weigh_materials"]
 

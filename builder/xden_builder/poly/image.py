@@ -20,7 +20,7 @@ from xden_builder.poly.beam import EnergyGroups, ViewBeam, energy_groups, view_b
 from xden_builder.poly.pose import coarse
 from xden_builder.poly.stray import coarse_binning, stray_light
 
-__all__ = ["TERMS", "model_image", "replayed", "transmissions"]
+__all__ = ["TERMS", "model_image", "replayed", "transmissions", "transmissions_and_slopes"]
 
 TERMS = ("gain", "near_scatter", "far_scatter", "glare")
 """What a view has of its own, in the order of the unknowns."""
@@ -46,7 +46,32 @@ def transmissions(
     binning
         Pixels along each side of a block.
     """
-    count, rays, parts = lengths.lengths_cm.shape
+    none = np.empty((0, len(density_g_cm3)))
+    return _predicted(lengths, beam, mac_cm2_g, density_g_cm3, binning, none)
+
+
+def transmissions_and_slopes(
+    lengths: PathLengths,
+    beam: ViewBeam,
+    mac_cm2_g: Float64[np.ndarray, "k groups"],
+    density_g_cm3: Float64[np.ndarray, "k"],
+    binning: int = 1,
+) -> tuple[Float64[np.ndarray, "n"], Float64[np.ndarray, "n k"]]:
+    """Give the same, and its derivatives by the densities, shape (n, K)."""
+    slopes = np.empty((len(lengths.pixels), len(density_g_cm3)))
+    return _predicted(lengths, beam, mac_cm2_g, density_g_cm3, binning, slopes), slopes
+
+
+def _predicted(
+    lengths: PathLengths,
+    beam: ViewBeam,
+    mac_cm2_g: Float64[np.ndarray, "k groups"],
+    density_g_cm3: Float64[np.ndarray, "k"],
+    binning: int,
+    slopes: Float64[np.ndarray, "m k"],
+) -> Float64[np.ndarray, "n"]:
+    """Run the kernel, which writes the slopes if there is room for any."""
+    count, rays, _ = lengths.lengths_cm.shape
     transmission = np.empty(count)
     kernels.predict(
         lengths.lengths_cm,
@@ -55,7 +80,7 @@ def transmissions(
         density_g_cm3,
         beam.weights(lengths.pixels, binning),
         transmission,
-        np.empty((0, parts)),
+        slopes,
     )
     return transmission
 

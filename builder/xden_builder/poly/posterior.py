@@ -12,13 +12,15 @@ from jaxtyping import Float64
 
 from xden_builder.fit.levenberg import Minimum, minimise
 from xden_builder.fit.problem import Evaluation
+from xden_builder.poly import huber
 from xden_builder.poly.pixels import ViewPixels
-from xden_builder.poly.settings import HUBER, PolySettings
+from xden_builder.poly.refine import GAIN_SD
+from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.stand_ins import StandIns
 
 __all__ = ["MASS_SD_SHARE", "NUISANCES", "Box", "Mass", "Problem", "solve"]
 
-GAIN: Final = (1.0, 0.05, 0.5, 2.0)
+GAIN: Final = (1.0, GAIN_SD, 0.5, 2.0)
 SCATTER: Final = (0.08, 0.1, 0.0, 0.6)
 GLARE: Final = (0.03, 0.02, 0.0, 0.1)
 """Mean, standard deviation, least and most of a view's gain, and of the amplitudes of its stray
@@ -126,8 +128,7 @@ class Problem:
         image, jacobian = self.image(unknowns, number)
         sd = self.sds[number]
         residuals = (image - self.views[number].measured) / sd
-        weights = self.share * HUBER / np.maximum(np.abs(residuals), HUBER)
-        return residuals, jacobian / sd[:, None], weights
+        return residuals, jacobian / sd[:, None], self.share * huber.weights(residuals)
 
     def evaluate(self, unknowns: Float64[np.ndarray, "u"]) -> Evaluation:
         """Twice minus the logarithm of the posterior, and half its derivatives."""
@@ -136,9 +137,7 @@ class Problem:
         gradient, hessian = off / self.prior.sd, np.diag(self.prior.sd**-2.0)
         for number in range(len(self.views)):
             residuals, jacobian, weights = self.scaled(unknowns, number)
-            size = np.abs(residuals)
-            beyond = 2 * HUBER * size - HUBER**2
-            loss += self.share * float(np.where(size <= HUBER, size**2, beyond).sum())
+            loss += self.share * huber.tempered(residuals)
             weighted = jacobian * weights[:, None]
             gradient = gradient + weighted.T @ residuals
             hessian = hessian + weighted.T @ jacobian

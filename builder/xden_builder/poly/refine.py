@@ -16,16 +16,16 @@ import trimesh
 from jaxtyping import Float, Float64
 
 from xden1k.arrays import Mask
-from xden1k.rays import path_lengths
+from xden1k.rays import PathLengths, path_lengths
 from xden1k.views import ViewGeometry, XRayView
 from xden_builder.fit.box import box_minimum
 from xden_builder.fit.problem import Evaluation
-from xden_builder.poly import kernels
+from xden_builder.poly import huber
 from xden_builder.poly.beam import ViewBeam
+from xden_builder.poly.image import transmissions, transmissions_and_slopes
 from xden_builder.poly.pose import POSE_UNKNOWNS, Pose, binned, coarse, posed
-from xden_builder.poly.settings import HUBER
 
-__all__ = ["PoseFit", "refine_pose"]
+__all__ = ["GAIN_SD", "PoseFit", "refine_pose"]
 
 ROTATION_SD: Final = 0.03
 SHIFT_SD_CM: Final = 0.3
@@ -47,6 +47,7 @@ SETTLED_SHARE: Final = 1e-3
 WORTH: Final = 400.0
 """Independent observations that all pixels together are worth: their errors hang together."""
 GAIN_SD: Final = 0.05
+"""Of the open field of a view, relative."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,8 +64,6 @@ class PoseFit:
         Fitted along with it, coarsely.
     rms_before, rms_after
         Root mean square residual of transmission on the coarsest and the finest images used.
-    steps
-        Gauss-Newton steps in all.
     """
 
     pose: Pose
@@ -73,7 +72,6 @@ class PoseFit:
     gain: Float64[np.ndarray, "v"]
     rms_before: float
     rms_after: float
-    steps: int
 
 
 def refine_pose(
@@ -103,36 +101,34 @@ def refine_pose(
     radius_cm = float(np.linalg.norm(points - centre, axis=1).max())
     x, y, z = centre.tolist()
     origin = Pose(centre_cm=(x, y, z))
-    parts, unknowns = (
-        len(meshes),
-        np.concatenate([density_g_cm3, np.ones(len(views)), np.zeros(POSE_UNKNOWNS)]),
-    )
+    parts = len(meshes)
+    unknowns = np.concatenate([density_g_cm3, np.ones(len(views)), np.zeros(POSE_UNKNOWNS)])
     others = np.full(len(views) + POSE_UNKNOWNS, np.inf)
     low, high = (
         np.append(share * density_g_cm3, sign * others)
         for share, sign in zip(DENSITY_SHARES, (-1, 1), strict=True)
     )
-    rms, steps = [], 0
-    finest = min(min(view.transmission.shape) for view in views) // COARSEST_PX
-    for binning, most in BINNINGS:
-        if 1 < binning <= finest or binning == BINNINGS[-1][0]:
-            level = _Level.of(
-                views, beams, meshes, order, mac_cm2_g, origin, binning, points, radius_cm
-            )
-            rms.append(level.rms(unknowns))
-            unknowns, here, taken = _descend(level, unknowns, most, low, high)
-            steps += taken
-    rms.append(level.rms(unknowns))
-    told = here.hessian + 1e-9 * np.diag(here.hessian.diagonal())
+    coarsest = min(min(view.transmission.shape) for view in views) // COARSEST_PX
+    used = [each for each in BINNINGS[:-1] if each[0] <= coarsest] + [BINNINGS[-1]]
+    rms_before = None
+    for binning, most in used:
+        level = _Level.of(
+            views, beams, meshes, order, mac_cm2_g, origin, binning, points, radius_cm
+        )
+        if rms_before is None:
+            rms_before = level.rms(unknowns)
+        unknowns = _descend(level, unknowns, most, low, high)
+    assert rms_before is not None
+    hessian = level.evaluate(unknowns).hessian
+    told = hessian + 1e-9 * np.diag(hessian.diagonal())
     covariance = np.linalg.pinv(told, hermitian=True)
     return PoseFit(
         pose=origin.moved(unknowns[-POSE_UNKNOWNS:]),
         sd=np.sqrt(covariance.diagonal()[-POSE_UNKNOWNS:].clip(min=0)),
         density_g_cm3=unknowns[:parts],
         gain=unknowns[parts:-POSE_UNKNOWNS],
-        rms_before=rms[0],
-        rms_after=rms[-1],
-        steps=steps,
+        rms_before=rms_before,
+        rms_after=level.rms(unknowns),
     )
 
 
@@ -142,11 +138,11 @@ def _descend(
     most: int,
     low: Float64[np.ndarray, "u"],
     high: Float64[np.ndarray, "u"],
-) -> tuple[Float64[np.ndarray, "u"], Evaluation, int]:
+) -> Float64[np.ndarray, "u"]:
     """Take damped Gauss-Newton steps; a try that fails costs two renderings, no derivative."""
-    damping, steps = FIRST_DAMPING, 0
-    here = level.evaluate(unknowns)
+    damping = FIRST_DAMPING
     for _ in range(most):
+        here = level.evaluate(unknowns)
         for _ in range(MOST_TRIES):
             ahead = _ahead(unknowns, here, damping, low, high)
             loss = level.loss(ahead)
@@ -155,13 +151,10 @@ def _descend(
             damping *= 10
         else:
             break
-        steps += 1
-        gained = here.loss - loss
-        damping = max(damping / 10, 1e-6)
-        unknowns, here = ahead, level.evaluate(ahead)
-        if gained < SETTLED_SHARE * here.loss:
+        damping, unknowns = max(damping / 10, 1e-6), ahead
+        if here.loss - loss < SETTLED_SHARE * loss:
             break
-    return unknowns, here, steps
+    return unknowns
 
 
 def _ahead(
@@ -230,9 +223,8 @@ class _Level:
         for number, seen in enumerate(self.measured):
             model, jacobian = self._view(unknowns, number)
             residuals, scaled = (model - seen) / PIXEL_SD, jacobian / PIXEL_SD
-            loss += self._tempered(residuals)
-            share = self._share * HUBER / np.maximum(np.abs(residuals), HUBER)
-            weighted = scaled * share[:, None]
+            loss += self._share * huber.tempered(residuals)
+            weighted = scaled * (self._share * huber.weights(residuals))[:, None]
             gradient = gradient + weighted.T @ residuals
             hessian = hessian + weighted.T @ scaled
         return Evaluation(loss, gradient, hessian, ())
@@ -241,12 +233,7 @@ class _Level:
         """Sum of :meth:`evaluate` alone."""
         mean, precision = self._prior()
         squares = float(((unknowns - mean) ** 2 * precision).sum())
-        return squares + sum(map(self._tempered, self._residuals(unknowns)))
-
-    def _tempered(self, residuals: Float64[np.ndarray, "n"]) -> float:
-        size = np.abs(residuals)
-        squares = np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2)
-        return self._share * float(squares.sum())
+        return squares + self._share * sum(map(huber.tempered, self._residuals(unknowns)))
 
     @property
     def _share(self) -> float:
@@ -256,7 +243,7 @@ class _Level:
         """Model less measurement of each view, in standard deviations."""
         density, gains, pose = self._split(unknowns)
         return [
-            (gain * self._render(number, density, pose, slopes=False)[0] - seen) / PIXEL_SD
+            (gain * self._image(number, density, pose) - seen) / PIXEL_SD
             for number, (seen, gain) in enumerate(zip(self.measured, gains.tolist(), strict=True))
         ]
 
@@ -288,7 +275,7 @@ class _Level:
         """Image of a view, and its derivatives by all unknowns."""
         density, gains, pose = self._split(unknowns)
         gain = gains[number]
-        model, slopes = self._render(number, density, pose, slopes=True)
+        model, slopes = self._image_and_slopes(number, density, pose)
         jacobian = np.zeros((len(model), len(unknowns)))
         jacobian[:, : self.parts] = gain * slopes
         jacobian[:, self.parts + number] = model
@@ -298,47 +285,50 @@ class _Level:
             delta = np.zeros(POSE_UNKNOWNS)
             delta[index] = deltas[index]
             ahead, behind = (
-                self._render(number, density, there, slopes=False)[0]
-                for there in (pose + delta, pose - delta)
+                self._image(number, density, there) for there in (pose + delta, pose - delta)
             )
             place = self.parts + len(gains) + index
             jacobian[:, place] = gain * (ahead - behind) / (2 * deltas[index])
         return gain * model, jacobian
 
-    def _render(
-        self,
-        number: int,
-        density: Float64[np.ndarray, "k"],
-        pose: Float64[np.ndarray, "7"],
-        *,
-        slopes: bool,
+    def _image(
+        self, number: int, density: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "7"]
+    ) -> Float64[np.ndarray, "_p"]:
+        """Transmission of the compared pixels of a view."""
+        lengths = self._lengths(number, pose)
+        beam = self.beams[number]
+        seen = transmissions(lengths, beam, self.mac_cm2_g, density, self.binning)
+        return self._compared(number, lengths, seen)
+
+    def _image_and_slopes(
+        self, number: int, density: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "7"]
     ) -> tuple[Float64[np.ndarray, "_p"], Float64[np.ndarray, "_p k"]]:
-        """Transmission of the compared pixels, and its derivatives by density if wanted."""
-        beam, mask = self.beams[number], self.masks[number]
-        geometry = posed(beam.geometry, self.origin.moved(pose), shifted_rows=number == 1)
-        lengths = path_lengths(
-            self.meshes, self.order, coarse(geometry, self.binning), max(self.binning // 2, 2)
+        """Give the same, and its derivatives by density."""
+        lengths, mask = self._lengths(number, pose), self.masks[number]
+        beam = self.beams[number]
+        seen, slopes = transmissions_and_slopes(
+            lengths, beam, self.mac_cm2_g, density, self.binning
         )
-        count, rays, parts = lengths.lengths_cm.shape
-        transmission, slope = np.empty(count), np.empty((count if slopes else 0, parts))
-        kernels.predict(
-            lengths.lengths_cm,
-            np.full(count, rays),
-            self.mac_cm2_g,
-            density,
-            beam.weights(lengths.pixels, self.binning),
-            transmission,
-            slope,
-        )
-        image = np.ones(mask.shape)
-        image.flat[lengths.pixels] = transmission
-        if not slopes:
-            return image[mask], slope
         places = np.cumsum(mask) - 1
         inside = mask.flat[lengths.pixels]
-        compared = np.zeros((int(mask.sum()), parts))
-        compared[places[lengths.pixels[inside]]] = slope[inside]
-        return image[mask], compared
+        compared = np.zeros((int(mask.sum()), self.parts))
+        compared[places[lengths.pixels[inside]]] = slopes[inside]
+        return self._compared(number, lengths, seen), compared
+
+    def _lengths(self, number: int, pose: Float64[np.ndarray, "7"]) -> PathLengths:
+        """Path lengths of a view's bins, the object in a pose."""
+        there = self.origin.moved(pose)
+        geometry = posed(self.beams[number].geometry, there, shifted_rows=number == 1)
+        rays = max(self.binning // 2, 2)
+        return path_lengths(self.meshes, self.order, coarse(geometry, self.binning), rays)
+
+    def _compared(
+        self, number: int, lengths: PathLengths, transmission: Float64[np.ndarray, "n"]
+    ) -> Float64[np.ndarray, "_p"]:
+        """Pick the compared pixels of a view, in which what no ray meets is 1."""
+        image = np.ones(self.masks[number].shape)
+        image.flat[lengths.pixels] = transmission
+        return np.asarray(image[self.masks[number]])
 
 
 def _window(

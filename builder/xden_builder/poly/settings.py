@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Final
 
 from xden1k.errors import DataError
 
-__all__ = ["HUBER", "PolySettings"]
-
-HUBER: Final = 2.0
-"""Standard deviations beyond which a residual counts linearly."""
+__all__ = ["PolySettings"]
 
 
 @dataclass(frozen=True, slots=True)
