@@ -1,0 +1,79 @@
+"""What the commands share: options, the dataset they speak of, a bar, the command line as given."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from click.core import ParameterSource
+
+from xden1k.commands import open_root
+from xden1k.modality import TRACKS
+
+if TYPE_CHECKING:
+    from xden_bench.reference import Reference
+
+__all__ = [
+    "FILE",
+    "FOLDER",
+    "RESULTS",
+    "command_line",
+    "echo_lines",
+    "open_reference",
+    "progress_bar",
+    "root_option",
+    "split_option",
+    "track_option",
+]
+
+FILE = click.Path(path_type=Path, dir_okay=False)
+FOLDER = click.Path(path_type=Path, file_okay=False)
+RESULTS = Path("benchmarks/results")
+"""Where entries lie in a checkout."""
+
+root_option = click.option(
+    "--root", type=FOLDER, help="Dataset folder. [default: XDEN1K_ROOT, the cache, the sample]"
+)
+split_option = click.option("--split", default="test", show_default=True, help="Split to score.")
+track_option = click.option(
+    "--track",
+    type=click.Choice(TRACKS),
+    help="Refuse a submission whose inputs do not put it in this track.",
+)
+
+
+def open_reference(root: Path | None, split: str) -> Reference:
+    """Open a split of the dataset that ``--root`` names as the truth."""
+    from xden_bench.reference import Reference
+
+    return Reference(open_root(root), split)
+
+
+def command_line(context: click.Context) -> str:
+    """Return the command line as it was given, without what only changes the output."""
+    words = ["xden-bench", context.info_name or ""]
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE and name != "as_json":
+            value = str(context.params[name])
+            words += (
+                [value] if isinstance(parameter, click.Argument) else [parameter.opts[0], value]
+            )
+    return shlex.join(words)
+
+
+def progress_bar(object_ids: Sequence[str]) -> Iterable[str]:
+    """Go through ids with a bar on stderr, if that is a terminal."""
+    from tqdm import tqdm
+
+    bar: Iterable[str] = tqdm(object_ids, unit="object", disable=None, leave=False)
+    return bar
+
+
+def echo_lines(first: str | None, rest: Iterable[object]) -> None:
+    """Print lines."""
+    for line in ([first] if first else []) + [str(one) for one in rest]:
+        click.echo(line)

@@ -1,0 +1,193 @@
+"""Commands on one submission: validate, score, submit."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import shlex
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from xden1k.commands import json_option, print_json
+from xden1k.modality import Track
+from xden_bench.commands.shared import (
+    FILE,
+    RESULTS,
+    command_line,
+    echo_lines,
+    open_reference,
+    progress_bar,
+    root_option,
+    split_option,
+    track_option,
+)
+
+if TYPE_CHECKING:
+    from xden_bench.bootstrap import Estimate
+    from xden_bench.reference import Reference
+    from xden_bench.scoring import Score
+
+__all__ = ["score", "submission_command", "submit", "validate"]
+
+
+def submission_command(out_help: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Decorate a command with what validate, score and submit share."""
+
+    def decorate(function: Callable[..., None]) -> Callable[..., None]:
+        for add in (
+            json_option,
+            click.option("--out", type=click.Path(path_type=Path), help=out_help),
+            track_option,
+            split_option,
+            root_option,
+            click.argument("submission", type=FILE),
+        ):
+            function = add(function)
+        return function
+
+    return decorate
+
+
+@click.command(epilog="Example: xden-bench validate preds.npz --split test")
+@submission_command("Also write the findings to this JSON file.")
+def validate(
+    submission: Path,
+    root: Path | None,
+    split: str,
+    track: Track | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """List everything that is wrong with a submission."""
+    from xden1k.predictions import raise_errors
+    from xden_bench.protocol import load_protocol
+    from xden_bench.result import write_text
+    from xden_bench.submission import validate as find_problems
+
+    found = find_problems(
+        submission, open_reference(root, split), load_protocol(), track, progress_bar
+    )
+    valid = not any(one.is_error for one in found)
+    problems = [
+        {"code": one.code, "object_id": one.object_id, "message": one.message} for one in found
+    ]
+    report = {"valid": valid, "problems": problems}
+    if out:
+        write_text(out, json.dumps(report, indent=2) + "\n")
+    if as_json:
+        print_json(report)
+        raise SystemExit(0 if valid else 1)
+    raise_errors(found)
+    echo_lines(f"{submission}: valid", found)
+
+
+@click.command(epilog="Example: xden-bench score preds.npz --split val")
+@submission_command("Also write the result to this JSON file.")
+def score(
+    submission: Path,
+    root: Path | None,
+    split: str,
+    track: Track | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Score a submission without entering it."""
+    from xden_bench.result import write_text
+
+    scored, entry = _scored(submission, open_reference(root, split), track)
+    if out:
+        write_text(out, json.dumps(entry, indent=2, ensure_ascii=False) + "\n")
+    if as_json:
+        print_json(entry)
+    else:
+        _echo_score(scored)
+        _echo_groups("size", scored.by_size())
+        _echo_groups("category", scored.by_category())
+
+
+@click.command(epilog="Example: xden-bench submit preds.npz")
+@submission_command(f"Folder of the results. [default: {RESULTS}]")
+def submit(
+    submission: Path,
+    root: Path | None,
+    split: str,
+    track: Track | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Score a submission and add it to the results.
+
+    Nothing is written if anything is wrong with it. `xden-bench leaderboard` makes the table.
+    """
+    from xden_bench.baseline import check_trivial
+    from xden_bench.result import write_entry
+
+    reference = open_reference(root, split)
+    scored, entry = _scored(submission, reference, track)
+    check_trivial(submission, reference, scored.protocol)
+    path = write_entry(entry, scored, out or RESULTS)
+    if as_json:
+        print_json({"file": str(path), **entry})
+    else:
+        _echo_score(scored)
+        click.echo(_entered(path, out))
+
+
+def _entered(path: Path, out: Path | None) -> str:
+    """Say where an entry went and what comes next."""
+    if out is None and not (RESULTS / "README.md").is_file():
+        return (
+            f"entered: {path.absolute()}\n"
+            "This is no checkout of the repository: to enter the leaderboard, add this file and "
+            f"the .parquet beside it to {RESULTS} of one, in a pull request."
+        )
+    more = "" if out is None else f" --results {shlex.quote(str(out))}"
+    return f"entered: {path}\n`xden-bench leaderboard{more}` makes the table."
+
+
+def _scored(
+    submission: Path, reference: Reference, track: Track | None
+) -> tuple[Score, dict[str, Any]]:
+    from xden_bench.protocol import load_protocol
+    from xden_bench.result import entry_of
+    from xden_bench.scoring import score as score_file
+
+    scored = score_file(submission, reference, load_protocol(), track, progress_bar)
+    today = datetime.datetime.now(tz=datetime.UTC).date()
+    command = command_line(click.get_current_context())
+    return scored, entry_of(scored, reference, command=command, date=today)
+
+
+def _echo_score(scored: Score) -> None:
+    from tabulate import tabulate
+
+    from xden_bench.metrics import METRICS
+
+    meta = scored.meta
+    click.echo(
+        f"{meta.method}: track {meta.track}, target {meta.target}, {len(scored.objects)} objects "
+        f"({' and '.join(scored.sources)}), protocol {scored.protocol.name}"
+    )
+    rows = [
+        (METRICS[name].heading, f"{one.mean:.4f}", f"{one.low:.4f} to {one.high:.4f}")
+        for name, one in scored.metrics.items()
+    ]
+    click.echo(tabulate(rows, ["metric", "mean", "95 % interval"], disable_numparse=True))
+    echo_lines(None, scored.warnings)
+
+
+def _echo_groups(title: str, groups: Mapping[str, tuple[int, Mapping[str, Estimate]]]) -> None:
+    from tabulate import tabulate
+
+    from xden_bench.metrics import METRICS
+
+    names = [name for name in METRICS if name in next(iter(groups.values()))[1]]
+    rows = [
+        (group, count, *(f"{metrics[name].mean:.4f}" for name in names))
+        for group, (count, metrics) in groups.items()
+    ]
+    headings = [title, "objects", *(METRICS[name].heading for name in names)]
+    click.echo("\n" + tabulate(rows, headings, disable_numparse=True))
