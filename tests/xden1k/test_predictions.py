@@ -84,6 +84,51 @@ def test_float16_keeps_three_digits(tmp_path: Path) -> None:
         np.testing.assert_allclose(predictions.read("mug-1"), GRID, atol=0.004)
 
 
+def test_standard_deviations_come_back_in_g_per_cm3(tmp_path: Path) -> None:
+    meta = dataclasses.replace(META, units="kg/m3")
+    triples = [("mug-1", GRID * 1000, GRID * 100), ("bar_2", PARTS * 1000, PARTS * 100)]
+    write_predictions(tmp_path / "preds.npz", meta, triples, dtype="float16")
+    with open_predictions(tmp_path / "preds.npz") as predictions:
+        assert predictions.has_sd
+        np.testing.assert_allclose(predictions.read_sd("mug-1"), GRID / 10, rtol=1e-3)
+        np.testing.assert_allclose(predictions.read_sd("bar_2"), PARTS / 10, rtol=1e-6)
+        np.testing.assert_allclose(predictions.read("bar_2"), PARTS, rtol=1e-6)
+
+
+def test_a_file_without_standard_deviations_has_none(tmp_path: Path) -> None:
+    write_predictions(tmp_path / "preds.npz", META, [("mug-1", GRID)])
+    with open_predictions(tmp_path / "preds.npz") as predictions:
+        assert not predictions.has_sd
+        assert predictions.examine_sd("mug-1") == (None, [])
+        with pytest.raises(MissingObjectError, match="no density_sd for mug-1"):
+            predictions.read_sd("mug-1")
+
+
+@pytest.mark.parametrize(
+    ("sd", "message"),
+    [
+        (GRID[:32], r"mug-1: sd: shape must be \(64, 64, 64\)"),
+        (PARTS, r"mug-1: sd: shape must be \(64, 64, 64\), got \(3,\)"),
+        (-GRID, "mug-1: sd: values must be finite and >= 0"),
+        (GRID * np.nan, "mug-1: sd: values must be finite and >= 0"),
+        (0.1, "mug-1: sd: must be a NumPy array of floats or integers, got float"),
+    ],
+)
+def test_a_bad_standard_deviation_is_refused(tmp_path: Path, sd: object, message: str) -> None:
+    with (
+        PredictionsWriter(tmp_path / "preds.npz") as writer,
+        pytest.raises(DataError, match=message),
+    ):
+        writer.add("mug-1", GRID, sd)
+
+
+def test_standard_deviations_are_written_for_all_or_none(tmp_path: Path) -> None:
+    pairs = [("mug-1", GRID, GRID), ("bar_2", PARTS, None)]
+    for order in (pairs, pairs[::-1]):
+        with pytest.raises(DataError, match="sd must be given for all objects or for none"):
+            write_predictions(tmp_path / "preds.npz", META, order)
+
+
 def test_an_object_that_is_not_there_is_an_error(tmp_path: Path) -> None:
     write_predictions(tmp_path / "preds.npz", META, [])
     with (

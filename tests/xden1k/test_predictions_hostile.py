@@ -66,6 +66,7 @@ def found(path: Path) -> list[str]:
         problems = list(predictions.problems)
         for object_id in predictions.ids:
             problems += predictions.examine(object_id)[1]
+            problems += predictions.examine_sd(object_id)[1]
     lines = [str(problem) for problem in problems]
     assert all(line.isprintable() for line in lines)
     return lines
@@ -215,7 +216,7 @@ def test_e104_names_that_are_no_key(tmp_path: Path, name: str) -> None:
     renamed.write_bytes(data)
     assert found(path) == []
     (line,) = found(renamed)
-    assert line.startswith("E104: keys must be __meta__, density/ID or part_density/ID; others 1: ")
+    assert line.startswith("E104: keys must be __meta__, density/ID or part_density/ID, or these")
 
 
 def test_e104_ten_thousand_unknown_keys_make_one_line(tmp_path: Path) -> None:
@@ -372,6 +373,68 @@ def test_e406_dense_air(tmp_path: Path) -> None:
     values = npy(np.array([1.0, 2.0], np.float32))
     (line,) = found(archive(tmp_path / "p.npz", {"part_density/mug.npy": values}))
     assert line == "E406 mug: entry 0 is air and must be 0, got 1.0"
+
+
+PARTS = np.array([0, 1, 2], np.float32)
+
+
+@pytest.mark.parametrize(
+    ("members", "lines"),
+    [
+        (
+            {"density/a": GRID, "density/b": GRID, "density_sd/a": GRID},
+            ["E303: density_sd is for all objects or none; objects without it 1: 'b'"],
+        ),
+        (
+            {"density/a": GRID, "part_density_sd/a": PARTS},
+            [
+                "E303: density_sd needs its density, part_density_sd its part_density; "
+                "without it 1: 'a'",
+                "E402 a: density_sd: shape must be the density's, (64, 64, 64), got (3,)",
+            ],
+        ),
+        (
+            {"density/a": GRID, "density_sd/a": GRID, "density_sd/b": GRID},
+            [
+                "E303: density_sd needs its density, part_density_sd its part_density; "
+                "without it 1: 'b'"
+            ],
+        ),
+        (
+            {"part_density/a": PARTS, "part_density_sd/a": PARTS[:2]},
+            ["E402 a: density_sd: shape must be the density's, (3,), got (2,)"],
+        ),
+        (
+            {"density/a": GRID, "density_sd/a": GRID[:9]},
+            ["E402 a: density_sd: shape must be (64, 64, 64), got (9, 64, 64)"],
+        ),
+        (
+            {"density/a": GRID, "density_sd/a": GRID.astype(np.float64)},
+            ["E401 a: density_sd: dtype must be float32 or float16 ('<f4' or '<f2'), got '<f8'"],
+        ),
+        (
+            {"density/a": GRID, "density_sd/a": -GRID},
+            ["E404 a: density_sd: 8000 values are negative, first at (20, 20, 20)"],
+        ),
+        (
+            {"part_density/a": PARTS, "part_density_sd/a": PARTS + 1},
+            ["E406 a: density_sd: entry 0 is air and must be 0, got 1.0"],
+        ),
+    ],
+)
+def test_standard_deviations(
+    tmp_path: Path, members: dict[str, np.ndarray], lines: list[str]
+) -> None:
+    arrays = {f"{name}.npy": npy(values) for name, values in members.items()}
+    assert found(archive(tmp_path / "p.npz", arrays)) == lines
+
+
+def test_e105_one_standard_deviation_twice(tmp_path: Path) -> None:
+    names = ["density/a.npy", "density_sd/a.npy", "part_density_sd/a.npy"]
+    path = archive(tmp_path / "p.npz", [(name, npy(GRID)) for name in names])
+    assert found(path) == [
+        "E105: an object may come once; repeated members 1: 'part_density_sd/a.npy'"
+    ]
 
 
 def test_every_problem_is_told_at_once(tmp_path: Path) -> None:

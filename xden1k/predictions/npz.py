@@ -53,7 +53,7 @@ class BadArchiveError(DataError):
     Parameters
     ----------
     code
-        E101 to E105 or E401.
+        E101 to E105, E401 or E402.
     message
         What was expected and what came.
     """

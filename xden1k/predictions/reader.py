@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
@@ -28,8 +28,10 @@ MAX_VALUE_BYTES: Final = 4 * FIELD_SIZE**3
 MAX_META_BYTES: Final = 256 << 10
 
 OBJECT_ID: Final = r"[A-Za-z0-9._-]{1,128}"
-_KEY: Final = re.compile(rf"(?P<kind>density|part_density)/(?P<id>{OBJECT_ID})\.npy")
+_KEY: Final = re.compile(rf"(?P<kind>density|part_density)(?P<sd>_sd)?/(?P<id>{OBJECT_ID})\.npy")
 _META_NAME: Final = "__meta__.npy"
+_SD_PREFIX: Final = "density_sd: "
+"""Opens messages about a standard deviation, of grids and of parts."""
 
 
 class Predictions:
@@ -65,6 +67,7 @@ class Predictions:
         self.meta: SubmissionMeta | None = None
         self.named_ids: frozenset[str] = frozenset()
         self._members: dict[str, Member] = {}
+        self._sd_members: dict[str, Member] = {}
         self._stream = path.open("rb")
         try:
             self._archive = NpzReader(self._stream)
@@ -93,6 +96,11 @@ class Predictions:
     def ids(self) -> tuple[str, ...]:
         """Objects whose arrays can be read, sorted."""
         return tuple(sorted(self._members))
+
+    @property
+    def has_sd(self) -> bool:
+        """True if standard deviations come with the densities: of all objects, if sound."""
+        return bool(self._sd_members)
 
     @cached_property
     def sha256(self) -> str:
@@ -124,17 +132,25 @@ class Predictions:
         """
         if object_id not in self._members:
             raise MissingObjectError(f"{self.path}: no prediction for {object_id}")
-        try:
-            stored = self._archive.read(self._members[object_id])
-        except BadArchiveError as err:
-            return None, [Problem(err.code, object_id, str(err))]
-        with np.errstate(invalid="ignore"):  # a signalling nan; reported below
-            values = stored.astype(np.float32)
-        if problems := list(_value_problems(object_id, values)):
-            return None, problems
-        if self.meta is not None and self.meta.units == "kg/m3":
-            values *= np.float32(1e-3)
-        return values, []
+        return self._examine(object_id, self._members[object_id])
+
+    def examine_sd(self, object_id: str) -> tuple[Float32[np.ndarray, "..."] | None, list[Problem]]:
+        """Read the standard deviation of one object's density and say what is wrong with it.
+
+        Parameters
+        ----------
+        object_id
+            One of ``ids``.
+
+        Returns
+        -------
+        values, problems
+            g/cm³, of the shape of the density; None if there is a problem, as in
+            :meth:`examine`, or no standard deviation, and then no problem.
+        """
+        if object_id not in self._sd_members:
+            return None, []
+        return self._examine(object_id, self._sd_members[object_id], _SD_PREFIX)
 
     def read(self, object_id: str) -> Float32[np.ndarray, "..."]:
         """Read one object: g/cm³, shape (64, 64, 64) or (parts + 1,).
@@ -151,35 +167,64 @@ class Predictions:
         assert values is not None
         return values
 
+    def read_sd(self, object_id: str) -> Float32[np.ndarray, "..."]:
+        """Read the standard deviation of one object's density: g/cm³, of the density's shape.
+
+        Raises
+        ------
+        MissingObjectError
+            If the file has no readable standard deviation for it.
+        SubmissionError
+            If its values are damaged, not finite or negative.
+        """
+        values, problems = self.examine_sd(object_id)
+        raise_errors(problems)
+        if values is None:
+            raise MissingObjectError(f"{self.path}: no density_sd for {object_id}")
+        return values
+
+    def _examine(
+        self, object_id: str, member: Member, prefix: str = ""
+    ) -> tuple[Float32[np.ndarray, "..."] | None, list[Problem]]:
+        """Read a member in g/cm³; ``prefix`` opens each message."""
+        try:
+            stored = self._archive.read(member)
+        except BadArchiveError as err:
+            return None, [Problem(err.code, object_id, f"{prefix}{err}")]
+        with np.errstate(invalid="ignore"):  # a signalling nan; reported below
+            values = stored.astype(np.float32)
+        if problems := list(_value_problems(object_id, values, prefix)):
+            return None, problems
+        if self.meta is not None and self.meta.units == "kg/m3":
+            values *= np.float32(1e-3)
+        return values, []
+
     def _examine_directory(self) -> Iterator[Problem]:
         """Sort the members into meta data and objects; every problem on the way."""
-        seen: set[str | None] = set()  # None: the meta data
+        kinds: dict[str, str] = {}
+        sd_kinds: dict[str, str] = {}
+        meta_kinds: dict[str, str] = {}
         twice: list[str] = []
         unknown: list[str] = []
         for info in self._archive.entries:
             name = info.orig_filename  # filename is cut at a NUL byte
             found = _KEY.fullmatch(name)
-            key = found["id"] if found else None
             if not found and name != _META_NAME:
                 unknown.append(name)
-            elif key in seen:
+                continue
+            key, kind = (found["id"], found["kind"]) if found else (name, "")
+            seen = meta_kinds if not found else sd_kinds if found["sd"] else kinds
+            if key in seen:
                 twice.append(name)
             else:
-                seen.add(key)
+                seen[key] = kind
                 yield from self._examine_member(info, found)
-        self.named_ids = frozenset(key for key in seen if key is not None)
-        if None not in seen:
+        self.named_ids = frozenset(kinds)
+        if not meta_kinds:
             yield Problem("E201", None, "__meta__ is missing: a 0-d string array holding JSON")
-        if unknown:
-            yield Problem(
-                "E104",
-                None,
-                f"keys must be __meta__, density/ID or part_density/ID; others {listed(unknown)}",
-            )
-        if twice:
-            yield Problem(
-                "E105", None, f"an object may come once; repeated members {listed(twice)}"
-            )
+        yield from _name_problems(unknown, twice)
+        yield from _sd_problems(kinds, sd_kinds)
+        yield from self._length_problems()
 
     def _examine_member(
         self, info: zipfile.ZipInfo, found: re.Match[str] | None
@@ -188,16 +233,23 @@ class Predictions:
         if found is None:
             yield from self._read_meta(info)
             return
+        prefix = _SD_PREFIX if found["sd"] else ""
         try:
             member = self._archive.member(info, MAX_VALUE_BYTES)
+            _check_header(found["kind"], member)
         except BadArchiveError as err:
-            yield Problem(err.code, found["id"], str(err))
-            return
-        problem = _header_problem(found["kind"], found["id"], member)
-        if problem:
-            yield problem
+            yield Problem(err.code, found["id"], f"{prefix}{err}")
         else:
-            self._members[found["id"]] = member
+            members = self._sd_members if found["sd"] else self._members
+            members[found["id"]] = member
+
+    def _length_problems(self) -> Iterator[Problem]:
+        """Tell of standard deviations that are more or fewer than the densities."""
+        for object_id, member in self._sd_members.items():
+            density = self._members.get(object_id)
+            if density and density.shape != member.shape:
+                expected = f"shape must be the density's, {density.shape}"
+                yield Problem("E402", object_id, f"{_SD_PREFIX}{expected}, got {member.shape}")
 
     def _read_meta(self, info: zipfile.ZipInfo) -> list[Problem]:
         try:
@@ -234,20 +286,40 @@ def open_predictions(path: Path) -> Predictions:
     return predictions
 
 
-def _header_problem(kind: str, object_id: str, member: Member) -> Problem | None:
+def _check_header(kind: str, member: Member) -> None:
     """Compare a member's dtype and shape with the format."""
     if not member.dtype.startswith("<f"):
-        return Problem("E401", object_id, f"dtype must be float32 or float16, got {member.dtype!r}")
+        raise BadArchiveError("E401", f"dtype must be float32 or float16, got {member.dtype!r}")
     if kind == "density" and member.shape != GRID_SHAPE:
-        return Problem("E402", object_id, f"shape must be {GRID_SHAPE}, got {member.shape}")
+        raise BadArchiveError("E402", f"shape must be {GRID_SHAPE}, got {member.shape}")
     if kind == "part_density" and not (
         len(member.shape) == 1 and 2 <= member.shape[0] <= MAX_PARTS + 1
     ):
-        return Problem("E402", object_id, f"shape must be (parts + 1,), got {member.shape}")
-    return None
+        raise BadArchiveError("E402", f"shape must be (parts + 1,), got {member.shape}")
 
 
-def _value_problems(object_id: str, values: Float32[np.ndarray, "..."]) -> Iterator[Problem]:
+def _name_problems(unknown: Collection[str], twice: Collection[str]) -> Iterator[Problem]:
+    """Tell of names that are no keys, and of keys that came before."""
+    if unknown:
+        expected = "__meta__, density/ID or part_density/ID, or these with _sd"
+        yield Problem("E104", None, f"keys must be {expected}; others {listed(unknown)}")
+    if twice:
+        yield Problem("E105", None, f"an object may come once; repeated members {listed(twice)}")
+
+
+def _sd_problems(kinds: Mapping[str, str], sd_kinds: Mapping[str, str]) -> Iterator[Problem]:
+    """Compare the objects that have a standard deviation with those that have a density."""
+    if alone := [key for key, kind in sd_kinds.items() if kinds.get(key) != kind]:
+        expected = "density_sd needs its density, part_density_sd its part_density"
+        yield Problem("E303", None, f"{expected}; without it {listed(alone)}")
+    if sd_kinds and (without := kinds.keys() - sd_kinds.keys()):
+        expected = "density_sd is for all objects or none"
+        yield Problem("E303", None, f"{expected}; objects without it {listed(without)}")
+
+
+def _value_problems(
+    object_id: str, values: Float32[np.ndarray, "..."], prefix: str
+) -> Iterator[Problem]:
     """Look for values that are no densities."""
     for code, what, bad in (
         ("E403", "not finite", ~np.isfinite(values)),
@@ -255,6 +327,8 @@ def _value_problems(object_id: str, values: Float32[np.ndarray, "..."]) -> Itera
     ):
         if bad.any():
             first = tuple(int(index) for index in np.argwhere(bad)[0])
-            yield Problem(code, object_id, f"{bad.sum()} values are {what}, first at {first}")
+            message = f"{prefix}{bad.sum()} values are {what}, first at {first}"
+            yield Problem(code, object_id, message)
     if values.ndim == 1 and values[0] != 0:
-        yield Problem("E406", object_id, f"entry 0 is air and must be 0, got {values[0]}")
+        message = f"{prefix}entry 0 is air and must be 0, got {values[0]}"
+        yield Problem("E406", object_id, message)

@@ -46,6 +46,7 @@ class PredictionsWriter:
         self._path = path
         self._dtype = dtype
         self._seen: set[str] = set()
+        self._has_sd = False
         path.parent.mkdir(parents=True, exist_ok=True)
         self._partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
         self._archive = zipfile.ZipFile(self._partial, "w")
@@ -62,7 +63,7 @@ class PredictionsWriter:
         self._archive.close()
         self._partial.unlink(missing_ok=True)
 
-    def add(self, object_id: str, values: object) -> None:
+    def add(self, object_id: str, values: object, sd: object = None) -> None:
         """Append one object's prediction.
 
         Parameters
@@ -73,37 +74,34 @@ class PredictionsWriter:
             A NumPy array of floats or integers, in the units the meta data will declare: shape
             (64, 64, 64), voxel means on the object's field grid; or shape (parts + 1,), entry 0
             (air) being 0.
+        sd
+            The standard deviation of ``values``: such an array of the same shape, for every
+            object or for none.
 
         Raises
         ------
         DataError
-            If it is no such array, the shape is neither, air has a density, a value is negative or
-            not finite (float16 ends at 65,504), the object came before, or its id has characters
-            other than letters, digits, ``._-``.
+            If one is no such array, the shape is neither, air has a density, a value is negative
+            or not finite (float16 ends at 65,504), ``sd`` came for some objects only, the object
+            came before, or its id has characters other than letters, digits, ``._-``.
         """
         if not re.fullmatch(OBJECT_ID, object_id):
             raise DataError(f"{self._path}: object id {object_id!a} must match {OBJECT_ID}")
         if object_id in self._seen:
             raise DataError(f"{self._path}: {object_id} was predicted twice")
-        if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
-            raise DataError(
-                f"{object_id}: must be a NumPy array of floats or integers, "
-                f"got {_described(values)}"
-            )
-        per_part = values.ndim == 1 and len(values) > 1
-        if values.shape != GRID_SHAPE and not per_part:
-            raise DataError(
-                f"{object_id}: shape must be {GRID_SHAPE} or (parts + 1,), got {values.shape}"
-            )
-        with np.errstate(over="ignore"):  # found as infinity in the next line
-            stored = values.astype("float32" if per_part else self._dtype)
-        if not (np.isfinite(stored).all() and (stored >= 0).all()):
-            raise DataError(f"{object_id}: values must be finite and >= 0 as {stored.dtype}")
-        if per_part and stored[0] != 0:
-            raise DataError(f"{object_id}: entry 0 is air and must be 0, got {stored[0]}")
+        if self._seen and self._has_sd != (sd is not None):
+            raise DataError(f"{object_id}: sd must be given for all objects or for none")
+        stored = self._stored(object_id, values)
+        kind = "part_density" if stored.ndim == 1 else "density"
+        arrays = {kind: stored}
+        if sd is not None:
+            arrays[f"{kind}_sd"] = self._stored(f"{object_id}: sd", sd)
+            if (found := arrays[f"{kind}_sd"].shape) != stored.shape:
+                raise DataError(f"{object_id}: sd: shape must be {stored.shape}, got {found}")
+        self._has_sd = sd is not None
         self._seen.add(object_id)
-        kind = "part_density" if per_part else "density"
-        write_member(self._archive, f"{kind}/{object_id}", stored)
+        for name, array in arrays.items():
+            write_member(self._archive, f"{name}/{object_id}", array)
 
     def finish(self, meta: SubmissionMeta) -> None:
         """Write the meta data and put the file in its place.
@@ -119,6 +117,25 @@ class PredictionsWriter:
         self._archive.close()
         self._partial.replace(self._path)
 
+    def _stored(self, where: str, values: object) -> Float[np.ndarray, "..."]:
+        """Return an array as it will be stored; ``where`` opens each message."""
+        if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
+            raise DataError(
+                f"{where}: must be a NumPy array of floats or integers, got {_described(values)}"
+            )
+        per_part = values.ndim == 1 and len(values) > 1
+        if values.shape != GRID_SHAPE and not per_part:
+            raise DataError(
+                f"{where}: shape must be {GRID_SHAPE} or (parts + 1,), got {values.shape}"
+            )
+        with np.errstate(over="ignore"):  # found as infinity in the next line
+            stored = values.astype("float32" if per_part else self._dtype)
+        if not (np.isfinite(stored).all() and (stored >= 0).all()):
+            raise DataError(f"{where}: values must be finite and >= 0 as {stored.dtype}")
+        if per_part and stored[0] != 0:
+            raise DataError(f"{where}: entry 0 is air and must be 0, got {stored[0]}")
+        return stored
+
 
 def _described(values: object) -> str:
     kind = f"{type(values).__module__}.{type(values).__qualname__}".removeprefix("builtins.")
@@ -128,7 +145,10 @@ def _described(values: object) -> str:
 def write_predictions(
     path: Path,
     meta: SubmissionMeta,
-    predictions: Iterable[tuple[str, Float[np.ndarray, "..."]]],
+    predictions: Iterable[
+        tuple[str, Float[np.ndarray, "..."]]
+        | tuple[str, Float[np.ndarray, "..."], Float[np.ndarray, "..."] | None]
+    ],
     dtype: Literal["float32", "float16"] = "float32",
 ) -> None:
     """Write a submission, one object in memory at a time.
@@ -140,7 +160,8 @@ def write_predictions(
     meta
         What it says about itself.
     predictions
-        Pairs of object id and array, as in :meth:`PredictionsWriter.add`. The order is kept.
+        Object id, array and, if there is one, its standard deviation, as in
+        :meth:`PredictionsWriter.add`. The order is kept.
     dtype
         Of the grids as stored.
 
@@ -150,6 +171,6 @@ def write_predictions(
         If a prediction or the meta data break the format. Nothing is written then.
     """
     with PredictionsWriter(path, dtype) as writer:
-        for object_id, values in predictions:
-            writer.add(object_id, values)
+        for prediction in predictions:
+            writer.add(*prediction)
         writer.finish(meta)
