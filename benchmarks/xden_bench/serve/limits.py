@@ -1,0 +1,69 @@
+"""How much the desk takes on, from one user and from all."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from xden1k.errors import DataError
+
+__all__ = ["Limits"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Limits:
+    """Settings of the desk, read from TOML by :func:`xden1k.settings.load_settings`.
+
+    Parameters
+    ----------
+    upload_mb
+        Largest file that is taken, MB of 10⁶ bytes.
+    jobs_per_user_hour
+        Files that one user may send within an hour; whatever is queued counts, refused or not.
+    queue_length
+        Files that wait or are being checked, of all users.
+    job_seconds
+        Longest time that checking and scoring one file may take.
+    job_memory_mb
+        Most memory that it may take, MB of 10⁶ bytes; held on Linux. Arrow reserves 1 GB for
+        itself where it can.
+    spare_disk_mb
+        What must stay free on the disk of the state folder after an upload, for everything else
+        that writes there.
+
+    Raises
+    ------
+    DataError
+        If one is not a whole number above zero.
+
+    Examples
+    --------
+    >>> Limits(upload_mb=100).upload_bytes
+    100000000
+    """
+
+    upload_mb: int = 1000
+    jobs_per_user_hour: int = 6
+    queue_length: int = 40
+    job_seconds: int = 900
+    job_memory_mb: int = 2000
+    spare_disk_mb: int = 1000
+
+    def __post_init__(self) -> None:
+        for name, value in dataclasses.asdict(self).items():
+            if type(value) is not int or value < 1:
+                raise DataError(f"{name} must be a whole number above zero, got {value!r}")
+
+    @property
+    def upload_bytes(self) -> int:
+        """Largest file that is taken."""
+        return self.upload_mb * 10**6
+
+    @property
+    def job_memory_bytes(self) -> int:
+        """Most memory that checking and scoring one file may take."""
+        return self.job_memory_mb * 10**6
+
+    @property
+    def spare_disk_bytes(self) -> int:
+        """What must stay free on the disk."""
+        return self.spare_disk_mb * 10**6
