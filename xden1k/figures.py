@@ -21,24 +21,22 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from xden1k.arrays import Image
-from xden1k.errors import DataError, require
+from xden1k.errors import DataError
+from xden1k.radiographs import MADE_WORDS, Window, compare, object_window
 from xden1k.types import DensityField, DensityObject, Part
 from xden1k.views import XRayView
 
-__all__ = ["contact_sheet", "object_sheet", "reprojection"]
+__all__ = ["contact_sheet", "object_sheet"]
 
 INK, FAINT, STRIPE, RULE = "#1b1b1b", "#777777", "#f4f4f1", "#c9c9c4"
 NO_VALUE = "#e9a23b"
 """Colour of pixels without a value: invalid, or seen through a part of unknown attenuation."""
 DPI = 120
-SUBRAYS = 3
 SOURCE_WORDS = {
     "scan": "scan",
     "phantom": "simulated, never on a scanner",
     "ct": "views computed from a CT",
 }
-MADE_WORDS = {"scan": "measured", "phantom": "simulated", "ct": "computed"}
-"""How the radiographs of each source came to be."""
 AXES = ("x", "y", "z")
 LINE = 0.2
 """Height of a line of the part table, inches."""
@@ -50,37 +48,8 @@ TABLE_COLUMNS = (
 """Of the part table: position in inches, alignment, characters that fit."""
 CELL_GAP = 0.06
 """Between the pictures of an object on a contact sheet, inches."""
-Window = tuple[slice, slice]
 Cell = tuple[str, str, str, tuple[np.ndarray, ...]]
 """On a contact sheet: name, mass, plane of the slice, pictures."""
-
-
-def reprojection(obj: DensityObject, view: XRayView) -> Image:
-    """Transmission that the stored parts give in a view, 3 x 3 rays a pixel.
-
-    The gain is that of ``meta["fit"]["gain"]``, 1 if there is none. Where a ray meets a part of
-    unknown attenuation, the pixel is not a number.
-
-    Raises
-    ------
-    MissingExtraError
-        If the projector's libraries (extra ``build``) are not installed.
-    """
-    require("numba", "build")
-    require("manifold3d", "build")
-    from xden1k.rays import path_lengths
-
-    meshes = [part.mesh for part in obj.parts]
-    lac = np.array([part.lac_per_cm for part in obj.parts])
-    lengths = path_lengths(meshes, range(len(meshes)), view.geometry, SUBRAYS)
-    image = lengths.image(np.nan_to_num(lac), _gain(obj, view))
-    unknown = lengths.lengths_cm[:, :, np.isnan(lac)].any(axis=(1, 2))
-    image.flat[lengths.pixels[unknown]] = np.nan
-    return image
-
-
-def _gain(obj: DensityObject, view: XRayView) -> float:
-    return float(obj.meta.get("fit", {}).get("gain", {}).get(view.name, 1.0))
 
 
 def object_sheet(obj: DensityObject, path: Path) -> None:
@@ -95,6 +64,8 @@ def object_sheet(obj: DensityObject, path: Path) -> None:
 
     Raises
     ------
+    DataError
+        If the answers of the object are withheld.
     MissingExtraError
         If the projector's libraries (extra ``build``) are not installed.
     """
@@ -173,55 +144,25 @@ def _cut_short(text: str, room: int) -> str:
 def _radiographs(page: _Page, left: float, obj: DensityObject, view: XRayView) -> None:
     """Draw a view as it is, as reprojected, and the difference, all cut to the object."""
     top, size, gap, made = 1.45, 2.5, 0.1, MADE_WORDS[obj.source]
-    window = _object_window(obj, view)
-    measured = np.where(view.valid, view.transmission, np.nan)[window]
-    model = reprojection(obj, view)[window]
-    residual = measured - model
-    error, limit = _mean_and_limit(np.abs(residual[model < _gain(obj, view)]))
-    grey = _scale("gray", Normalize(0, max(1.0, float(np.nanmax(model)))))
+    found = compare(obj, view)
+    limit, residual = found.limit, found.residual
+    grey = _scale("gray", Normalize(0, max(1.0, float(np.nanmax(found.model)))))
     split = _scale("RdBu", Normalize(-limit, limit))
     columns = (
-        (made, measured, grey),
-        ("reprojected", model, grey),
-        (f"residual, mean |r| = {error:.2g}", residual, split),
+        (made, found.measured, grey),
+        ("reprojected", found.model, grey),
+        (f"residual, mean |r| = {found.mean_abs_residual:.2g}", residual, split),
     )
     for column, (label, image, scale) in enumerate(columns):
         start = left + column * (size + gap)
         page.text(start, top - 0.24, f"{view.name.upper()} {label}", fontsize=10)
-        _picture(page.axes(start, top, size, size), image, scale, aspect=_aspect(view))
+        _picture(page.axes(start, top, size, size), image, scale, aspect=found.aspect)
     note = " (orange: no value)" if np.isnan(residual).any() else ""
     bar, inset = top + size + 0.1, 0.25
     wide = (left + inset, bar, 2 * size + gap - 2 * inset, 0.09)
     page.colour_bar(wide, grey, f"transmission I / I₀{note}")
     narrow = (left + 2 * (size + gap) + inset, bar, size - 2 * inset, 0.09)
     page.colour_bar(narrow, split, f"{made} - reprojected", [-limit, 0, limit])
-
-
-def _mean_and_limit(sizes: Float[np.ndarray, "n"]) -> tuple[float, float]:
-    """Mean of the residual's size on the object, and the end of its colour scale."""
-    known = sizes[np.isfinite(sizes)]
-    if not len(known):
-        return np.nan, 1e-3
-    return float(known.mean()), float(f"{max(np.quantile(known, 0.99), 1e-3):.1g}")
-
-
-def _aspect(view: XRayView) -> float:
-    """Height of a pixel over its width."""
-    place = view.geometry
-    return float(np.linalg.norm(place.row_step_cm) / np.linalg.norm(place.column_step_cm))
-
-
-def _object_window(obj: DensityObject, view: XRayView) -> Window:
-    """Rows and columns of the object and a margin: square, but for the image's edges."""
-    points = np.concatenate([part.mesh.vertices for part in obj.parts])
-    columns, rows, _ = view.geometry.project(points).T
-    side = int(np.ceil(1.2 * max(np.ptp(rows), np.ptp(columns)))) + 1
-    return _span(rows, side, view.geometry.shape[0]), _span(columns, side, view.geometry.shape[1])
-
-
-def _span(positions: Float[np.ndarray, "n"], side: int, size: int) -> slice:
-    first = round((positions.min() + positions.max() - side) / 2)
-    return slice(max(0, first), min(size, first + side))
 
 
 def _scale(name: str, norm: Normalize) -> ScalarMappable:
@@ -238,7 +179,7 @@ def _picture(axes: Axes, image: np.ndarray, scale: ScalarMappable, **how: Any) -
 
 def _slices(page: _Page, obj: DensityObject) -> None:
     """Draw three slices through the centre of mass, or of the attenuation if that is all."""
-    field = obj.density or obj.apparent_density
+    field = obj.best_field
     what = "density" if obj.density else "apparent density, LAC / 0.17"
     centre = field.com_cm if field.mass_g > 0 else field.origin_cm
     cuts = [_cut(field, axis, centre) for axis in (1, 0, 2)]
@@ -422,13 +363,13 @@ def _cell(obj: DensityObject) -> Cell:
     mass = (
         f"{obj.mass_g:.4g} g" if np.isfinite(obj.mass_g) else "attenuation only: apparent density"
     )
-    field = obj.density or obj.apparent_density
+    field = obj.best_field
     centre = field.com_cm if field.mass_g > 0 else field.origin_cm
     cuts = {axis: _cut(field, axis, centre) for axis in (1, 0, 2)}
     axis = max(cuts, key=lambda each: _filled_area(cuts[each]))
     what = "" if obj.density else "apparent, "
     plane, cut = f"{what}{AXES[axis]} = {_centimetres(centre[axis])} cm", cuts[axis][::-1]
-    small = (_small(view, _object_window(obj, view)) for view in obj.views)
+    small = (_small(view, object_window(obj, view)) for view in obj.views)
     return obj.object_id, mass, plane, (*small, np.where(cut > 0, cut, np.nan))
 
 

@@ -12,7 +12,8 @@ from PIL import Image
 from tests import phantoms
 from xden1k import figures
 from xden1k.errors import DataError
-from xden1k.figures import contact_sheet, object_sheet, reprojection
+from xden1k.figures import contact_sheet, object_sheet
+from xden1k.radiographs import reprojection
 from xden1k.types import DensityObject
 
 
