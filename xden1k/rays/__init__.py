@@ -6,7 +6,7 @@ Needs the extra ``build``.
 from xden1k.rays.grids import COLUMN_SAMPLES, ObjectGrids, column_samples, object_grids
 from xden1k.rays.lengths import PathLengths, path_lengths
 from xden1k.rays.priority import ownership_order
-from xden1k.rays.regions import disjoint_regions, outer_surface
+from xden1k.rays.regions import disjoint_regions, half_beyond, outer_surface
 from xden1k.rays.voxels import (
     CUBE_MARGIN,
     CubeGrid,
@@ -29,6 +29,7 @@ __all__ = [
     "density_grid",
     "disjoint_regions",
     "fill_grid",
+    "half_beyond",
     "object_cube",
     "object_grids",
     "outer_surface",

@@ -1,4 +1,4 @@
-"""Exact cuts of closed meshes: disjoint parts, and the outer surface of a whole object.
+"""Exact cuts of closed meshes: disjoint parts, a half, and the outer surface of a whole object.
 
 Booleans by manifold3d, in double precision.
 """
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 else:
     manifold3d = require("manifold3d", "build")
 
-__all__ = ["disjoint_regions", "outer_surface"]
+__all__ = ["disjoint_regions", "half_beyond", "outer_surface"]
 
 NEGLIGIBLE = 1e-4
 """Parts share space if they share more than this of the smaller one's volume; less than this of a
@@ -106,6 +106,22 @@ def outer_surface(meshes: Sequence[trimesh.Trimesh]) -> trimesh.Trimesh:
     # cavities and all that floats in them.
     shells = _union(solids).decompose()
     return _mesh(_union([shell for shell in shells if shell.volume() > 0]))
+
+
+def half_beyond(mesh: trimesh.Trimesh, normal: Vec3, offset_cm: float) -> trimesh.Trimesh:
+    """Part of a closed mesh in which ``point @ normal > offset_cm``, closed again; maybe empty.
+
+    Raises
+    ------
+    DataError
+        If the mesh is not closed or wound inwards.
+
+    Examples
+    --------
+    >>> float(half_beyond(trimesh.creation.box((2, 2, 2)), np.array([0, 1.0, 0]), 0.5).volume)
+    2.0
+    """
+    return _mesh(_solid(mesh, 0).trim_by_plane(tuple(normal.tolist()), offset_cm))
 
 
 def _solid(mesh: trimesh.Trimesh, part: int) -> manifold3d.Manifold:
