@@ -9,6 +9,7 @@ import yaml  # type: ignore[import-untyped]
 
 from xden1k.manifest import Manifest
 from xden1k.schema import COLUMNS, IMAGE, LIGHT_COLUMNS, Column
+from xden1k.types import PRIVATE
 
 __all__ = [
     "AUTHORS",
@@ -163,7 +164,7 @@ A figure that was never measured is null (`weighed_mass_g`, `density`); one comp
 unknown figure is not a number. Part k, 1 to K, is entry k - 1 of the `part_` lists. All grids fill
 one cube, the bounding cube of the object with a 3 % margin: label voxels have half the edge of
 field voxels and start a quarter of a field voxel lower on each axis.
-
+{_withheld_text(manifest)}
 ## Check
 
 `sha256sum -c SHA256SUMS` compares the files; `xden verify FOLDER` also every row.
@@ -175,6 +176,15 @@ Data: CC-BY-4.0. `DATASHEET.md` says how it was made and what it is not good for
 {bibtex()}
 """
     )
+
+
+def _withheld_text(manifest: Manifest) -> str:
+    if PRIVATE not in manifest.splits:
+        return ""
+    return f"""
+In the split `{PRIVATE}` every answer is withheld, stored as if it were unknown. `commitments.json`
+has a salted checksum of each object's answers, so that they cannot be changed afterwards.
+"""
 
 
 def provenance_text(manifest: Manifest) -> str:
@@ -198,6 +208,7 @@ _DENSITIES = {
     "weighed": "corrected by a scale",
     "truth": "the simulator's truth",
     "none": "unknown (attenuation only)",
+    "withheld": "withheld (the split private)",
 }
 
 

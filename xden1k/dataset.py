@@ -39,7 +39,7 @@ class XDen1K(Dataset[dict[str, Any]]):
     - ``object_id``, ``category``: str;
     - ``xray_pa``, ``xray_lat``: float32 (rows, columns), transmission; 0 = invalid pixel;
     - ``density``, ``apparent_density``: float32 (64, 64, 64), g/cm³, voxel means; ``density`` is
-      not a number where only attenuation is known;
+      not a number where only attenuation is known, both are in the split ``private``;
     - ``occupancy``, ``envelope``: float32 (64, 64, 64), shares of a voxel, 0 to 1;
     - ``labels``: uint8 (128, 128, 128), 0 = air, k = part k;
     - ``part_density``: float32 (K + 1), g/cm³, entry 0 is air;
@@ -54,7 +54,7 @@ class XDen1K(Dataset[dict[str, Any]]):
     root
         A dataset folder; None = as :func:`xden1k.data_root` finds it.
     split
-        ``train``, ``val`` or ``test``.
+        ``train``, ``val``, ``test``, or ``private`` where a folder withholds answers.
     fields
         What a sample holds, some of :data:`FIELDS`; None = everything.
 
@@ -109,7 +109,7 @@ def _value(row: Row, name: str) -> str | torch.Tensor:
         return str(row[name])
     if name == "part_density":
         return torch.tensor([0.0, *row["part_density_g_cm3"]])
-    if name == "density" and row[name] is None:
+    if name in ("density", "apparent_density") and row[name] is None:
         return torch.full((FIELD_SIZE,) * 3, np.nan)
     if name in ARRAY_COLUMNS:
         return torch.from_numpy(decode_array(row, name))

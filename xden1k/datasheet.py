@@ -13,6 +13,7 @@ import pyarrow as pa
 
 from xden1k.card import provenance_text
 from xden1k.manifest import Manifest
+from xden1k.types import PRIVATE
 
 __all__ = ["DATASHEET_COLUMNS", "datasheet_text"]
 
@@ -65,14 +66,24 @@ inertia, from radiographs, pictures or shape.
 For research on physical properties of objects. Not for medical use, nor for security screening,
 nor for any decision about a real object of the same kind: two kettles are not alike inside.
 Objects of different sources ({", ".join(manifest.sources)}) must not be mixed in a ranking without
-saying so. The reference of every split ships with the data, so honesty of a benchmark result is
-declared and checked, not enforced.
+saying so. {_honesty(manifest)}
 
 ## Distribution and maintenance
 
 Data: CC-BY-4.0. Errors are corrected in a new version; a published version never changes, and
 `manifest.json` and `SHA256SUMS` tell one from another.
 """
+
+
+def _honesty(manifest: Manifest) -> str:
+    which, sealed = "every split", ""
+    if PRIVATE in manifest.splits:
+        which = "every other split"
+        sealed = f"\nThat of `{PRIVATE}` is sealed: its organiser scores."
+    return (
+        f"The reference of {which} ships with the data, so honesty of a benchmark result is\n"
+        f"declared and checked, not enforced.{sealed}"
+    )
 
 
 def _settings(manifest: Manifest) -> str:
@@ -142,6 +153,7 @@ _PROCESSED = {
     "weighed": "`weighed`: densities were scaled so that the object has the mass a scale gave.",
     "truth": "`truth`: the density is the one the simulator used, exact by construction; it was "
     "not reconstructed from the radiographs.",
+    "withheld": "`withheld`: known, but not published: the benchmark's organiser scores with it.",
     "none": "`none`: only the attenuation was fitted; the part has no density, and its object no "
     "mass.",
 }

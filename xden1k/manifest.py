@@ -26,7 +26,7 @@ class DataFile:
     config
         ``default`` (``data/``) or ``metadata`` (``metadata/``).
     split
-        ``train``, ``val`` or ``test``.
+        ``train``, ``val``, ``test`` or ``private``.
     rows
         Number of rows, one per object.
     bytes
@@ -81,7 +81,8 @@ class Manifest:
     sources
         Objects from each source: ``scan``, ``phantom``, ``ct``.
     density_sources
-        Parts with each source of density: ``xray``, ``prior``, ``weighed``, ``truth``, ``none``.
+        Parts with each source of density: ``xray``, ``prior``, ``weighed``, ``truth``, ``none``,
+        ``withheld``.
     files
         The Parquet files, sorted by path.
     """

@@ -90,13 +90,12 @@ def _row(obj: DensityObject) -> Row:
 
 def _check_grids(obj: DensityObject) -> None:
     field, label = (FIELD_SIZE,) * 3, (LABEL_SIZE,) * 3
-    density = obj.apparent_density if obj.density is None else obj.density
+    densities = {"apparent_density": obj.apparent_density, "density": obj.density}
     wanted = {
         "labels": (obj.labels, label),
         "occupancy": (obj.occupancy, field),
         "envelope": (obj.envelope, field),
-        "apparent_density": (obj.apparent_density.density_g_cm3, field),
-        "density": (density.density_g_cm3, field),
+        **{name: (one.density_g_cm3, field) for name, one in densities.items() if one},
     }
     for name, (grid, shape) in wanted.items():
         if grid.shape != shape:
@@ -135,15 +134,15 @@ def _part_columns(parts: Sequence[Part]) -> Row:
 def _grid_columns(obj: DensityObject) -> Row:
     return {
         "labels": to_planes(obj.labels),
-        "density": None if obj.density is None else _densities(obj.density),
+        "density": _densities(obj.density),
         "apparent_density": _densities(obj.apparent_density),
         "occupancy": to_planes(encode_share(obj.occupancy)),
         "envelope": to_planes(encode_share(obj.envelope)),
     }
 
 
-def _densities(field: DensityField) -> bytes:
-    return to_planes(encode_density(field.density_g_cm3))
+def _densities(field: DensityField | None) -> bytes | None:
+    return None if field is None else to_planes(encode_density(field.density_g_cm3))
 
 
 def _mesh_columns(meshes: Sequence[trimesh.Trimesh]) -> Row:
@@ -239,8 +238,10 @@ def decode_target(row: Mapping[str, Any], object_id: str, target: str) -> Grid:
     Raises
     ------
     DataError
-        If only the object's attenuation is known, or the bytes do not make a grid.
+        If only the object's attenuation is known, or nothing, or the bytes do not make a grid.
     """
+    if row[target] is None and target == "apparent_density":
+        raise DataError(f"{object_id} has no {target}: its answers are withheld")
     if row[target] is None:
         raise DataError(f"{object_id} has no {target}, only attenuation: take apparent_density")
     return decode_array(row, target)
@@ -257,7 +258,9 @@ def row_object(row: Mapping[str, Any]) -> DensityObject:
     meta, views = _views(row)
     origin, voxel_size = np.array(row["grid_origin_cm"]), row["voxel_size_cm"]
 
-    def field(name: str) -> DensityField:
+    def field(name: str) -> DensityField | None:
+        if row[name] is None:
+            return None
         return DensityField(decode_array(row, name), origin, voxel_size)
 
     return DensityObject(
@@ -270,7 +273,7 @@ def row_object(row: Mapping[str, Any]) -> DensityObject:
         labels=decode_array(row, "labels"),
         occupancy=decode_array(row, "occupancy"),
         envelope=decode_array(row, "envelope"),
-        density=None if row["density"] is None else field("density"),
+        density=field("density"),
         apparent_density=field("apparent_density"),
         origin_cm=origin,
         voxel_size_cm=voxel_size,

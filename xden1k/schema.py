@@ -3,7 +3,8 @@
 Writer, reader, card and Croissant file all follow :data:`COLUMNS`. A figure that was never
 measured is null (``weighed_mass_g``, ``density``); a figure computed from an unknown one is not
 a number (``mass_g``, ``com_cm``, ``inertia_g_cm2`` and the parts' figures of an object of which
-only the attenuation is known).
+only the attenuation is known). In the split ``private`` every answer is unknown; see
+:mod:`xden1k.withheld`.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ _TRANSMISSION_STEP = MAX_TRANSMISSION / 65535
 _LIGHT = (
     Column("object_id", _STRING, "Unique name"),
     Column("category", _STRING, "Class of the object"),
-    Column("split", _STRING, "train, val or test"),
+    Column("split", _STRING, "train, val, test, or private (answers withheld)"),
     Column("source", _STRING, "scan, phantom (simulated, truth known) or ct (views from a CT)"),
     Column("flags", _lists(_STRING), "Remarks on the object as a whole"),
     Column("weighed_mass_g", _FLOAT, "Mass by a scale, g; null if never on one"),
@@ -90,7 +91,7 @@ _LIGHT = (
     Column("part_apparent_density_g_cm3", _lists(_FLOAT), "LAC / 0.17, the paper's rule, g/cm³"),
     Column("part_density_g_cm3", _lists(_FLOAT), "Best estimate of the density, g/cm³"),
     Column("part_density_sd_g_cm3", _lists(_FLOAT), "Its standard deviation, g/cm³"),
-    Column("part_density_source", _lists(_STRING), "xray, prior, weighed, truth or none"),
+    Column("part_density_source", _lists(_STRING), "xray, prior, weighed, truth, none or withheld"),
     Column("part_flags", _lists(_lists(_STRING)), "What to know before trusting the figures"),
     Column("part_color_rgb", _lists(_lists(_FLOAT, 3)), "Base colour, three values from 0 to 1"),
     Column("preview_pa", IMAGE, "PA radiograph, 8 bit, reduced, for viewers only; air is black"),

@@ -16,9 +16,11 @@ from xden1k.mass import MassProperties, mass_of_grid, mass_of_meshes
 from xden1k.views import XRayView
 
 __all__ = [
+    "ALL_SPLITS",
     "FIELD_SIZE",
     "LABEL_SIZE",
     "MAX_PARTS",
+    "PRIVATE",
     "SPLITS",
     "DensityField",
     "DensityObject",
@@ -35,10 +37,14 @@ LABEL_SIZE = 128
 MAX_PARTS = 255
 """Labels are one byte, and 0 is air."""
 
-Split = Literal["train", "val", "test"]
-SPLITS: tuple[Split, ...] = get_args(Split)
+Split = Literal["train", "val", "test", "private"]
+ALL_SPLITS: tuple[Split, ...] = get_args(Split)
+PRIVATE: Split = "private"
+"""The split of a published folder whose objects come without answers."""
+SPLITS = tuple(split for split in ALL_SPLITS if split != PRIVATE)
+"""What a capture or a simulator may name."""
 Source = Literal["scan", "phantom", "ct"]
-DensitySource = Literal["xray", "prior", "weighed", "truth", "none"]
+DensitySource = Literal["xray", "prior", "weighed", "truth", "none", "withheld"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +69,7 @@ class Part:
         Its standard deviation; nan where no density is known.
     density_source
         ``xray`` (measured), ``prior`` (from the material alone), ``weighed`` (a scale had the
-        last word), ``truth`` (a simulator's), ``none`` (no density).
+        last word), ``truth`` (a simulator's), ``none`` (no density), ``withheld`` (not published).
     flags
         What a user should know before trusting the figures.
     color_rgb
@@ -96,7 +102,7 @@ class Part:
                 f"part {self.name}: density_source must be one of {get_args(DensitySource)}, "
                 f"got {self.density_source!r}"
             )
-        if np.isnan(self.density_g_cm3) != (self.density_source == "none"):
+        if np.isnan(self.density_g_cm3) != (self.density_source in ("none", "withheld")):
             raise DataError(
                 f"part {self.name}: density {self.density_g_cm3} does not go with "
                 f"density_source {self.density_source!r}"
@@ -167,7 +173,7 @@ class DensityObject:
     object_id, category
         Its name and its class.
     split
-        ``train``, ``val`` or ``test``.
+        ``train``, ``val``, ``test`` or ``private``.
     source
         ``scan``, ``phantom`` (simulated with known truth) or ``ct`` (views computed from a CT).
     views
@@ -181,7 +187,8 @@ class DensityObject:
     envelope
         Shape (64, 64, 64), 0 to 1: share inside the outer surface, enclosed cavities included.
     density, apparent_density
-        Voxel means on the field grid; ``density`` is None where only attenuation is known.
+        Voxel means on the field grid; ``density`` is None where only attenuation is known, both
+        are where the answers are withheld.
     origin_cm
         Shape (3,): centre of field voxel (0, 0, 0).
     voxel_size_cm
@@ -210,7 +217,7 @@ class DensityObject:
     occupancy: Grid
     envelope: Grid
     density: DensityField | None
-    apparent_density: DensityField
+    apparent_density: DensityField | None
     origin_cm: Vec3
     voxel_size_cm: float
     weighed_mass_g: float | None = None
@@ -221,12 +228,28 @@ class DensityObject:
         names = [view.name for view in self.views]
         if names != ["pa", "lat"]:
             raise DataError(f"{self.object_id}: views must be pa and lat, got {names}")
-        if self.split not in SPLITS:
-            raise DataError(f"{self.object_id}: split must be one of {SPLITS}, got {self.split!r}")
+        if self.split not in ALL_SPLITS:
+            raise DataError(
+                f"{self.object_id}: split must be one of {ALL_SPLITS}, got {self.split!r}"
+            )
         if not 1 <= len(self.parts) <= MAX_PARTS:
             raise DataError(f"{self.object_id}: 1 to {MAX_PARTS} parts, got {len(self.parts)}")
         if len({part.name for part in self.parts}) < len(self.parts):
             raise DataError(f"{self.object_id}: part names must be unique")
+
+    @property
+    def best_field(self) -> DensityField:
+        """The density, or the apparent density where that is all there is.
+
+        Raises
+        ------
+        DataError
+            If the answers are withheld.
+        """
+        field = self.density or self.apparent_density
+        if field is None:
+            raise DataError(f"{self.object_id}: its density is withheld: there is no field")
+        return field
 
     @cached_property
     def mass_properties(self) -> MassProperties:

@@ -24,7 +24,8 @@ from xden1k.schema import (
     PREVIEW_COLUMNS,
 )
 from xden1k.shards import Row, ShardReader
-from xden1k.types import FIELD_SIZE, SPLITS, DensityField, DensityObject, Source
+from xden1k.types import ALL_SPLITS, FIELD_SIZE, PRIVATE, DensityField, DensityObject, Source
+from xden1k.withheld import leaks
 
 __all__ = ["row_problems", "verify_folder"]
 
@@ -170,9 +171,9 @@ def row_problems(row: Row) -> list[str]:
     list of str
         Every problem found; none if the row is sound.
     """
-    missing = [
-        name for name, value in row.items() if value is None and name not in NULLABLE_COLUMNS
-    ]
+    withheld = ("apparent_density",) if row["split"] == PRIVATE else ()
+    nullable = (*NULLABLE_COLUMNS, *withheld)
+    missing = [name for name, value in row.items() if value is None and name not in nullable]
     if missing:
         return [f"null in {', '.join(sorted(missing))}"]
     if problems := list(_identity_problems(row)):
@@ -182,6 +183,7 @@ def row_problems(row: Row) -> list[str]:
     except DataError as err:
         return [str(err).removeprefix(f"{row['object_id']}: ")]
     return [
+        *_answer_problems(row),
         *_label_problems(obj),
         *_mesh_problems(obj),
         *_field_problems(obj),
@@ -192,12 +194,17 @@ def row_problems(row: Row) -> list[str]:
 def _identity_problems(row: Row) -> Iterator[str]:
     if not OBJECT_ID.fullmatch(row["object_id"]):
         yield "object_id must be of A-Z a-z 0-9 . _ -"
-    for name, known in (("split", SPLITS), ("source", get_args(Source))):
+    for name, known in (("split", ALL_SPLITS), ("source", get_args(Source))):
         if row[name] not in known:
             yield f"{name} must be one of {known}, got {row[name]!r}"
     for name in PREVIEW_COLUMNS:
         if not row[name].startswith(PNG_SIGNATURE):
             yield f"{name} is not a PNG"
+
+
+def _answer_problems(row: Row) -> Iterator[str]:
+    if row["split"] == PRIVATE and (names := leaks(row)):
+        yield f"answers of the split {PRIVATE} are published, in {', '.join(names)}"
 
 
 def _label_problems(obj: DensityObject) -> Iterator[str]:
@@ -221,8 +228,9 @@ def _mesh_problems(obj: DensityObject) -> Iterator[str]:
 
 
 def _field_problems(obj: DensityObject) -> Iterator[str]:
-    apparent = [part.apparent_density_g_cm3 for part in obj.parts]
-    yield from _one_field_problems("apparent_density", obj.apparent_density, apparent, obj)
+    if obj.apparent_density is not None:
+        apparent = [part.apparent_density_g_cm3 for part in obj.parts]
+        yield from _one_field_problems("apparent_density", obj.apparent_density, apparent, obj)
     densities = [part.density_g_cm3 for part in obj.parts]
     if (obj.density is None) != bool(np.isnan(densities).any()):
         yield "density must be null exactly where the density of a part is unknown"

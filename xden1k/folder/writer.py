@@ -6,7 +6,7 @@ import hashlib
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from itertools import chain
 from pathlib import Path
@@ -24,7 +24,7 @@ from xden1k.manifest import MANIFEST_NAME, DataFile, Manifest
 from xden1k.records import object_row
 from xden1k.schema import DATA_SCHEMA, METADATA_SCHEMA
 from xden1k.shards import ShardWriter
-from xden1k.types import SPLITS, DensityObject
+from xden1k.types import ALL_SPLITS, DensityObject
 
 __all__ = [
     "CHECKSUMS_NAME",
@@ -71,6 +71,7 @@ def write_rows(
     builder: str,
     config_sha256: str = "",
     shard_bytes: int = SHARD_BYTES,
+    more: Callable[[str], Mapping[str, str]] = lambda _: {},
 ) -> Manifest:
     """Write encoded rows as a dataset folder.
 
@@ -93,6 +94,8 @@ def write_rows(
         Checksum of its settings.
     shard_bytes
         A shard is closed by the row that makes it this large.
+    more
+        Gives further documents, name and text, for the checksum of the manifest.
 
     Returns
     -------
@@ -120,12 +123,12 @@ def write_rows(
             version=version,
             builder=builder,
             config_sha256=config_sha256,
-            splits={split: rows_in[split] for split in SPLITS if split in rows_in},
+            splits={split: rows_in[split] for split in ALL_SPLITS if split in rows_in},
             sources=_counts(table["source"].to_pylist()),
             density_sources=_counts(chain(*table["part_density_source"].to_pylist())),
             files=files,
         )
-        _write_documents(root, manifest, table)
+        _write_documents(root, manifest, table, more)
         for path in (root, *root.rglob("*")):
             _sync(path)
         publish(root, out)
@@ -212,8 +215,8 @@ def _ascending(rows: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]
             raise DataError(f"object_id must be of A-Z a-z 0-9 . _ -, got {object_id!r}")
         if object_id <= last:
             raise DataError(f"object ids must be unique and ascending: {object_id} after {last}")
-        if split not in SPLITS:
-            raise DataError(f"{object_id}: split must be one of {SPLITS}, got {split!r}")
+        if split not in ALL_SPLITS:
+            raise DataError(f"{object_id}: split must be one of {ALL_SPLITS}, got {split!r}")
         last = object_id
         yield row
     if not last:
@@ -229,14 +232,18 @@ def _counts(values: Iterable[str]) -> dict[str, int]:
     return dict(sorted(Counter(values).items()))
 
 
-def _write_documents(root: Path, manifest: Manifest, table: pa.Table) -> None:
+def _write_documents(
+    root: Path, manifest: Manifest, table: pa.Table, more: Callable[[str], Mapping[str, str]]
+) -> None:
+    manifest_text = manifest.to_json()
     documents = {
-        MANIFEST_NAME: manifest.to_json(),
+        MANIFEST_NAME: manifest_text,
         "README.md": readme_text(manifest),
         "DATASHEET.md": datasheet_text(manifest, table),
         "CITATION.cff": citation_text(manifest),
         "croissant.json": croissant_text(manifest),
         "eval.yaml": eval_text(),
+        **more(hashlib.sha256(manifest_text.encode()).hexdigest()),
     }
     for name, text in documents.items():
         (root / name).write_text(text, encoding="utf-8", newline="\n")
