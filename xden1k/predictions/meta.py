@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal, get_args
@@ -20,6 +21,8 @@ Target = Literal["density", "apparent_density"]
 MAX_TEXT = 500
 """Characters in any one text; a method's name has at most :data:`MAX_NAME`."""
 MAX_NAME = 80
+_BRIEF = reprlib.Repr()
+_BRIEF.maxlevel, _BRIEF.maxstring = 3, 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,13 +101,13 @@ def parse_meta(text: str) -> tuple[SubmissionMeta | None, list[Problem]]:
         None if there is any problem, and every problem found: E201 to E204.
     """
     try:
-        values = json.loads(text)
+        values = json.loads(text, object_pairs_hook=_without_repeats)
     except (ValueError, RecursionError) as err:
         return None, [Problem("E201", None, f"__meta__ is not JSON: {err}")]
     if not isinstance(values, dict):
         return None, [Problem("E201", None, "__meta__ must be a JSON object")]
     if values.get("schema") != SCHEMA:
-        found = ascii(values.get("schema"))[:60]
+        found = _shown(values.get("schema"))
         return None, [Problem("E202", None, f"schema must be {SCHEMA!r}, got {found}")]
     if problems := _field_problems(values):
         return None, problems
@@ -112,11 +115,25 @@ def parse_meta(text: str) -> tuple[SubmissionMeta | None, list[Problem]]:
     return SubmissionMeta(**{**values, **lists}), []
 
 
+def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Refuse a key that comes twice: which value counts would be up to the reader."""
+    values = dict(pairs)
+    if len(values) < len(pairs):
+        raise ValueError("a key comes twice in one object")
+    return values
+
+
+def _shown(value: object) -> str:
+    """Show what a stranger wrote, in 60 printable characters; nesting of any depth is harmless."""
+    text = _BRIEF.repr(value).encode("ascii", "backslashreplace").decode()
+    return text if len(text) <= 60 else text[:60] + "..."
+
+
 def _field_problems(values: Mapping[str, Any]) -> list[Problem]:
     """Every field that is missing, unknown or wrong."""
     known = {field.name for field in fields(SubmissionMeta)}
     problems = [
-        Problem("E203", None, f"unknown field {ascii(key)[:60]}; known are {sorted(known)}")
+        Problem("E203", None, f"unknown field {_shown(key)}; known are {sorted(known)}")
         for key in sorted(values.keys() - known)
     ]
     for key, (code, expected, is_valid) in _RULES.items():
@@ -124,9 +141,8 @@ def _field_problems(values: Mapping[str, Any]) -> list[Problem]:
             if key in _REQUIRED:
                 problems.append(Problem(code, None, f"{key} is missing: it must be {expected}"))
         elif not is_valid(values[key]):
-            found = ascii(values[key])
-            found = found if len(found) <= 60 else found[:60] + "..."
-            problems.append(Problem(code, None, f"{key} must be {expected}, got {found}"))
+            message = f"{key} must be {expected}, got {_shown(values[key])}"
+            problems.append(Problem(code, None, message))
     return problems
 
 

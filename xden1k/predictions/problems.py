@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from xden1k.errors import SubmissionError
 
-__all__ = ["CODES", "Problem", "listed", "raise_errors"]
+__all__ = ["CODES", "Problem", "listed", "raise_errors", "shortened"]
 
 CODES = {
     "E101": "not a readable .npz",
@@ -80,6 +80,29 @@ def raise_errors(problems: Iterable[Problem]) -> None:
     """
     if errors := [str(problem) for problem in problems if problem.is_error]:
         raise SubmissionError(errors)
+
+
+def shortened(problems: Iterable[Problem], most: int = 200) -> Iterator[Problem]:
+    """Give the problems of ``most`` objects for each code, then one for all others.
+
+    Examples
+    --------
+    >>> many = [Problem("E104", name, "not an .npy array") for name in "abcd"]
+    >>> [str(one) for one in shortened(many, most=2)]
+    ['E104 a: not an .npy array', 'E104 b: not an .npy array', "E104: and so on, 2: 'c', 'd'"]
+    """
+    objects: dict[str, list[str]] = {}
+    for problem in problems:
+        if problem.object_id is None:
+            yield problem
+            continue
+        told = objects.setdefault(problem.code, [])
+        told.append(problem.object_id)
+        if len(told) <= most:
+            yield problem
+    for code, told in objects.items():
+        if len(told) > most:
+            yield Problem(code, None, f"and so on, {listed(told[most:])}")
 
 
 def listed(names: Iterable[str], most: int = 5) -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import re
 import zipfile
 from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
-from typing import Final
+from typing import BinaryIO, Final
 
 import numpy as np
 from jaxtyping import Float32
@@ -17,7 +18,7 @@ from jaxtyping import Float32
 from xden1k.errors import MissingObjectError
 from xden1k.predictions.meta import SubmissionMeta, parse_meta
 from xden1k.predictions.npz import BadArchiveError, Member, NpzReader
-from xden1k.predictions.problems import Problem, listed, raise_errors
+from xden1k.predictions.problems import Problem, listed, raise_errors, shortened
 from xden1k.types import FIELD_SIZE, MAX_PARTS
 
 __all__ = ["Predictions", "open_predictions"]
@@ -68,14 +69,16 @@ class Predictions:
         self.named_ids: frozenset[str] = frozenset()
         self._members: dict[str, Member] = {}
         self._sd_members: dict[str, Member] = {}
-        self._stream = path.open("rb")
+        # a named pipe would keep its reader waiting for ever
+        is_special = path.exists() and not path.is_file()
+        self._stream: BinaryIO = io.BytesIO() if is_special else path.open("rb")
         try:
             self._archive = NpzReader(self._stream)
         except BadArchiveError as err:
             self._stream.close()
             self.problems: tuple[Problem, ...] = (Problem(err.code, None, str(err)),)
         else:
-            self.problems = tuple(self._examine_directory())
+            self.problems = tuple(shortened(self._examine_directory()))
 
     def __enter__(self) -> Predictions:
         return self
