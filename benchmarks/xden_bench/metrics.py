@@ -8,6 +8,8 @@ same code on the same grid: the truth scores exactly zero.
 A prediction of no mass has no centre of mass. It is given the envelope's centroid, which is where
 matter spread evenly through the object ends up as its density goes to zero: any other choice could
 be had, or escaped, by predicting 1e-6 everywhere.
+
+:mod:`xden_bench.calibration` has the metrics that need a standard deviation.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from math import log
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 
 from xden1k.arrays import Grid, Vec3
 from xden1k.mass import MassProperties, mass_of_grid
@@ -34,6 +36,8 @@ __all__ = [
     "mass_alde",
     "mass_mape",
     "mass_mnre",
+    "nonuniformity",
+    "nonuniformity_error",
     "score_object",
 ]
 
@@ -47,16 +51,33 @@ class Metric:
     title
         With its unit.
     higher_is_better
-        False for errors.
+        False for errors; None where neither is better and ``nominal`` is right.
+    nominal
+        The value of a method that knows its own errors, where there is such a value.
     """
 
     title: str
-    higher_is_better: bool = False
+    higher_is_better: bool | None = False
+    nominal: float | None = None
 
     @property
     def heading(self) -> str:
-        """Title and the arrow that says which way is better."""
+        """Title and the arrow that says which way is better, or what the value should be."""
+        if self.nominal is not None:
+            return f"{self.title} (→ {self.nominal:.3f})"
         return f"{self.title} {'↑' if self.higher_is_better else '↓'}"
+
+    def loss(self, values: Float64[np.ndarray, "..."]) -> Float64[np.ndarray, "..."]:
+        """Values so turned that lower is better, for comparing two methods.
+
+        Examples
+        --------
+        >>> METRICS["mass_mnre"].loss(np.array([0.5])).tolist()
+        [-0.5]
+        """
+        if self.nominal is not None:
+            return np.abs(values - self.nominal)
+        return -values if self.higher_is_better else values
 
 
 METRICS: Final[Mapping[str, Metric]] = {
@@ -67,6 +88,10 @@ METRICS: Final[Mapping[str, Metric]] = {
     "mass_alde": Metric("mass ALDE"),
     "mass_mnre": Metric("mass MnRE", higher_is_better=True),
     "inertia_error": Metric("inertia error"),
+    "nonuniformity_error": Metric("non-uniformity error"),
+    "density_crps_g_cm3": Metric("density CRPS, g/cm³"),
+    "density_within_1sd": Metric("within 1 sd", None, nominal=0.683),
+    "density_within_2sd": Metric("within 2 sd", None, nominal=0.954),
 }
 """Every metric by name."""
 
@@ -172,6 +197,60 @@ def inertia_error(truth: Float[np.ndarray, "3 3"], guess: Float[np.ndarray, "3 3
     return float(np.linalg.norm(guess - truth) / np.linalg.norm(truth))
 
 
+def nonuniformity(density_g_cm3: Grid, envelope: Grid) -> float:
+    """How far an object is from homogeneous: the share of its mass that lies where it should not.
+
+    ``sum |d / sum(d) - w / sum(w)| / 2`` over the voxels with ``w > 0``, ``w`` the share of the
+    voxel inside the envelope: the total variation distance between the mass and an even filling
+    of the outer surface. That share of the mass would have to move to make it even. 0 for an even
+    filling, whatever its density, towards 1 for a heavy grain in an empty shell. Nothing scores 0,
+    as an ever thinner even filling does.
+
+    A coefficient of variation would divide voxels at the surface by their small shares, and be
+    ruled by them; a distance of histograms would repeat the error of the mass.
+
+    Parameters
+    ----------
+    density_g_cm3
+        Shape (x, y, z), g/cm³, voxel means.
+    envelope
+        Shape (x, y, z), 0 to 1.
+
+    Examples
+    --------
+    >>> nonuniformity(np.array([[[3.0, 1.0]]]), np.ones((1, 1, 2)))
+    0.25
+    """
+    inside = envelope > 0
+    density, share = (grid[inside].astype(np.float64) for grid in (density_g_cm3, envelope))
+    if not (mass := density.sum()):
+        return 0.0
+    return float(np.abs(density / mass - share / share.sum()).sum() / 2)
+
+
+def nonuniformity_error(truth: Grid, guess: Grid, envelope: Grid) -> float:
+    """Error of :func:`nonuniformity`: ``|guess's - truth's|``.
+
+    It asks how uneven a prediction is, not where: the right unevenness in the wrong place scores
+    0, and density MAE and the centre of mass tell of that. All homogeneous predictions score the
+    same, the non-uniformity of the truth.
+
+    Parameters
+    ----------
+    truth, guess
+        Shape (x, y, z), g/cm³, voxel means.
+    envelope
+        Shape (x, y, z), 0 to 1.
+
+    Examples
+    --------
+    >>> box = np.ones((1, 1, 2))
+    >>> nonuniformity_error(np.array([[[3.0, 1.0]]]), 7 * box, box)
+    0.25
+    """
+    return abs(nonuniformity(guess, envelope) - nonuniformity(truth, envelope))
+
+
 def integrate(
     density_g_cm3: Grid, envelope: Grid, origin_cm: Vec3, voxel_size_cm: float
 ) -> MassProperties:
@@ -211,7 +290,7 @@ def score_object(
     voxel_size_cm: float,
     mass_ratio_limit: float = 1000.0,
 ) -> dict[str, float]:
-    """Every metric of one object.
+    """Every metric of one object that needs its density alone.
 
     Parameters
     ----------
@@ -245,4 +324,5 @@ def score_object(
         "mass_alde": mass_alde(truth.mass_g, guess.mass_g, mass_ratio_limit),
         "mass_mnre": mass_mnre(truth.mass_g, guess.mass_g),
         "inertia_error": inertia_error(truth.inertia_g_cm2, guess.inertia_g_cm2),
+        "nonuniformity_error": nonuniformity_error(truth_g_cm3, guess_g_cm3, envelope),
     }

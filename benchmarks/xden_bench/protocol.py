@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Final
@@ -14,8 +14,8 @@ from xden_bench.metrics import METRICS
 
 __all__ = ["PROTOCOLS", "Protocol", "is_trivial", "load_protocol"]
 
-PROTOCOLS: Final = ("v1",)
-"""Every protocol there is, the newest last."""
+PROTOCOLS: Final = ("v1", "paper")
+"""Every protocol there is, the default first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +30,13 @@ class Protocol:
         Of the dataset.
     targets
         What a submission may predict.
+    metric_version
+        Of the code that computes the metrics: raised when it gives other values for the same
+        files. The one key that may change after a release; rows of two versions are kept apart.
     metrics
         Names from :data:`xden_bench.metrics.METRICS`, in the order of the tables.
+    sd_metrics
+        More of them, of submissions that give a standard deviation.
     rank_by
         One of them.
     mass_ratio_limit
@@ -46,6 +51,8 @@ class Protocol:
         More of the mass outside the object gets the footnote W503.
     unranked
         Names of methods that are printed without a rank.
+    open_choices
+        What a source that this protocol follows leaves open, and what is taken here.
 
     Raises
     ------
@@ -56,7 +63,9 @@ class Protocol:
     name: str
     config: str
     targets: Sequence[str]
+    metric_version: int
     metrics: Sequence[str]
+    sd_metrics: Sequence[str]
     rank_by: str
     mass_ratio_limit: float
     bootstrap_resamples: int
@@ -65,9 +74,10 @@ class Protocol:
     max_density_g_cm3: Mapping[str, float]
     max_outside_share: float
     unranked: Sequence[str]
+    open_choices: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if unknown := sorted(set(self.metrics) - METRICS.keys()):
+        if unknown := sorted({*self.metrics, *self.sd_metrics} - METRICS.keys()):
             raise DataError(
                 f"protocol {self.name}: unknown metrics {unknown}; known: {list(METRICS)}"
             )
@@ -81,8 +91,12 @@ class Protocol:
         if list(self.size_edges_cm) != sorted(set(self.size_edges_cm)):
             raise DataError(f"protocol {self.name}: size_edges_cm must ascend")
 
+    def metrics_of(self, *, has_sd: bool) -> tuple[str, ...]:
+        """Names of the metrics of a submission, which depend on whether it gives deviations."""
+        return (*self.metrics, *(self.sd_metrics if has_sd else ()))
 
-def load_protocol(name: str = PROTOCOLS[-1]) -> Protocol:
+
+def load_protocol(name: str = PROTOCOLS[0]) -> Protocol:
     """Return a protocol by name.
 
     Raises

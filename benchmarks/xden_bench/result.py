@@ -23,7 +23,7 @@ from xden_bench.provenance import code_commit, package_version
 from xden_bench.reference import Reference
 from xden_bench.scoring import ObjectScore, Score, by_category, by_size, summary
 
-__all__ = ["SCHEMA", "entry_of", "read_entries", "write_entry", "write_text"]
+__all__ = ["SCHEMA", "entry_of", "entry_path", "read_entries", "write_entry", "write_text"]
 
 SCHEMA: Final = "xden-result/1"
 _OBJECT_COLUMNS: Final = ("object_id", "category", "source", "extent_cm")
@@ -59,6 +59,7 @@ def entry_of(
             "notes": meta.notes,
         },
         "protocol": rules.name,
+        "metric_version": rules.metric_version,
         "track": meta.track,
         "target": meta.target,
         "dataset": {
@@ -184,6 +185,7 @@ _SHAPE: Final[Mapping[str, Any]] = {
     },
     **dict.fromkeys(("protocol", "track", "target", "submission_sha256", "xden_version"), str),
     **dict.fromkeys(("command", "date", "status"), str),
+    "metric_version": int,
     "dataset": dict.fromkeys(("revision", "config", "split", "source", "manifest_sha256"), str),
     "commit": _TEXT_OR_NULL,
     "warnings": [str],
@@ -225,14 +227,16 @@ def _check_figures(path: Path, entry: Mapping[str, Any]) -> None:
             raise DataError(f"{path}: {key} is not what the objects in {objects.name} give")
 
 
-def _read_objects(data: bytes, rules: Protocol) -> list[ObjectScore]:
-    return [
+def _read_objects(data: bytes, rules: Protocol) -> tuple[ObjectScore, ...]:
+    table = pq.read_table(pa.BufferReader(data))
+    has_sd = not set(rules.sd_metrics).isdisjoint(table.column_names)
+    return tuple(
         ObjectScore(
             **{name: row[name] for name in _OBJECT_COLUMNS},
-            metrics={name: row[name] for name in rules.metrics},
+            metrics={name: row[name] for name in rules.metrics_of(has_sd=has_sd)},
         )
-        for row in pq.read_table(pa.BufferReader(data)).to_pylist()
-    ]
+        for row in table.to_pylist()
+    )
 
 
 def _agree(one: Any, other: Any) -> bool:
@@ -248,11 +252,12 @@ def _agree(one: Any, other: Any) -> bool:
 
 def _figures(objects: Sequence[ObjectScore], rules: Protocol) -> dict[str, Any]:
     """Every number of an entry that follows from its objects."""
+    metrics = summary(objects, rules)
     return {
         "bootstrap": {"seed": rules.bootstrap_seed, "resamples": rules.bootstrap_resamples},
         "n_objects": len(objects),
-        "metrics": _metrics(summary(objects, rules)),
-        "higher_is_better": {name: METRICS[name].higher_is_better for name in rules.metrics},
+        "metrics": _metrics(metrics),
+        "higher_is_better": {name: METRICS[name].higher_is_better for name in metrics},
         "by_category": _groups(by_category(objects, rules)),
         "by_size": _groups(by_size(objects, rules)),
     }
@@ -262,7 +267,7 @@ def _object_table(score: Score) -> pa.Table:
     columns: dict[str, list[Any]] = {
         name: [getattr(one, name) for one in score.objects] for name in _OBJECT_COLUMNS
     }
-    for name in score.protocol.metrics:
+    for name in score.metrics:
         columns[name] = [one.metrics[name] for one in score.objects]
     return pa.table(columns)
 

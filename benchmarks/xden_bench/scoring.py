@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
+from xden1k.arrays import Grid
 from xden1k.modality import Track
 from xden1k.predictions import Predictions, Problem, SubmissionMeta, raise_errors
 from xden_bench.bootstrap import Estimate, estimate
+from xden_bench.calibration import score_sd
 from xden_bench.metrics import score_object
 from xden_bench.protocol import Protocol
-from xden_bench.reference import Reference
+from xden_bench.reference import Reference, Truth
 from xden_bench.submission import Check, Progress
 
 __all__ = ["ObjectScore", "Score", "by_category", "by_size", "score", "summary"]
@@ -88,7 +90,7 @@ class Score:
 
 def summary(objects: Sequence[ObjectScore], protocol: Protocol) -> Mapping[str, Estimate]:
     """Mean over objects and interval, by metric."""
-    names = protocol.metrics
+    names = tuple(objects[0].metrics)
     values: Float64[np.ndarray, "objects metrics"] = np.array(
         [[one.metrics[name] for name in names] for one in objects]
     )
@@ -157,26 +159,32 @@ def score(
     """
     with Predictions(path) as predictions:
         check = Check(predictions, reference, protocol, track, progress)
-        objects = tuple(
-            ObjectScore(
-                truth.object_id,
-                truth.category,
-                truth.source,
-                truth.extent_cm,
-                score_object(
-                    truth.density_g_cm3,
-                    grid,
-                    truth.envelope,
-                    truth.origin_cm,
-                    truth.voxel_size_cm,
-                    protocol.mass_ratio_limit,
-                ),
-            )
-            for truth, grid in check.fields()
-        )
+        objects = tuple(_object_score(*one, protocol) for one in check.fields())
         raise_errors(check.problems)
         assert predictions.meta is not None
         return Score(predictions.meta, predictions.sha256, objects, protocol, check.problems)
+
+
+def _object_score(truth: Truth, grid: Grid, sd: Grid | None, protocol: Protocol) -> ObjectScore:
+    """Every metric of the protocol for one object."""
+    metrics = score_object(
+        truth.density_g_cm3,
+        grid,
+        truth.envelope,
+        truth.origin_cm,
+        truth.voxel_size_cm,
+        protocol.mass_ratio_limit,
+    )
+    if sd is not None:
+        metrics |= score_sd(truth.density_g_cm3, grid, sd, truth.envelope)
+    names = protocol.metrics_of(has_sd=sd is not None)
+    return ObjectScore(
+        truth.object_id,
+        truth.category,
+        truth.source,
+        truth.extent_cm,
+        {name: metrics[name] for name in names},
+    )
 
 
 def _size_name(extent_cm: float, edges_cm: Sequence[float]) -> str:

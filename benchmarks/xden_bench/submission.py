@@ -11,7 +11,7 @@ import numpy as np
 from xden1k.arrays import Grid
 from xden1k.modality import Modality, Track
 from xden1k.predictions import CODES, Predictions, Problem, SubmissionMeta, listed
-from xden_bench.expand import grid_of_parts
+from xden_bench.expand import grid_of_parts, sd_grid_of_parts
 from xden_bench.protocol import Protocol
 from xden_bench.reference import Reference, Truth
 
@@ -53,8 +53,10 @@ class Check:
     _inner: tuple[float, float] = field(default=(np.inf, -np.inf), init=False)
     """Lowest and highest value in voxels wholly inside an object."""
 
-    def fields(self) -> Iterator[tuple[Truth, Grid]]:
-        """Check object by object, giving the truth and the predicted grid of each sound one.
+    def fields(self) -> Iterator[tuple[Truth, Grid, Grid | None]]:
+        """Check object by object, giving the truth, the grid and its deviation of each sound one.
+
+        The deviation is None where the submission has none.
 
         :attr:`problems` is complete when the iteration has ended.
         """
@@ -68,9 +70,10 @@ class Check:
             if object_id in self.predictions:
                 truth = self.reference.truth(object_id, meta.target)
                 grid = self._grid(truth, meta)
-                if grid is not None:
+                sd, sound = self._sd(truth)
+                if grid is not None and sound:
                     self._watch(truth, grid)
-                    yield truth, grid
+                    yield truth, grid, sd
 
     @property
     def problems(self) -> tuple[Problem, ...]:
@@ -92,6 +95,17 @@ class Check:
         self._found += problems
         return values
 
+    def _sd(self, truth: Truth) -> tuple[Grid | None, bool]:
+        """Return the deviation of an object's grid, if there is one, and whether it is sound."""
+        values, problems = self.predictions.examine_sd(truth.object_id)
+        self._found += problems
+        if values is not None and values.ndim == 1:
+            if len(values) != truth.parts + 1:  # as is its density, and that is told
+                return None, False
+            meshes = self.reference.part_meshes(truth.object_id)
+            values = sd_grid_of_parts(values, meshes, truth.origin_cm, truth.voxel_size_cm)
+        return values, not problems
+
     def _watch(self, truth: Truth, grid: Grid) -> None:
         """Note what the warnings are made of."""
         self._highest = max(self._highest, float(grid.max()))
@@ -106,14 +120,7 @@ class Check:
             self._warned.setdefault("W504", []).append(truth.object_id)
 
     def _warnings(self) -> Iterator[Problem]:
-        meta = self.predictions.meta
-        limit = self.protocol.max_density_g_cm3[meta.target if meta else "density"]
-        if self._highest > limit:
-            message = f"highest value {self._highest:.6g} g/cm³, above {limit:g}: units?"
-            yield Problem("W501", None, message)
-        elif meta and meta.units == "kg/m3" and 0 < self._highest * 1000 <= limit:
-            message = f"kg/m3 declared, but the highest value is {self._highest * 1000:.4g}"
-            yield Problem("W501", None, message)
+        yield from self._unit_warnings()
         low, high = self._inner
         if high >= low >= high * (1 - CONSTANT_TOLERANCE):
             yield Problem("W502", None, f"{high:.4g} g/cm³ inside every object")
@@ -123,6 +130,18 @@ class Check:
             yield Problem("W503", None, message + listed(ids))
         if ids := self._warned.get("W504"):
             yield Problem("W504", None, f"{CODES['W504']}: {listed(ids)}")
+
+    def _unit_warnings(self) -> Iterator[Problem]:
+        meta = self.predictions.meta
+        if meta is None or meta.target not in self.protocol.targets:  # an error already
+            return
+        limit = self.protocol.max_density_g_cm3[meta.target]
+        if self._highest > limit:
+            message = f"highest value {self._highest:.6g} g/cm³, above {limit:g}: units?"
+            yield Problem("W501", None, message)
+        elif meta.units == "kg/m3" and 0 < self._highest * 1000 <= limit:
+            message = f"kg/m3 declared, but the highest value is {self._highest * 1000:.4g}"
+            yield Problem("W501", None, message)
 
 
 def validate(

@@ -6,12 +6,20 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from xden_bench.metrics import METRICS, density_mae_g_cm3, integrate, score_object
+from xden_bench.calibration import density_crps_g_cm3, score_sd
+from xden_bench.metrics import (
+    METRICS,
+    density_mae_g_cm3,
+    integrate,
+    nonuniformity,
+    score_object,
+)
 
+SD_METRICS = {"density_crps_g_cm3", "density_within_1sd", "density_within_2sd"}
 SHAPE = (4, 5, 3)
 ORIGIN = np.array([-1.0, 2.0, 30.0])
 VOXEL = 0.5
@@ -67,7 +75,19 @@ def loop_reference(truth: np.ndarray, guess: np.ndarray, envelope: np.ndarray) -
         "mass_mnre": min(ratio, 1 / ratio) if ratio else 0.0,
         "inertia_error": math.sqrt(sum((b - a) ** 2 for a, b in pairs))
         / math.sqrt(sum(a * a for a, _ in pairs)),
+        "nonuniformity_error": abs(unevenness_of(bodies[1], hull) - unevenness_of(bodies[0], hull)),
     }
+
+
+def unevenness_of(
+    body: list[tuple[float, list[float]]], hull: list[tuple[float, list[float]]]
+) -> float:
+    """Mass in excess of an even filling, as a share of all mass."""
+    mass, volume = (sum(amount for amount, _ in those) for those in (body, hull))
+    excess = 0.0
+    for (here, _), (share, _) in zip(body, hull, strict=True):
+        excess += max(here - mass * share / volume, 0.0)
+    return excess / mass if mass else 0.0
 
 
 @given(truth=grids, guess=grids, envelope=shares)
@@ -77,7 +97,7 @@ def test_metrics_agree_with_loops(
     truth[0, 0, 0], envelope[0, 0, 0] = 1.0, 1.0
     scores = score_object(truth, guess, envelope, ORIGIN, VOXEL)
     expected = loop_reference(truth, guess, envelope)
-    assert scores.keys() == expected.keys() == METRICS.keys()
+    assert scores.keys() == expected.keys() == METRICS.keys() - SD_METRICS
     for name, value in expected.items():
         assert scores[name] == pytest.approx(value, rel=1e-9, abs=1e-9), name
 
@@ -163,3 +183,113 @@ def test_alde_is_bounded_on_both_sides() -> None:
     for scale in (1e-9, 1e9):
         scores = score_object(truth, scale * truth, truth, ORIGIN, VOXEL, mass_ratio_limit=100.0)
         assert scores["mass_alde"] == pytest.approx(math.log(100))
+
+
+@given(guess=grids, envelope=shares, scale=st.floats(0.01, 30))
+def test_non_uniformity_has_no_unit_and_is_that_of_an_even_filling_only_at_zero(
+    guess: np.ndarray, envelope: np.ndarray, scale: float
+) -> None:
+    guess[0, 0, 0], envelope[0, 0, 0] = 1.0, 1.0
+    uneven = nonuniformity(guess, envelope)
+    assert 0 <= uneven < 1
+    assert nonuniformity(scale * guess, envelope) == pytest.approx(uneven, abs=1e-12)
+    assert nonuniformity(scale * envelope, envelope) == pytest.approx(0, abs=1e-12)
+
+
+def test_the_non_uniformity_of_two_halves_is_known() -> None:
+    halves = np.ones((4, 4, 4))
+    halves[:2] = 3.0
+    assert nonuniformity(halves, np.ones((4, 4, 4))) == pytest.approx(0.25)
+    grain = np.zeros((4, 4, 4))
+    grain[0, 0, 0] = 7.0
+    assert nonuniformity(grain, np.ones((4, 4, 4))) == pytest.approx(63 / 64)
+
+
+def test_non_uniformity_asks_how_much_not_where() -> None:
+    truth = np.ones((4, 4, 4))
+    truth[:2] = 3.0
+    scores = score_object(truth, truth[::-1].copy(), np.ones((4, 4, 4)), ORIGIN, VOXEL)
+    assert scores["nonuniformity_error"] == 0.0
+    assert scores["density_mae_g_cm3"] == 2.0
+
+
+def crps_by_quadrature(truth: float, guess: float, sd: float) -> float:
+    """Integral of ``(F(x) - [x >= truth])²``, the definition, by the rule of the midpoint."""
+    low, high = min(truth, guess - 9 * sd), max(truth, guess + 9 * sd)
+    steps = 4000
+    width = (high - low) / steps
+    total = 0.0
+    for step in range(steps):
+        x = low + (step + 0.5) * width
+        below = 0.5 * (1 + math.erf((x - guess) / (sd * math.sqrt(2))))
+        total += (below - (x >= truth)) ** 2 * width
+    return total
+
+
+@given(truth=st.floats(0, 5), guess=st.floats(0, 5), sd=st.floats(0.1, 3), share=st.floats(0.1, 1))
+@settings(max_examples=25)
+def test_crps_is_the_integral_that_defines_it(
+    truth: float, guess: float, sd: float, share: float
+) -> None:
+    found = density_crps_g_cm3(*(np.full((1, 1, 1), value) for value in (truth, guess, sd, share)))
+    assert found == pytest.approx(crps_by_quadrature(truth, guess, sd), abs=0.01)
+
+
+@given(truth=grids, guess=grids, envelope=shares)
+def test_crps_without_deviation_is_the_mean_error(
+    truth: np.ndarray, guess: np.ndarray, envelope: np.ndarray
+) -> None:
+    envelope[0, 0, 0] = 1.0
+    expected = density_mae_g_cm3(truth, guess, envelope)
+    for tiny in (0.0, 1e-30):
+        sd = np.full(SHAPE, tiny)
+        assert density_crps_g_cm3(truth, guess, sd, envelope) == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_method_that_knows_its_errors_has_the_nominal_coverage_and_the_best_crps() -> None:
+    rng = np.random.default_rng(0)
+    truth, box = np.full((40, 40, 40), 5.0), np.ones((40, 40, 40))
+    sd = rng.uniform(0.2, 1.0, truth.shape)
+    guess = truth + sd * rng.standard_normal(truth.shape)
+    scores = score_sd(truth, guess, sd, box)
+    assert scores["density_within_1sd"] == pytest.approx(
+        METRICS["density_within_1sd"].nominal, abs=0.005
+    )
+    assert scores["density_within_2sd"] == pytest.approx(
+        METRICS["density_within_2sd"].nominal, abs=0.005
+    )
+    for wrong in (0.5, 0.8, 1.25, 2.0):
+        worse = score_sd(truth, guess, wrong * sd, box)
+        assert worse["density_crps_g_cm3"] > scores["density_crps_g_cm3"]
+
+
+@given(truth=grids, guess=grids, sd=grids, envelope=shares)
+def test_coverage_agrees_with_a_loop_and_ignores_the_air_around(
+    truth: np.ndarray, guess: np.ndarray, sd: np.ndarray, envelope: np.ndarray
+) -> None:
+    envelope[0, 0, 0] = 1.0
+    found = score_sd(truth, guess, sd, envelope)
+    for sds in (1, 2):
+        held = sum(
+            float(envelope[index])
+            for index in np.ndindex(SHAPE)
+            if abs(float(guess[index] - truth[index])) <= sds * float(sd[index])
+        )
+        assert found[f"density_within_{sds}sd"] == pytest.approx(held / envelope.sum())
+    air = envelope == 0
+    guess[air], sd[air] = 99.0, 0.0
+    assert score_sd(truth, guess, sd, envelope) == found
+
+
+def test_no_deviation_however_odd_breaks_a_score() -> None:
+    truth, box = np.ones((2, 2, 2), np.float32), np.ones((2, 2, 2), np.float32)
+    for value in (1e-45, 1e-30, 3.4e38):
+        scores = score_sd(truth, 2 * truth, np.full((2, 2, 2), value, np.float32), box)
+        assert all(map(math.isfinite, scores.values()))
+
+
+def test_losses_are_lower_where_a_method_is_better() -> None:
+    assert METRICS["mass_mape"].loss(np.array([0.1, 0.2])).tolist() == [0.1, 0.2]
+    assert METRICS["mass_mnre"].loss(np.array([0.1, 0.2])).tolist() == [-0.1, -0.2]
+    near, far = METRICS["density_within_1sd"].loss(np.array([0.7, 1.0]))
+    assert near < far

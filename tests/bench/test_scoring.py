@@ -135,6 +135,63 @@ def test_apparent_density_is_scored_against_itself(
         assert means(score(wrong, reference, RULES))["density_mae_g_cm3"] > 0.3
 
 
+def with_sd(path: Path, reference: Reference, sd: float, kind: str = "density") -> Path:
+    """Give every object of a submission the same standard deviation."""
+    with np.load(path) as sound:
+        arrays = dict(sound)
+    for one in reference.ids:
+        values = np.full_like(arrays[f"{kind}/{one}"], sd)
+        if kind == "part_density":
+            values[0] = 0
+        arrays[f"{kind}_sd/{one}"] = values
+    np.savez_compressed(path, **arrays)
+    return path
+
+
+def test_calibration_is_scored_where_there_is_a_deviation(
+    submission: Submit, reference: Reference
+) -> None:
+    without = score(submission(lambda _, grid: 1.1 * grid), reference, RULES)
+    assert not set(RULES.sd_metrics) & without.metrics.keys()
+    path = submission(lambda _, grid: grid, name="sure.npz")
+    found = means(score(with_sd(path, reference, 0.5), reference, RULES))
+    assert tuple(found) == RULES.metrics_of(has_sd=True)
+    assert found["density_crps_g_cm3"] == pytest.approx(0.5 * 0.2336949, rel=1e-4)
+    assert found["density_within_1sd"] == found["density_within_2sd"] == 1.0
+
+
+def test_deviations_in_kilograms_are_converted(submission: Submit, reference: Reference) -> None:
+    path = submission(lambda _, grid: 1000 * grid, units="kg/m3")
+    found = means(score(with_sd(path, reference, 500.0), reference, RULES))
+    assert found["density_crps_g_cm3"] == pytest.approx(0.5 * 0.2336949, rel=1e-4)
+
+
+def test_deviations_of_parts_are_spread_over_their_voxels(
+    submission: Submit, reference: Reference
+) -> None:
+    values = {"bar-0002": [0, 1, 8], "cube-0003": [0, 2], "filled-0001": [0, 1, 4]}
+    values["hollow-0002"] = [0, 1.5]
+    path = submission(
+        lambda one, _: np.array(values[one], np.float32), inputs=("mesh", "parts", "xray")
+    )
+    found = means(score(with_sd(path, reference, 0.5, "part_density"), reference, RULES))
+    inside = 0.5 * 0.2336949
+    assert 0.6 * inside < found["density_crps_g_cm3"] <= inside * 1.01
+    assert found["density_within_2sd"] > 0.95
+
+
+def test_the_papers_protocol_scores_its_three_metrics_of_apparent_density(
+    submission: Submit, reference: Reference
+) -> None:
+    paper = load_protocol("paper")
+    with pytest.raises(SubmissionError, match="E205: target must be one of"):
+        score(submission(), reference, paper)
+    path = submission(target="apparent_density")
+    found = means(score(with_sd(path, reference, 0.5), reference, paper))
+    assert tuple(found) == ("density_mae_g_cm3", "com_l1_cm", "mass_mape")
+    assert {"density_unit", "domain", "mass_rule", "split"} <= paper.open_choices.keys()
+
+
 def test_a_split_that_is_not_there(folder: DatasetFolder) -> None:
     with pytest.raises(DataError, match="no split 'nope'"):
         Reference(folder, "nope")
