@@ -1,0 +1,226 @@
+"""The process that scores: it alone opens what strangers send, with little memory and time.
+
+Run as ``python -m xden_bench.serve.worker``. The first line of its input is a :class:`Setting`,
+each further line the path of a submission; for each it writes lines of JSON, ``{"checked": 3,
+"total": 200}`` as it goes and then an :class:`~xden_bench.serve.outcome.Outcome`. Lines of JSON
+and not pickles, so that whatever a file may do to this process ends here. It ends when its input
+does, so that it never outlives the desk, were that killed.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+import os
+import queue
+import resource
+import shlex
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from xden1k.errors import DataError, SubmissionError
+from xden_bench.serve.outcome import Outcome, find_entered
+
+if TYPE_CHECKING:
+    from xden_bench.protocol import Protocol
+    from xden_bench.reference import Reference
+    from xden_bench.scoring import Score
+
+__all__ = ["LOCK_NAME", "Setting", "score_upload"]
+
+LOCK_NAME: Final = ".lock"
+"""In the folder of results: held while an entry is written."""
+
+_PROGRESS_S: Final = 0.2
+_NICENESS: Final = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What a scoring process works with, of JSON's types.
+
+    Parameters
+    ----------
+    root, split
+        The truth.
+    protocol
+        Name of the rules.
+    results
+        Folder of the entries.
+    memory_bytes
+        The most it may take.
+    """
+
+    root: str
+    split: str
+    protocol: str
+    results: str
+    memory_bytes: int
+
+
+def score_upload(
+    path: Path,
+    reference: Reference,
+    rules: Protocol,
+    results: Path,
+    progress: Callable[[Sequence[str]], Iterable[str]] = iter,
+) -> Outcome:
+    """Score a submission and enter it among the results, unless it is entered already.
+
+    Parameters
+    ----------
+    path
+        The submission.
+    reference
+        The truth.
+    rules
+        The protocol.
+    results
+        Folder of the entries.
+    progress
+        Goes through the object ids.
+
+    Raises
+    ------
+    DataError
+        If the truth cannot be read.
+    OSError
+        If the entry cannot be written.
+    """
+    from xden_bench.baseline import check_trivial
+    from xden_bench.scoring import score
+    from xden_bench.submission import validate
+
+    try:
+        scored = score(path, reference, rules, progress=progress)
+    except SubmissionError:
+        return Outcome("refused", problems=validate(path, reference, rules))
+    try:
+        check_trivial(path, reference, rules)
+    except DataError as err:
+        return Outcome("refused", message=str(err).removeprefix(f"{path}: "))
+    return _enter(scored, reference, results)
+
+
+def _enter(scored: Score, reference: Reference, results: Path) -> Outcome:
+    """Write the entry, under the lock of the results; one that is there is left as it is."""
+    from filelock import FileLock
+
+    from xden_bench.result import entry_of, entry_path, write_entry
+    from xden_bench.serve.disk import sync
+
+    rules, today = scored.protocol, datetime.datetime.now(tz=datetime.UTC).date()
+    command = _command(reference.split, rules.name)
+    entry = entry_of(scored, reference, command=command, date=today)
+    with FileLock(results / LOCK_NAME):
+        if found := _entered(scored, reference, results):
+            return found
+        path = results / entry_path(entry)
+        for left in path.parent.glob(f".{path.name}.*.partial"):  # by one that was killed
+            left.unlink()
+        write_entry(entry, scored, results)
+        for written in (path.with_suffix(".parquet"), path, path.parent):
+            sync(written)
+    found = _entered(scored, reference, results)
+    assert found is not None
+    return found
+
+
+def _entered(scored: Score, reference: Reference, results: Path) -> Outcome | None:
+    return find_entered(
+        results,
+        scored.submission_sha256,
+        protocol=scored.protocol.name,
+        manifest_sha256=reference.manifest_sha256,
+        split=reference.split,
+    )
+
+
+def _command(split: str, protocol: str) -> str:
+    """Return the command that gives the same entry; the file's own name may tell of its author."""
+    from xden_bench.protocol import load_protocol
+
+    words = ["xden-bench", "submit", "preds.npz"]
+    words += [] if split == "test" else ["--split", split]
+    words += [] if protocol == load_protocol().name else ["--protocol", protocol]
+    return shlex.join(words)
+
+
+def _limit(memory_bytes: int) -> None:
+    """Bound the memory, write no image of it when it dies, and let the web server go first.
+
+    The limit is on data, not on addresses: Arrow reserves addresses by the gigabyte.
+    """
+    _, most = resource.getrlimit(resource.RLIMIT_DATA)
+    limit = memory_bytes if most == resource.RLIM_INFINITY else min(memory_bytes, most)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    os.nice(_NICENESS)
+
+
+def _input_lines() -> Iterator[str]:
+    """Lines of the input; at its end the process ends, whatever it is at."""
+    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+
+    def read() -> None:
+        with os.fdopen(os.dup(0), encoding="utf-8") as stream:
+            for line in stream:
+                lines.put(line)
+        os._exit(0)
+
+    threading.Thread(target=read, daemon=True).start()
+    while True:
+        yield lines.get()
+
+
+def _reporter(say: Callable[[str], object]) -> Callable[[Sequence[str]], Iterator[str]]:
+    """Return what goes through ids and says how far it is, a few times a second."""
+
+    def go_through(ids: Sequence[str]) -> Iterator[str]:
+        said = 0.0
+        for count, object_id in enumerate(ids):
+            if (now := time.monotonic()) - said >= _PROGRESS_S:
+                said = now
+                say(json.dumps({"checked": count, "total": len(ids)}))
+            yield object_id
+
+    return go_through
+
+
+def _main() -> None:
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)  # what a library prints is no answer
+
+    def say(line: str) -> None:
+        answers.write(line + "\n")
+        answers.flush()
+
+    lines = _input_lines()
+    setting = Setting(**json.loads(next(lines)))
+    _limit(setting.memory_bytes)
+    reference, rules = _truth(setting)
+    for line in lines:
+        path = Path(json.loads(line))
+        try:
+            found = score_upload(path, reference, rules, Path(setting.results), _reporter(say))
+        except MemoryError:
+            limit = f"{setting.memory_bytes / 1e6:.0f} MB"
+            found = Outcome("failed", message=f"scoring it takes more than {limit} of memory")
+        say(found.to_json())
+
+
+def _truth(setting: Setting) -> tuple[Reference, Any]:
+    from xden1k.folder import open_folder
+    from xden_bench.protocol import load_protocol
+    from xden_bench.reference import Reference
+
+    reference = Reference(open_folder(setting.root), setting.split)
+    return reference, load_protocol(setting.protocol)
+
+
+if __name__ == "__main__":
+    _main()
