@@ -196,6 +196,9 @@ def _check_directory(stream: BinaryIO) -> int:
     stream.seek(max(0, size - 42))
     tail = stream.read(42)
     end = tail[-22:]
+    stream.seek(0)
+    if stream.read(4) not in (b"PK\x03\x04", b"PK\x05\x06"):
+        raise BadArchiveError("E101", "not a readable .npz: it does not start as a zip file")
     if len(end) < 22 or end[:4] != b"PK\x05\x06" or end[20:] != b"\0\0":
         raise BadArchiveError(
             "E101", "not a readable .npz: no zip directory at the end of the file"

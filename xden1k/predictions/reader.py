@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Final
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float32
@@ -71,7 +71,9 @@ class Predictions:
         self._sd_members: dict[str, Member] = {}
         # a named pipe would keep its reader waiting for ever
         is_special = path.exists() and not path.is_file()
-        self._stream: BinaryIO = io.BytesIO() if is_special else path.open("rb")
+        self._stream: io.BufferedReader | io.BytesIO = (
+            io.BytesIO() if is_special else path.open("rb")
+        )
         try:
             self._archive = NpzReader(self._stream)
         except BadArchiveError as err:
