@@ -45,7 +45,7 @@ class Comparison:
     @property
     def residual(self) -> Image:
         """Measured less model."""
-        return self.measured - self.model
+        return np.asarray(self.measured - self.model)
 
 
 def compare(obj: DensityObject, view: XRayView) -> Comparison:

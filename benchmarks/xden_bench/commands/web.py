@@ -1,0 +1,37 @@
+"""The command that serves the web app."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from xden_bench.commands.shared import FILE, FOLDER, RESULTS, open_reference, root_option
+
+__all__ = ["serve"]
+
+
+@click.command(epilog="Example: xden-bench serve --state build/desk --port 7860")
+@root_option
+@click.option("--results", type=FOLDER, default=RESULTS, show_default=True, help="The entries.")
+@click.option(
+    "--state",
+    type=FOLDER,
+    default=Path("build/desk"),
+    show_default=True,
+    help="What the desk keeps: uploads, tickets, audit log.",
+)
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
+@click.option("--port", default=7860, show_default=True, help="Port to listen at.")
+@click.option("--settings", type=FILE, help="TOML with the limits of the desk.")
+def serve(
+    root: Path | None, results: Path, state: Path, host: str, port: int, settings: Path | None
+) -> None:
+    """Serve the web app: leaderboard, object explorer, and a desk that takes submissions.
+
+    Needs the extras view and build.
+    """
+    from xden_bench.serve.site import Site, run
+
+    click.echo(f"http://{host}:{port} (stop with Ctrl-C)", err=True)
+    run(Site(open_reference(root, "test"), results, state, settings), host=host, port=port)

@@ -1,0 +1,220 @@
+"""Pictures of the web app: radiographs, slices, colour bars, intervals. Needs the extra ``view``.
+
+Colour scales are perceptually uniform and safe for the colour-blind: ``viridis`` for densities
+and their deviations, ``cividis`` for the size of an error, ``RdBu`` for signed differences.
+Every figure is white, so that it reads the same on a light page and on a dark one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib import colormaps
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from PIL import Image as Pictures
+
+from xden1k.arrays import Vec3
+from xden1k.radiographs import MADE_WORDS, Comparison
+
+__all__ = [
+    "AXES",
+    "bar_picture",
+    "density_scale",
+    "error_scale",
+    "interval_picture",
+    "radiograph_pictures",
+    "signed_scale",
+    "slice_picture",
+]
+
+Picture = Pictures.Image
+Entry = Mapping[str, Any]
+
+AXES: Final = ("x", "y", "z")
+INK, FAINT, NO_VALUE = "#1b1b1b", "#666666", "#bdbdbd"
+"""Text, marks, and pixels without a value."""
+DPI: Final = 150
+
+
+def density_scale(highest: float) -> ScalarMappable:
+    """Colours from 0 to a density or deviation, g/cm³."""
+    return _scale("viridis", 0.0, max(highest, 1e-3))
+
+
+def error_scale(highest: float) -> ScalarMappable:
+    """Colours from 0 to the size of an error, g/cm³."""
+    return _scale("cividis", 0.0, max(highest, 1e-3))
+
+
+def signed_scale(limit: float) -> ScalarMappable:
+    """Colours from red, ``-limit``, to blue, ``limit``; white is no difference."""
+    limit = max(limit, 1e-3)
+    return _scale("RdBu", -limit, limit)
+
+
+def radiograph_pictures(found: Comparison, source: str) -> tuple[Picture, Picture, Picture]:
+    """Draw a view as it is, as reprojected, and the difference.
+
+    Parameters
+    ----------
+    found
+        The images.
+    source
+        ``scan``, ``phantom`` or ``ct``: how the radiograph came to be.
+    """
+    made = MADE_WORDS[source]
+    grey = _scale("gray", 0.0, max(1.0, float(np.nanmax(found.model))))
+    split = signed_scale(found.limit)
+    bar = "transmission I / I₀"
+    return (
+        _radiograph(found.measured, found.aspect, grey, made, bar),
+        _radiograph(found.model, found.aspect, grey, "reprojected parts", bar),
+        _radiograph(
+            found.residual,
+            found.aspect,
+            split,
+            f"residual, mean |r| = {found.mean_abs_residual:.2g}",
+            f"{made} - reprojected, I / I₀",
+        ),
+    )
+
+
+def slice_picture(
+    plane: Float[np.ndarray, "across up"],
+    axis: int,
+    origin_cm: Vec3,
+    voxel_size_cm: float,
+    scale: ScalarMappable,
+    title: str,
+    label: str,
+) -> Picture:
+    """Draw one plane of a field.
+
+    Parameters
+    ----------
+    plane
+        The other two axes in their order; masked or nan is drawn white.
+    axis
+        That the plane is perpendicular to: 0, 1 or 2.
+    origin_cm
+        Shape (3,): centre of voxel (0, 0, 0).
+    voxel_size_cm
+        Edge of a voxel.
+    scale
+        Colours; the same for what is compared.
+    title, label
+        Of the picture, and of the colour bar with its unit.
+    """
+    across, up = (other for other in range(3) if other != axis)
+    low = origin_cm - voxel_size_cm / 2
+    width, height = voxel_size_cm * np.array(plane.shape)
+    extent = (low[across], low[across] + width, low[up], low[up] + height)
+    figure, axes = _sheet(4.0, 4.1)
+    _show(axes, plane.T, scale, "white", origin="lower", extent=extent)
+    axes.set_xlabel(f"{AXES[across]}, cm", fontsize=10, color=INK)
+    axes.set_ylabel(f"{AXES[up]}, cm", fontsize=10, color=INK)
+    axes.set_title(title, fontsize=11, color=INK, loc="left")
+    _bar(figure, axes, scale, label)
+    return _picture(figure)
+
+
+def bar_picture(scale: ScalarMappable, label: str) -> Picture:
+    """Draw a colour bar alone, for the 3D view."""
+    figure, axes = _sheet(6.0, 0.65)
+    bar = figure.colorbar(scale, cax=axes, orientation="horizontal")
+    bar.outline.set_linewidth(0.4)
+    axes.tick_params(labelsize=9, length=2, width=0.4, colors=FAINT)
+    axes.set_xlabel(label, fontsize=10, color=INK, labelpad=2)
+    return _picture(figure)
+
+
+def interval_picture(
+    rows: Sequence[Entry], metric: str, heading: str, trivial: Sequence[bool]
+) -> Picture:
+    """Draw mean and 95 % interval of each entry, best on top.
+
+    Parameters
+    ----------
+    rows
+        In the order of the table, best first.
+    metric, heading
+        Which, and its title with the unit.
+    trivial
+        Whether a row is one of a trivial method: drawn grey and hollow.
+    """
+    figure, axes = _sheet(8.0, 0.9 + 0.32 * len(rows))
+    for place, (row, is_trivial) in enumerate(zip(rows, trivial, strict=True)):
+        found = row["metrics"][metric]
+        low, high = found["ci95"]
+        colour = "#8a8a8a" if is_trivial else "#0b6e99"
+        axes.plot([low, high], [place, place], color=colour, linewidth=2.2)
+        face = "white" if is_trivial else colour
+        axes.plot(found["mean"], place, "o", color=colour, markerfacecolor=face, markersize=6.5)
+    names = [_short(row["method"]["name"]) for row in rows]
+    axes.set_yticks(range(len(rows)), names, fontsize=10, parse_math=False, color=INK)
+    axes.set(ylim=(len(rows) - 0.4, -0.6), xlim=(0, None))
+    axes.set_xlabel(heading, fontsize=10, color=INK)
+    axes.grid(axis="x", color="#dddddd", linewidth=0.6)
+    axes.tick_params(length=0, labelcolor=INK)
+    axes.spines[:].set_visible(False)
+    return _picture(figure)
+
+
+def _short(name: str) -> str:
+    """Give a stranger's name a width, and nothing that a font lacks."""
+    plain = "".join(one if one.isprintable() and ord(one) < 0x250 else "?" for one in name)
+    return plain if len(plain) <= 28 else f"{plain[:27]}…"
+
+
+def _scale(name: str, low: float, high: float) -> ScalarMappable:
+    return ScalarMappable(Normalize(low, high), colormaps[name].with_extremes(bad=NO_VALUE))
+
+
+def _radiograph(
+    image: Float[np.ndarray, "rows columns"],
+    aspect: float,
+    scale: ScalarMappable,
+    title: str,
+    label: str,
+) -> Picture:
+    figure, axes = _sheet(4.0, 4.1)
+    _show(axes, image, scale, NO_VALUE, aspect=aspect)
+    axes.set(xticks=[], yticks=[])
+    note = " (grey: no value)" if np.isnan(image).any() else ""
+    axes.set_title(title + note, fontsize=11, color=INK, loc="left")
+    _bar(figure, axes, scale, label)
+    return _picture(figure)
+
+
+def _sheet(width: float, height: float) -> tuple[Figure, Any]:
+    """Return a white figure and its axes; inches."""
+    figure = Figure(figsize=(width, height), facecolor="white", layout="constrained", dpi=DPI)
+    FigureCanvasAgg(figure)
+    return figure, figure.add_subplot()
+
+
+def _show(axes: Any, image: np.ndarray, scale: ScalarMappable, nothing: str, **how: Any) -> None:
+    cmap = scale.get_cmap().with_extremes(bad=nothing)
+    axes.imshow(image, cmap=cmap, norm=scale.norm, interpolation="antialiased", **how)
+    axes.tick_params(labelsize=9, length=2, width=0.4, colors=FAINT)
+    axes.spines[:].set(linewidth=0.5, color="#c9c9c4")
+
+
+def _bar(figure: Figure, axes: Any, scale: ScalarMappable, label: str) -> None:
+    bar = figure.colorbar(scale, ax=axes, orientation="horizontal", pad=0.02, aspect=32, shrink=0.9)
+    bar.outline.set_linewidth(0.4)
+    bar.ax.tick_params(labelsize=9, length=2, width=0.4, colors=FAINT)
+    bar.set_label(label, fontsize=10, color=INK)
+
+
+def _picture(figure: Figure) -> Picture:
+    canvas = figure.canvas
+    canvas.draw()
+    rgba = np.asarray(canvas.buffer_rgba())  # type: ignore[attr-defined]
+    return Pictures.fromarray(rgba[..., :3].copy())

@@ -1,0 +1,140 @@
+"""The page that takes a file and says live how it fares. Needs the extra ``view``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from html import escape
+from pathlib import Path
+from typing import Any, Final
+
+import gradio as gr
+
+from xden1k.errors import MissingObjectError
+from xden1k.predictions import CODES, Problem
+from xden_bench.metrics import METRICS
+from xden_bench.serve.desk import Desk
+from xden_bench.serve.told import GRID, PRIVATE, frame, told
+from xden_bench.serve.tickets import Status, TurnedAwayError
+
+__all__ = ["problem_rows", "result_rows", "status_html", "submit_page", "user_of"]
+
+TICKET_KEY: Final = "xden-ticket"
+POLL_SECONDS: Final = 0.7
+IDLE: Final = "<p>No file sent yet.</p>"
+
+
+def submit_page(
+    desk: Desk, *, login: bool
+) -> tuple[Callable[..., list[Any]], Any, list[Any]]:
+    """Build the page inside a tab; what is returned is as of the leaderboard's page.
+
+    Parameters
+    ----------
+    desk
+        Takes the files.
+    login
+        Whether users must log in with Hugging Face; else the limits count by address.
+    """
+    limits, split = desk.limits, desk.reference.split
+    gr.Markdown(
+        f"Send a `preds.npz` for the **{split}** split of dataset {desk.reference.revision}, at "
+        f"most {limits.upload_mb} MB, {limits.jobs_per_user_hour} files an hour, one at a time. "
+        "It is checked whole; every problem is listed. A sound file becomes an entry, which is "
+        "public and never changed. `xden-bench validate` and `xden-bench score` do the same on "
+        "your own machine and keep nothing.",
+        elem_classes="note",
+    )
+    if login:
+        gr.LoginButton()
+    file = gr.File(label="preds.npz", file_types=[".npz"], type="filepath", elem_id="upload")
+    send = gr.Button("Check and enter", variant="primary", elem_id="send")
+    state = gr.HTML(IDLE, elem_id="status")
+    problems = gr.Dataframe(label="Problems and footnotes", elem_id="problems", **GRID)
+    result = gr.Dataframe(label="Result", elem_id="result", **GRID)
+    ticket = gr.BrowserState(None, storage_key=TICKET_KEY, secret=TICKET_KEY)
+    timer = gr.Timer(POLL_SECONDS, active=False)
+    shown = [state, problems, result, timer]
+
+    @told
+    def take(path: str | None, request: gr.Request) -> list[Any]:
+        if path is None:
+            raise gr.Error("Choose a file first.", print_exception=False)
+        try:
+            user = user_of(request, login=login)
+            got = desk.submit(Path(path), user=user, filename=Path(path).name)
+        except TurnedAwayError as err:
+            text = f"<p><strong>Not taken.</strong> {escape(str(err))}</p>"
+            return [gr.skip(), text, frame([], []), frame([], []), gr.Timer(active=False)]
+        return [got.ticket_id, *_shown(desk.status(got.ticket_id))]
+
+    @told
+    def look(ticket_id: str | None) -> list[Any]:
+        if ticket_id is None:
+            return [IDLE, gr.skip(), gr.skip(), gr.Timer(active=False)]
+        try:
+            return _shown(desk.status(ticket_id))
+        except MissingObjectError:
+            return [IDLE, gr.skip(), gr.skip(), gr.Timer(active=False)]
+
+    send.click(take, file, [ticket, *shown], **PRIVATE)
+    timer.tick(look, ticket, shown, show_progress="hidden", **PRIVATE)
+    return look, ticket, shown
+
+
+def user_of(request: Any, *, login: bool) -> str:
+    """Whom the limits count by: the account, or the address if there is no login.
+
+    Raises
+    ------
+    gradio.Error
+        If a login is needed and there is none.
+    """
+    if not login:
+        return str(request.username or request.client.host)
+    account: Mapping[str, Any] = request.session.get("oauth_info") or {}
+    name = account.get("userinfo", {}).get("preferred_username")
+    if not name:
+        raise gr.Error("Log in with Hugging Face first.", print_exception=False)
+    return str(name)
+
+
+def status_html(status: Status) -> str:
+    """Say how it stands with a file; whatever comes from a stranger is escaped."""
+    name = f"<code>{escape(status.ticket.filename)}</code>"
+    errors = sum(one.is_error for one in status.problems)
+    footnotes = len(status.problems) - errors
+    said = {
+        "queued": f"<strong>Queued</strong>: {status.ahead} before it.",
+        "checking": f"<strong>Checking</strong>: {status.checked} of {status.total} objects.",
+        "refused": f"<strong>Refused</strong>, {errors} problems. {escape(status.message)}",
+        "failed": f"<strong>Failed</strong>, not known to be its fault. {escape(status.message)}",
+        "scored": f"<strong>Entered</strong>, {footnotes} footnotes.",
+    }[status.state]
+    bar = ""
+    if status.state == "checking" and status.total:
+        bar = f'<progress max="{status.total}" value="{status.checked}"></progress>'
+    return f'<div role="status" data-state="{status.state}"><p>{name} {said}</p>{bar}</div>'
+
+
+def problem_rows(problems: tuple[Problem, ...]) -> tuple[list[str], list[list[Any]]]:
+    """Headings and rows of the problems: code, object, its meaning, what was found."""
+    rows = [[one.code, one.object_id or "file", CODES[one.code], one.message] for one in problems]
+    return ["code", "object", "meaning", "found"], rows
+
+
+def result_rows(metrics: Mapping[str, Mapping[str, Any]]) -> tuple[list[str], list[list[Any]]]:
+    """Headings and rows of a result: metric, mean, 95 % interval."""
+    rows = [
+        [METRICS[name].heading, f"{one['mean']:.4f}", "{:.4f} to {:.4f}".format(*one["ci95"])]
+        for name, one in metrics.items()
+    ]
+    return ["metric", "mean", "95 % interval"], rows
+
+
+def _shown(status: Status) -> list[Any]:
+    return [
+        status_html(status),
+        frame(*problem_rows(status.problems)),
+        frame(*result_rows(status.metrics)),
+        gr.Timer(active=not status.is_final),
+    ]
