@@ -357,6 +357,14 @@ def test_e403_a_signalling_nan_raises_no_warning(tmp_path: Path) -> None:
     assert line.startswith("E403 mug: 1 values")
 
 
+@pytest.mark.parametrize("value", [1.1e9, 3e38])
+def test_e403_values_whose_sums_would_overflow(tmp_path: Path, value: float) -> None:
+    grid = GRID.copy()
+    grid[5, 6, 7] = value
+    (line,) = found(archive(tmp_path / "p.npz", {"density/mug.npy": npy(grid)}))
+    assert line == "E403 mug: 1 values are above 1e+09, first at (5, 6, 7)"
+
+
 def test_e404_negative(tmp_path: Path) -> None:
     grid = GRID.copy()
     grid[5, 6, 7] = -1e-30

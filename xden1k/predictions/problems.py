@@ -25,7 +25,7 @@ CODES = {
     "E303": "density_sd of some objects only, or without its density",
     "E401": "dtype is not little-endian float32 or float16",
     "E402": "shape is not (64, 64, 64), or (parts + 1,)",
-    "E403": "NaN or infinity",
+    "E403": "NaN, infinity or above 1e9",
     "E404": "negative density or density_sd",
     "E405": "mass, but none of it inside the object",
     "E406": "air, entry 0 of part_density or part_density_sd, is not 0",

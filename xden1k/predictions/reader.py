@@ -27,6 +27,8 @@ GRID_SHAPE: Final = (FIELD_SIZE,) * 3
 MAX_VALUE_BYTES: Final = 4 * FIELD_SIZE**3
 """One float32 grid: the largest member there may be."""
 MAX_META_BYTES: Final = 256 << 10
+MAX_VALUE: Final = 1e9
+"""In the units as stored: far above any matter, and no sum over it overflows."""
 
 OBJECT_ID: Final = r"[A-Za-z0-9._-]{1,128}"
 _KEY: Final = re.compile(rf"(?P<kind>density|part_density)(?P<sd>_sd)?/(?P<id>{OBJECT_ID})\.npy")
@@ -329,6 +331,7 @@ def _value_problems(
     for code, what, bad in (
         ("E403", "not finite", ~np.isfinite(values)),
         ("E404", "negative", values < 0),
+        ("E403", f"above {MAX_VALUE:g}", np.isfinite(values) & (values > MAX_VALUE)),
     ):
         if bad.any():
             first = tuple(int(index) for index in np.argwhere(bad)[0])

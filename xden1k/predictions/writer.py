@@ -17,7 +17,7 @@ from xden1k.errors import DataError
 from xden1k.predictions.meta import SubmissionMeta, parse_meta
 from xden1k.predictions.npz import write_member
 from xden1k.predictions.problems import raise_errors
-from xden1k.predictions.reader import GRID_SHAPE, OBJECT_ID
+from xden1k.predictions.reader import GRID_SHAPE, MAX_VALUE, OBJECT_ID
 
 __all__ = ["PredictionsWriter", "write_predictions"]
 
@@ -81,9 +81,9 @@ class PredictionsWriter:
         Raises
         ------
         DataError
-            If one is no such array, the shape is neither, air has a density, a value is negative
-            or not finite (float16 ends at 65,504), ``sd`` came for some objects only, the object
-            came before, or its id has characters other than letters, digits, ``._-``.
+            If one is no such array, the shape is neither, air has a density, a value is negative,
+            above 1e9 or not finite (float16 ends at 65,504), ``sd`` came for some objects only,
+            the object came before, or its id has characters other than letters, digits, ``._-``.
         """
         if not re.fullmatch(OBJECT_ID, object_id):
             raise DataError(f"{self._path}: object id {object_id!a} must match {OBJECT_ID}")
@@ -130,8 +130,10 @@ class PredictionsWriter:
             )
         with np.errstate(over="ignore"):  # found as infinity in the next line
             stored = values.astype("float32" if per_part else self._dtype)
-        if not (np.isfinite(stored).all() and (stored >= 0).all()):
-            raise DataError(f"{where}: values must be finite and >= 0 as {stored.dtype}")
+        limit = np.float32(MAX_VALUE)  # has no float16
+        if not ((stored >= 0) & (stored <= limit)).all():  # false for nan as well
+            expected = f"values must be finite, >= 0 and <= {MAX_VALUE:g} as {stored.dtype}"
+            raise DataError(f"{where}: {expected}")
         if per_part and stored[0] != 0:
             raise DataError(f"{where}: entry 0 is air and must be 0, got {stored[0]}")
         return stored
