@@ -47,6 +47,8 @@ def _column(rows: Sequence[Mapping[str, Any]], field: pa.Field) -> pa.Array:
 
 def _cell(row: Mapping[str, Any], name: str) -> Any:
     value = row[name]
+    if isinstance(value, pa.Buffer):  # as a reader gives it
+        value = value.to_pybytes()
     return {"bytes": value, "path": None} if name in PREVIEW_COLUMNS else value
 
 

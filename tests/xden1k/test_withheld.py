@@ -133,3 +133,10 @@ def test_there_is_no_field_to_draw_or_score(folder: Path, target: str) -> None:
         decode_target(row, "bar-0002", target)
     with pytest.raises(DataError, match="bar-0002: its density is withheld"):
         _ = row_object(row).best_field
+
+
+def test_rows_are_written_again_as_they_are_read(folder: Path, tmp_path: Path) -> None:
+    read = open_folder(folder)
+    rows = [read.row(object_id) for object_id in sorted(read.ids())]
+    write_rows(rows, tmp_path / "again", version="1.0.0", builder="test")
+    assert open_folder(tmp_path / "again").manifest.files == read.manifest.files
