@@ -7,6 +7,7 @@ import click
 from xden1k.commands import Group
 from xden_bench.commands.board import leaderboard
 from xden_bench.commands.methods import baseline
+from xden_bench.commands.sealing import keygen, seal, verify_sealed
 from xden_bench.commands.speed import speed
 from xden_bench.commands.submissions import score, submit, validate
 
@@ -25,3 +26,6 @@ cli.add_command(submit)
 cli.add_command(leaderboard)
 cli.add_command(baseline)
 cli.add_command(speed)
+cli.add_command(keygen)
+cli.add_command(seal)
+cli.add_command(verify_sealed)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import trimesh
@@ -13,6 +15,8 @@ from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.predictions import Target
 from xden1k.records import decode_array, decode_target, split_meshes
+from xden1k.shards import Row
+from xden1k.types import PRIVATE
 
 __all__ = ["Reference", "Truth"]
 
@@ -70,13 +74,23 @@ class Reference:
     Raises
     ------
     DataError
-        If the folder has no such split.
+        If the folder has no such split, or its answers are withheld.
     """
 
     folder: DatasetFolder
     split: str
 
+    can_be_private: ClassVar[bool] = False
+    """Whether this class knows what to do without the folder's answers."""
+    status: ClassVar[str] = "self-reported"
+    """What an entry says of its numbers: who made them."""
+
     def __post_init__(self) -> None:
+        if self.split == PRIVATE and not self.can_be_private:
+            raise DataError(
+                f"{self.folder.root}: the answers of the split {PRIVATE} are sealed: scoring needs "
+                "the organiser's sealed truth and key"
+            )
         if not self.ids:
             raise DataError(f"{self.folder.root}: the split {self.split} is empty")
 
@@ -104,7 +118,7 @@ class Reference:
             If it has no value for the target, or no mass.
         """
         names = ["category", "source", "grid_origin_cm", "voxel_size_cm", "part_names"]
-        row = self.folder.row(object_id, [*names, target, "envelope"])
+        row = self._row(object_id, [*names, target, "envelope"])
         density = decode_target(row, object_id, target)
         if not density.any():
             raise DataError(f"{object_id} has no mass in {target}: it cannot be scored")
@@ -122,4 +136,7 @@ class Reference:
     def part_meshes(self, object_id: str) -> list[trimesh.Trimesh]:
         """Read the closed mesh of each part, cm."""
         columns = ["mesh_vertices", "mesh_faces", "face_part", "part_names"]
-        return split_meshes(self.folder.row(object_id, columns))
+        return split_meshes(self._row(object_id, columns))
+
+    def _row(self, object_id: str, columns: Sequence[str]) -> Row:
+        return self.folder.row(object_id, columns)

@@ -22,9 +22,11 @@ __all__ = [
     "RESULTS",
     "command_line",
     "echo_lines",
+    "key_option",
     "open_reference",
     "progress_bar",
     "root_option",
+    "sealed_option",
     "split_option",
     "track_option",
 ]
@@ -45,11 +47,44 @@ track_option = click.option(
 )
 
 
-def open_reference(root: Path | None, split: str) -> Reference:
-    """Open a split of the dataset that ``--root`` names as the truth."""
-    from xden_bench.reference import Reference
+sealed_option = click.option(
+    "--sealed", type=FILE, help="The sealed truth of the split private. Needs --key."
+)
+key_option = click.option(
+    "--key", type=FILE, help="The organiser's key, which opens the sealed truth."
+)
 
-    return Reference(open_root(root), split)
+
+def open_reference(
+    root: Path | None,
+    split: str,
+    sealed: Path | None = None,
+    key: Path | None = None,
+    *,
+    scoring: bool = True,
+) -> Reference:
+    """Open a split of the dataset that ``--root`` names as the truth.
+
+    Where nothing is scored, the split private opens without its answers.
+
+    Raises
+    ------
+    UsageError
+        If of ``--sealed``, ``--key`` and ``--split private`` one lacks another.
+    DataError
+        If there is no such split, or its answers are sealed or do not open.
+    """
+    from xden1k.types import PRIVATE
+    from xden_bench.reference import Reference
+    from xden_bench.sealed import InputsReference, SealedReference, SealedTruth, read_key
+
+    if sealed is None and key is None:
+        kind = InputsReference if split == PRIVATE and not scoring else Reference
+        return kind(open_root(root), split)
+    if sealed is None or key is None or split != PRIVATE:
+        raise click.UsageError(f"--sealed, --key and --split {PRIVATE} go together.")
+    folder = open_root(root)
+    return SealedReference(folder, split, SealedTruth(sealed, folder, read_key(key)))
 
 
 def command_line(context: click.Context) -> str:

@@ -18,9 +18,11 @@ from xden_bench.commands.shared import (
     RESULTS,
     command_line,
     echo_lines,
+    key_option,
     open_reference,
     progress_bar,
     root_option,
+    sealed_option,
     split_option,
     track_option,
 )
@@ -41,6 +43,8 @@ def submission_command(out_help: str) -> Callable[[Callable[..., None]], Callabl
             json_option,
             click.option("--out", type=click.Path(path_type=Path), help=out_help),
             track_option,
+            key_option,
+            sealed_option,
             split_option,
             root_option,
             click.argument("submission", type=FILE),
@@ -57,6 +61,8 @@ def validate(
     submission: Path,
     root: Path | None,
     split: str,
+    sealed: Path | None,
+    key: Path | None,
     track: Track | None,
     out: Path | None,
     as_json: bool,
@@ -67,9 +73,8 @@ def validate(
     from xden_bench.result import write_text
     from xden_bench.submission import validate as find_problems
 
-    found = find_problems(
-        submission, open_reference(root, split), load_protocol(), track, progress_bar
-    )
+    reference = open_reference(root, split, sealed, key, scoring=False)
+    found = find_problems(submission, reference, load_protocol(), track, progress_bar)
     valid = not any(one.is_error for one in found)
     problems = [
         {"code": one.code, "object_id": one.object_id, "message": one.message} for one in found
@@ -90,6 +95,8 @@ def score(
     submission: Path,
     root: Path | None,
     split: str,
+    sealed: Path | None,
+    key: Path | None,
     track: Track | None,
     out: Path | None,
     as_json: bool,
@@ -97,7 +104,7 @@ def score(
     """Score a submission without entering it."""
     from xden_bench.result import write_text
 
-    scored, entry = _scored(submission, open_reference(root, split), track)
+    scored, entry = _scored(submission, open_reference(root, split, sealed, key), track)
     if out:
         write_text(out, json.dumps(entry, indent=2, ensure_ascii=False) + "\n")
     if as_json:
@@ -114,6 +121,8 @@ def submit(
     submission: Path,
     root: Path | None,
     split: str,
+    sealed: Path | None,
+    key: Path | None,
     track: Track | None,
     out: Path | None,
     as_json: bool,
@@ -125,7 +134,12 @@ def submit(
     from xden_bench.baseline import check_trivial
     from xden_bench.result import write_entry
 
-    reference = open_reference(root, split)
+    if sealed and out is None:
+        raise click.UsageError(
+            "The scores of single objects tell their answers: with --sealed give --out, a folder "
+            "that stays with the organiser."
+        )
+    reference = open_reference(root, split, sealed, key)
     scored, entry = _scored(submission, reference, track)
     check_trivial(submission, reference, scored.protocol)
     path = write_entry(entry, scored, out or RESULTS)
