@@ -12,13 +12,19 @@ from tabulate import tabulate
 from xden1k.errors import DataError
 from xden1k.modality import TRACKS
 from xden_bench.metrics import METRICS
-from xden_bench.protocol import is_trivial, load_protocol
-from xden_bench.rebuilt import Rebuilt
+from xden_bench.protocol import load_protocol
+from xden_bench.ranking import TRIVIAL, Entry, rank_labels, ranks, unranked_because
 from xden_bench.result import write_text
 
-__all__ = ["check_leaderboard", "ranks", "render", "unranked_because", "write_leaderboard"]
-
-Entry = Mapping[str, Any]
+__all__ = [
+    "check_leaderboard",
+    "group_tables",
+    "ranks",
+    "render",
+    "tables",
+    "unranked_because",
+    "write_leaderboard",
+]
 
 BEGIN: Final = "<!-- results: begin (made by xden-bench leaderboard, do not edit) -->"
 END: Final = "<!-- results: end -->"
@@ -34,8 +40,9 @@ How to read the tables:
   ↑ higher is better. Density MAE is over the volume inside the outer surface, enclosed cavities
   included. MAPE, ALDE and MnRE are three errors of the mass; MAPE alone would favour methods that
   predict too little.
-- Methods are ranked by density MAE. Rows whose intervals overlap are not told apart: the rank
-  counts the rows that are better beyond both intervals.
+- Methods are ranked by density MAE. A rank is one more than the number of rows that are better
+  beyond doubt: the 95 % interval of the difference on the same objects excludes zero. Rows that
+  share a rank are a tie, `1=`.
 - *Rows in italics* are trivial and never ranked: nothing (`zero`), 1 g/cm³ everywhere (`water`),
   and the median density of the training objects, of all or by category. A method has to beat them.
   Another row without a rank says why in its footnote.
@@ -46,10 +53,16 @@ How to read the tables:
 {END}
 """
 
-PRINTED: Final = ("density_mae_g_cm3", "com_l1_cm", "mass_mape", "mass_alde", "mass_mnre")
-"""Metrics of the tables; the others are in the results."""
-
-TRIVIAL: Final = "trivial"
+PRINTED: Final = (
+    "density_mae_g_cm3",
+    "com_l1_cm",
+    "mass_mape",
+    "mass_alde",
+    "mass_mnre",
+    "density_crps_g_cm3",
+    "density_within_1sd",
+)
+"""Metrics of the tables, where a row has them; the others are in the results."""
 
 PAPER_ROWS: Final = (
     ("NeRF2Physics", "1.157", "0.523", "1.174"),
@@ -57,6 +70,11 @@ PAPER_ROWS: Final = (
     ("Pixie", "1.228", "0.547", "0.713"),
 )
 """Density MAE, CoM, mass MAPE as the XDen-1K paper prints them (arXiv 2512.10668)."""
+
+OLD_VERSIONS: Final = """## Older metric versions
+
+Scored before a correction of the metrics' code. These rows are kept, and never ranked together with
+those above."""
 
 TRACK_TITLES: Final = {
     "geometry": "outer surface alone",
@@ -69,64 +87,54 @@ TRACK_TITLES: Final = {
 def render(entries: Iterable[Entry]) -> str:
     """Text between the markers.
 
-    One table for each protocol, dataset, split, source, target and track; nothing is ranked
-    across. The order of the entries does not matter.
+    The order of the entries does not matter. Tables of an older metric version come last.
 
     Parameters
     ----------
     entries
         From :func:`xden_bench.result.read_entries`.
     """
-    tables: dict[tuple[Any, ...], list[Entry]] = {}
-    for entry in entries:
-        tables.setdefault(_table_key(entry), []).append(entry)
-    sections = [_section(tables[key]) for key in sorted(tables)]
-    if not sections:
-        sections = ["No entries yet."]
-    return "\n\n".join([*sections, _paper_section()])
+    every = tables(entries)
+    current = [_section(rows) for rows in every if not _is_old(rows[0])] or ["No entries yet."]
+    old = [_section(rows) for rows in every if _is_old(rows[0])]
+    return "\n\n".join([*current, *([OLD_VERSIONS] if old else []), *old, _paper_section()])
 
 
-def ranks(rows: Sequence[Entry]) -> list[int | None]:
-    """Rank of each row: one more than the number of rows that are better beyond both intervals.
+def tables(entries: Iterable[Entry]) -> list[list[Entry]]:
+    """Rows of each table, the best first.
 
-    Rows whose intervals overlap are not told apart. Rows that :func:`unranked_because` gives a
-    reason for have no rank and push nobody down.
+    One table for each protocol, metric version, dataset, split, source, target and track; nothing
+    is ranked across.
 
     Parameters
     ----------
-    rows
-        Of one table.
+    entries
+        From :func:`xden_bench.result.read_entries`, in any order.
     """
-    rules = load_protocol(rows[0]["protocol"])
-    name = rules.rank_by
-    sign = -1 if METRICS[name].higher_is_better else 1
-
-    def interval(row: Entry) -> tuple[float, float]:
-        low, high = sorted(sign * end for end in row["metrics"][name]["ci95"])
-        return low, high
-
-    ranked = [row for row in rows if unranked_because(row) is None]
-    highs = [interval(row)[1] for row in ranked]
-    return [
-        1 + sum(high < interval(row)[0] for high in highs) if row in ranked else None
-        for row in rows
-    ]
+    found: dict[tuple[Any, ...], list[Entry]] = {}
+    for entry in entries:
+        found.setdefault(_table_key(entry), []).append(entry)
+    return [sorted(found[key], key=_place) for key in sorted(found)]
 
 
-def unranked_because(row: Entry) -> str | None:
-    """Why a row is printed without a rank, or None if it has one.
+def group_tables(entries: Iterable[Entry], by: str, metric: str | None = None) -> str:
+    """One metric by category or by size: a line for each group, a column for each method.
 
-    All an entry says of itself can only take its rank away here, so that nothing is gained by
-    saying it falsely. :func:`xden_bench.baseline.check_trivial` keeps the names of the trivial
-    methods for those.
+    Parameters
+    ----------
+    entries
+        From :func:`xden_bench.result.read_entries`.
+    by
+        ``category`` or ``size``.
+    metric
+        One that every row has; None = that of the ranking.
+
+    Raises
+    ------
+    DataError
+        If a row does not have the metric.
     """
-    if is_trivial(row["method"]["name"], load_protocol(row["protocol"])):
-        return TRIVIAL
-    if any(warning.startswith("W504") for warning in row["warnings"]):
-        return "its values are those of the reference"
-    if row["method"]["name"] == Rebuilt.name and "scan" in row["dataset"]["source"].split("+"):
-        return "circular: on scans the truth is the builder's own reconstruction"
-    return None
+    return "\n\n".join(_group_table(rows, f"by_{by}", metric) for rows in tables(entries))
 
 
 def write_leaderboard(entries: Iterable[Entry], path: Path) -> None:
@@ -167,6 +175,7 @@ def _table_key(entry: Entry) -> tuple[Any, ...]:
     data = entry["dataset"]
     return (
         entry["protocol"],
+        -entry["metric_version"],
         data["revision"],
         data["manifest_sha256"],
         data["split"],
@@ -178,19 +187,11 @@ def _table_key(entry: Entry) -> tuple[Any, ...]:
 
 def _section(rows: Sequence[Entry]) -> str:
     """One table with its title and notes."""
-    rules = load_protocol(rows[0]["protocol"])
-    name = rules.rank_by
-    rows = sorted(
-        rows,
-        key=lambda row: (
-            row["metrics"][name]["mean"] * (-1 if METRICS[name].higher_is_better else 1),
-            row["method"]["name"],
-            row["submission_sha256"],
-        ),
-    )
-    headings = ["rank", "method", *(METRICS[one].heading for one in PRINTED), "looks at"]
+    metrics = [one for one in PRINTED if any(one in row["metrics"] for row in rows)]
+    headings = ["rank", "method", *(METRICS[one].heading for one in metrics), "looks at"]
     headings += ["trained on", "external data", "status", "date"]
-    table = [_row(row, rank) for row, rank in zip(rows, ranks(rows), strict=True)]
+    labels = rank_labels(rows)
+    table = [_row(row, label, metrics) for row, label in zip(rows, labels, strict=True)]
     return "\n\n".join(
         [
             _title(rows[0]),
@@ -201,35 +202,68 @@ def _section(rows: Sequence[Entry]) -> str:
     )
 
 
+def _is_old(row: Entry) -> bool:
+    return bool(row["metric_version"] != load_protocol(row["protocol"]).metric_version)
+
+
+def _place(row: Entry) -> tuple[Any, ...]:
+    """Sort rows of a table by mean, then by name."""
+    name = load_protocol(row["protocol"]).rank_by
+    mean = row["metrics"][name]["mean"]
+    loss = -mean if METRICS[name].higher_is_better else mean
+    return loss, row["method"]["name"], row["submission_sha256"]
+
+
+def _group_table(rows: Sequence[Entry], key: str, metric: str | None) -> str:
+    name = metric or load_protocol(rows[0]["protocol"]).rank_by
+    if lacking := [row["method"]["name"] for row in rows if name not in row["metrics"]]:
+        raise DataError(f"no {name} in the rows {lacking}; there are {list(rows[0]['metrics'])}")
+    table = [
+        (group, one["n_objects"], *(_figure(row[key][group]["metrics"], name) for row in rows))
+        for group, one in rows[0][key].items()
+    ]
+    headings = [METRICS[name].heading, "objects", *(_plain(row["method"]["name"]) for row in rows)]
+    text = tabulate(table, headings, tablefmt="pipe", disable_numparse=True)
+    return f"{_title(rows[0])}\n\n{text}"
+
+
 def _title(row: Entry) -> str:
     data = row["dataset"]
+    version = f", metric version {row['metric_version']}" if _is_old(row) else ""
+    choices = load_protocol(row["protocol"]).open_choices
+    said = "; ".join(f"{name.replace('_', ' ')}: {text}" for name, text in choices.items())
     return (
         f"## Track `{row['track']}`: {TRACK_TITLES[row['track']]}\n\n"
         f"Source of the objects: **{_plain(data['source'])}**. Target `{row['target']}`, "
         f"split `{_code(data['split'])}`, {row['n_objects']} objects, dataset "
         f"{_plain(data['revision'])} (manifest `{_code(data['manifest_sha256'][:12])}`), "
-        f"protocol {_plain(row['protocol'])}. Means over objects with 95 % bootstrap intervals."
+        f"protocol {_plain(row['protocol'])}{version}. "
+        "Means over objects with 95 % bootstrap intervals."
+        + (f"\n\nChoices that the paper leaves open: {said}." if choices else "")
     )
 
 
-def _row(row: Entry, rank: int | None) -> list[str]:
+def _row(row: Entry, label: str, metrics: Sequence[str]) -> list[str]:
     method = row["method"]
     name = _plain(method["name"])
     return [
-        "" if rank is None else str(rank),
+        label,
         f"*{name}*" if unranked_because(row) == TRIVIAL else name,
-        *(_figure(row["metrics"][one]) for one in PRINTED),
+        *(_figure(row["metrics"], one) for one in metrics),
         _plain(", ".join(method["inputs"])) or "nothing",
         _plain(", ".join(method["training_data"])) or "nothing",
         "yes" if method["external_data"] else "no",
-        _plain(row["status"]),
+        _plain(" ".join([row["status"], row.get("recomputed", {}).get("date", "")]).strip()),
         _plain(row["date"]),
     ]
 
 
-def _figure(metric: Mapping[str, Any]) -> str:
-    low, high = metric["ci95"]
-    return f"{metric['mean']:.3f} [{low:.3f}, {high:.3f}]"
+def _figure(metrics: Mapping[str, Any], name: str) -> str:
+    """Mean and interval; empty where a row does not have the metric."""
+    if name not in metrics:
+        return ""
+    low, high = metrics[name]["ci95"]
+    return f"{metrics[name]['mean']:.3f} [{low:.3f}, {high:.3f}]"
 
 
 def _details(row: Entry) -> str:

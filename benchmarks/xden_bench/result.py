@@ -20,10 +20,20 @@ from xden_bench.bootstrap import Estimate
 from xden_bench.metrics import METRICS
 from xden_bench.protocol import Protocol, load_protocol
 from xden_bench.provenance import code_commit, package_version
+from xden_bench.recomputed import SUFFIX, read_recomputed
 from xden_bench.reference import Reference
 from xden_bench.scoring import ObjectScore, Score, by_category, by_size, summary
 
-__all__ = ["SCHEMA", "entry_of", "entry_path", "read_entries", "write_entry", "write_text"]
+__all__ = [
+    "SCHEMA",
+    "entry_of",
+    "entry_path",
+    "object_columns",
+    "read_entries",
+    "read_entry",
+    "write_entry",
+    "write_text",
+]
 
 SCHEMA: Final = "xden-result/1"
 _OBJECT_COLUMNS: Final = ("object_id", "category", "source", "extent_cm")
@@ -75,7 +85,7 @@ def entry_of(
         "command": command,
         "date": date.isoformat(),
         **_figures(score.objects, rules),
-        "status": "self-reported",
+        "status": reference.status,
         "warnings": [str(problem) for problem in score.warnings],
     }
 
@@ -110,7 +120,7 @@ def write_entry(entry: Mapping[str, Any], score: Score, results: Path) -> Path:
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     objects = path.with_suffix(".parquet")
     try:
-        pq.write_table(_object_table(score), partial, compression="zstd")
+        pq.write_table(pa.table(object_columns(score)), partial, compression="zstd")
         digest = hashlib.sha256(partial.read_bytes()).hexdigest()
         partial.replace(objects)
         stored = {**entry, "objects": {"file": objects.name, "sha256": digest}}
@@ -147,20 +157,67 @@ def entry_path(entry: Mapping[str, Any]) -> Path:
 def read_entries(results: Path) -> tuple[dict[str, Any], ...]:
     """Every entry below a folder, sorted by path.
 
-    The numbers of each are made again from the objects beside it.
+    Parameters
+    ----------
+    results
+        The folder.
+
+    Returns
+    -------
+    tuple of dict
+        See :func:`read_entry`.
 
     Raises
     ------
     DataError
-        If there is no such folder, or a JSON file in it is no entry of this schema, lies where
-        another belongs, or does not agree with its objects, or these are missing or changed.
+        If there is no such folder, or a JSON file in it is neither an entry nor a note beside one.
     """
     if not results.is_dir():
         raise DataError(f"there is no folder of results at {results}")
-    return tuple(_read_entry(path, results) for path in sorted(results.rglob("*.json")))
+    paths = sorted(results.rglob("*.json"))
+    entries = [path for path in paths if not path.name.endswith(SUFFIX)]
+    if alone := set(paths) - {*entries, *(path.with_suffix(SUFFIX) for path in entries)}:
+        raise DataError(f"{min(alone)}: there is no entry beside it")
+    return tuple(read_entry(path, results) for path in entries)
 
 
-def _read_entry(path: Path, results: Path) -> dict[str, Any]:
+def read_entry(path: Path, results: Path | None = None) -> dict[str, Any]:
+    """One entry. Its numbers are made again from the objects beside it.
+
+    Parameters
+    ----------
+    path
+        Its JSON file.
+    results
+        The folder of all entries; None = the one that the file's place gives.
+
+    Returns
+    -------
+    dict
+        As stored, and ``object_scores``: every column of the Parquet file, as lists. A note beside
+        it (:mod:`xden_bench.recomputed`) is there as ``recomputed``, and ``status`` says so.
+
+    Raises
+    ------
+    DataError
+        If the file is no entry of this schema, lies where another belongs, or does not agree with
+        its objects, or these are missing or changed.
+    OSError
+        If there is no such file.
+    """
+    entry = _parsed(path)
+    place = entry_path(entry)
+    here = path.absolute()
+    root = results.absolute() if results else Path(*here.parts[: -len(place.parts)])
+    if root / place != here:
+        raise DataError(f"{path}: its content belongs to {place}")
+    entry["object_scores"] = _checked_objects(path, entry)
+    if note := read_recomputed(path):
+        entry |= {"status": "recomputed", "recomputed": note}
+    return entry
+
+
+def _parsed(path: Path) -> dict[str, Any]:
     try:
         entry: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         if entry["schema"] != SCHEMA:
@@ -169,9 +226,6 @@ def _read_entry(path: Path, results: Path) -> dict[str, Any]:
             raise ValueError("; ".join(misfits))
     except (ValueError, TypeError, KeyError) as err:
         raise DataError(f"{path}: not a result of schema {SCHEMA}: {err!r}") from err
-    if results / (place := entry_path(entry)) != path:
-        raise DataError(f"{path}: its content belongs to {place}")
-    _check_figures(path, entry)
     return entry
 
 
@@ -209,8 +263,8 @@ def _misfits(value: Any, shape: Any, key: str = "entry") -> Iterator[str]:
         yield f"{key} is of the wrong type, {type(value).__name__}"
 
 
-def _check_figures(path: Path, entry: Mapping[str, Any]) -> None:
-    """Make the numbers again from the objects beside the entry, and compare."""
+def _checked_objects(path: Path, entry: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """Make the numbers again from the objects beside the entry, compare, and return the objects."""
     objects = path.with_suffix(".parquet")
     if entry["objects"]["file"] != objects.name or not objects.is_file():
         raise DataError(f"{path}: its objects must lie beside it, in {objects.name}")
@@ -219,16 +273,18 @@ def _check_figures(path: Path, entry: Mapping[str, Any]) -> None:
         raise DataError(f"{objects}: sha256 is {found}, {path.name} says {stored}")
     try:
         rules = load_protocol(entry["protocol"])
-        made = _figures(_read_objects(data, rules), rules)
+        table = pq.read_table(pa.BufferReader(data))
+        made = _figures(_objects_of(table, rules), rules)
     except (DataError, pa.ArrowException, ValueError, TypeError, KeyError) as err:
         raise DataError(f"{path}: its objects cannot be summed up: {err!r}") from err
     for key, value in made.items():
         if not _agree(entry.get(key), json.loads(json.dumps(value))):
             raise DataError(f"{path}: {key} is not what the objects in {objects.name} give")
+    columns: dict[str, list[Any]] = table.to_pydict()
+    return columns
 
 
-def _read_objects(data: bytes, rules: Protocol) -> tuple[ObjectScore, ...]:
-    table = pq.read_table(pa.BufferReader(data))
+def _objects_of(table: pa.Table, rules: Protocol) -> tuple[ObjectScore, ...]:
     has_sd = not set(rules.sd_metrics).isdisjoint(table.column_names)
     return tuple(
         ObjectScore(
@@ -263,13 +319,14 @@ def _figures(objects: Sequence[ObjectScore], rules: Protocol) -> dict[str, Any]:
     }
 
 
-def _object_table(score: Score) -> pa.Table:
+def object_columns(score: Score) -> dict[str, list[Any]]:
+    """Scores of the objects, sorted by id, by column: what lies beside an entry as Parquet."""
     columns: dict[str, list[Any]] = {
         name: [getattr(one, name) for one in score.objects] for name in _OBJECT_COLUMNS
     }
     for name in score.metrics:
         columns[name] = [one.metrics[name] for one in score.objects]
-    return pa.table(columns)
+    return columns
 
 
 def _metrics(estimates: Mapping[str, Estimate]) -> dict[str, Any]:

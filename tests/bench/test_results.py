@@ -20,17 +20,21 @@ from xden_bench.leaderboard import (
     BEGIN,
     END,
     check_leaderboard,
-    ranks,
+    group_tables,
     render,
     write_leaderboard,
 )
+from xden_bench.metrics import METRICS
 from xden_bench.protocol import load_protocol
 from xden_bench.provenance import code_commit
+from xden_bench.ranking import rank_labels, ranks
+from xden_bench.recomputed import write_recomputed
 from xden_bench.reference import Reference
-from xden_bench.result import entry_of, entry_path, read_entries, write_entry
+from xden_bench.result import entry_of, entry_path, object_columns, read_entries, write_entry
 from xden_bench.scoring import Score, score
 
 RULES = load_protocol()
+DATE = datetime.date(2025, 12, 10)
 Submit = Callable[..., Path]
 
 
@@ -42,8 +46,8 @@ def scored(submission: Submit, reference: Reference) -> Score:
 
 @pytest.fixture
 def entry(scored: Score, reference: Reference) -> dict[str, Any]:
-    date = datetime.date(2025, 12, 10)
-    return entry_of(scored, reference, command="xden-bench submit preds.npz", date=date)
+    made = entry_of(scored, reference, command="xden-bench submit preds.npz", date=DATE)
+    return made | {"object_scores": object_columns(scored)}
 
 
 def test_an_entry_says_how_to_remake_it(
@@ -75,23 +79,28 @@ def test_code_outside_a_checkout_has_no_commit(tmp_path: Path) -> None:
     assert code_commit(tmp_path) is None
 
 
+def stored(entry: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in entry.items() if key != "object_scores"}
+
+
 def test_an_entry_comes_back_with_its_objects(
     entry: dict[str, Any], scored: Score, tmp_path: Path
 ) -> None:
-    path = write_entry(entry, scored, tmp_path / "results")
+    path = write_entry(stored(entry), scored, tmp_path / "results")
     (read,) = read_entries(tmp_path / "results")
     objects = path.parent / read.pop("objects")["file"]
     assert read == json.loads(json.dumps(entry))
+    assert read["metric_version"] == RULES.metric_version
     table = pq.read_table(objects).to_pydict()
     assert table["object_id"] == [one.object_id for one in scored.objects]
     assert table["mass_mape"] == [one.metrics["mass_mape"] for one in scored.objects]
 
 
 def test_an_entry_is_never_changed(entry: dict[str, Any], scored: Score, tmp_path: Path) -> None:
-    path = write_entry(entry, scored, tmp_path)
+    path = write_entry(stored(entry), scored, tmp_path)
     before = path.read_bytes()
     with pytest.raises(DataError, match=r"entered already: .*; entries are never changed"):
-        write_entry({**entry, "date": "2026-01-01"}, scored, tmp_path)
+        write_entry({**stored(entry), "date": "2026-01-01"}, scored, tmp_path)
     assert path.read_bytes() == before
     assert sorted(one.suffix for one in path.parent.iterdir()) == [".json", ".parquet"]
 
@@ -99,7 +108,7 @@ def test_an_entry_is_never_changed(entry: dict[str, Any], scored: Score, tmp_pat
 def test_an_entry_lies_where_its_content_says(
     entry: dict[str, Any], scored: Score, tmp_path: Path
 ) -> None:
-    path = write_entry(entry, scored, tmp_path)
+    path = write_entry(stored(entry), scored, tmp_path)
     path.rename(path.with_stem("better"))
     with pytest.raises(DataError, match=r"better.json: its content belongs to v1/0.1.0-"):
         read_entries(tmp_path)
@@ -137,7 +146,7 @@ def test_an_edited_entry_is_refused_by_name(
     change: Callable[[dict[str, Any]], object],
     message: str,
 ) -> None:
-    path = write_entry(entry, scored, tmp_path)
+    path = write_entry(stored(entry), scored, tmp_path)
     edited(path, change)
     with pytest.raises(DataError, match=re.escape(message)) as caught:
         read_entries(tmp_path)
@@ -147,7 +156,7 @@ def test_an_edited_entry_is_refused_by_name(
 def test_an_entry_without_its_objects_or_with_others_is_refused(
     entry: dict[str, Any], scored: Score, tmp_path: Path
 ) -> None:
-    path = write_entry(entry, scored, tmp_path)
+    path = write_entry(stored(entry), scored, tmp_path)
     objects = path.with_suffix(".parquet")
     better = pq.read_table(objects)
     zero = pa.array([0.0] * len(better))
@@ -189,23 +198,121 @@ def test_no_method_name_leaves_the_results(entry: dict[str, Any], name: str) -> 
     assert not {"..", "/"} & set(parts)
 
 
-def row(entry: dict[str, Any], name: str, mean: float, half: float, **changes: Any) -> Any:
+SPREAD = (-1.0, 0.0, 0.0, 1.0)
+"""How hard the four objects are, for every method."""
+
+
+def row(
+    entry: dict[str, Any],
+    name: str,
+    mean: float,
+    half: float,
+    noise: tuple[float, ...] = SPREAD,
+    **changes: Any,
+) -> Any:
     made = copy.deepcopy(entry)
     made["method"]["name"] = name
     interval = [mean - half, mean + half]
     made["metrics"]["density_mae_g_cm3"] = {"mean": mean, "ci95": interval}
+    made["object_scores"]["density_mae_g_cm3"] = [mean + half * one for one in noise]
     made["dataset"] |= changes.pop("dataset", {})
     return made | changes
 
 
-def test_overlapping_intervals_share_a_rank(entry: dict[str, Any]) -> None:
-    rows = [row(entry, "a", 1.0, 0.1), row(entry, "b", 1.1, 0.1), row(entry, "c", 2.0, 0.1)]
+def test_rows_that_differ_on_every_object_are_told_apart_though_their_intervals_overlap(
+    entry: dict[str, Any],
+) -> None:
+    rows = [row(entry, "a", 1.0, 0.5), row(entry, "b", 1.1, 0.5), row(entry, "c", 2.0, 0.5)]
+    assert ranks(rows) == [1, 2, 3]
+    assert rank_labels(rows) == ["1", "2", "3"]
+
+
+def test_rows_whose_difference_depends_on_the_object_are_a_tie(entry: dict[str, Any]) -> None:
+    turned = SPREAD[::-1]
+    rows = [row(entry, "a", 1.0, 0.5), row(entry, "b", 1.1, 0.5, turned), row(entry, "c", 3.0, 0.5)]
     assert ranks(rows) == [1, 1, 3]
+    assert rank_labels(rows) == ["1=", "1=", "3"]
+    assert "| 1=" in render(rows)
+
+
+def test_two_equal_rows_are_a_tie_however_they_are_rounded(entry: dict[str, Any]) -> None:
+    noise = (0.1, 0.2, 0.3, 0.7)
+    rows = [row(entry, name, 1.0, 1 / 3, noise) for name in "abcdefg"]
+    assert ranks(rows) == [1] * 7
+
+
+def test_rows_on_other_objects_are_not_compared(entry: dict[str, Any]) -> None:
+    rows = [row(entry, "a", 1.0, 0.1), row(entry, "b", 1.0, 0.1)]
+    rows[1]["object_scores"]["object_id"][0] = "mug-0001"
+    with pytest.raises(DataError, match=r"were scored on different objects: \['a', 'b'\]"):
+        ranks(rows)
 
 
 def test_trivial_rows_have_no_rank_and_push_nobody_down(entry: dict[str, Any]) -> None:
     rows = [row(entry, "water", 0.1, 0.0), row(entry, "a", 1.0, 0.1), row(entry, "b", 3.0, 0.1)]
     assert ranks(rows) == [None, 1, 2]
+    assert rank_labels(rows) == ["", "1", "2"]
+
+
+def test_rows_of_an_older_metric_version_are_kept_apart(entry: dict[str, Any]) -> None:
+    old = RULES.metric_version - 1
+    rows = [row(entry, "new", 1.0, 0.1), row(entry, "old", 0.1, 0.0, metric_version=old)]
+    current, older = render(rows).split("## Older metric versions")
+    assert "| new " in current
+    assert "| old " not in current
+    assert "| 1      | old " in older
+    assert f"protocol v1, metric version {old}." in older
+    assert "## Older metric versions" not in render(rows[:1])
+
+
+def test_rows_with_and_without_a_deviation_share_a_table(entry: dict[str, Any]) -> None:
+    sure = row(entry, "sure", 1.0, 0.1)
+    sure["metrics"]["density_crps_g_cm3"] = {"mean": 0.7, "ci95": [0.6, 0.8]}
+    text = render([sure, row(entry, "plain", 2.0, 0.1)])
+    assert METRICS["density_crps_g_cm3"].heading in text
+    assert "0.700 [0.600, 0.800]" in text
+    assert METRICS["density_crps_g_cm3"].heading not in render([row(entry, "plain", 2.0, 0.1)])
+
+
+def test_the_papers_table_names_what_the_paper_leaves_open(entry: dict[str, Any]) -> None:
+    text = render([row(entry, "a", 1.0, 0.1, protocol="paper")])
+    assert "Choices that the paper leaves open: density unit: not printed; g/cm³" in text
+
+
+@pytest.mark.parametrize(("by", "group"), [("category", "bar"), ("size", "under 8 cm")])
+def test_tables_by_group_have_a_line_for_each_group_and_a_column_for_each_row(
+    entry: dict[str, Any], by: str, group: str
+) -> None:
+    mean = entry[f"by_{by}"][group]["metrics"]["mass_mape"]["mean"]
+    text = group_tables([row(entry, "a", 1.0, 0.1), row(entry, "b", 1.0, 0.1)], by, "mass_mape")
+    assert re.search(r"\| mass MAPE ↓ +\| objects +\| a +\| b +\|", text)
+    assert text.count(f"{mean:.3f} [") >= 2
+    assert f"| {group} " in text
+    with pytest.raises(DataError, match=r"no density_crps_g_cm3 in the rows \['a'\]; there are"):
+        group_tables([row(entry, "a", 1.0, 0.1)], by, "density_crps_g_cm3")
+
+
+def test_a_maintainers_note_makes_a_row_recomputed_and_holds_for_that_entry_alone(
+    entry: dict[str, Any], scored: Score, tmp_path: Path
+) -> None:
+    path = write_entry(stored(entry), scored, tmp_path)
+    before = path.read_bytes()
+    note = write_recomputed(path, "remade", 1e-9, "xden-bench verify x.json", DATE)
+    assert path.read_bytes() == before
+    (read,) = read_entries(tmp_path)
+    assert (read["status"], read["recomputed"]["how"]) == ("recomputed", "remade")
+    assert "recomputed 2025-12-10" in render([read])
+    with pytest.raises(DataError, match="is there already: it is never changed"):
+        write_recomputed(path, "rescored", 0.0, "", DATE)
+    edited(path, lambda one: one["method"].update(notes="better"))
+    with pytest.raises(DataError, match=r"recomputed\.json: it is for an entry of sha256"):
+        read_entries(tmp_path)
+    edited(note, lambda one: one.update(how="believed"))
+    with pytest.raises(DataError, match="not a note of schema xden-recomputed/1"):
+        read_entries(tmp_path)
+    path.unlink()
+    with pytest.raises(DataError, match=r"recomputed\.json: there is no entry beside it"):
+        read_entries(tmp_path)
 
 
 def test_a_row_that_is_the_reference_or_circular_has_no_rank_and_says_why(
