@@ -9,7 +9,8 @@ from xden_bench.commands.board import leaderboard
 from xden_bench.commands.methods import baseline
 from xden_bench.commands.sealing import keygen, seal, verify_sealed
 from xden_bench.commands.speed import speed
-from xden_bench.commands.submissions import score, submit, validate
+from xden_bench.commands.submissions import score, submit, template, validate
+from xden_bench.commands.web import serve
 
 __all__ = ["cli"]
 
@@ -20,6 +21,7 @@ def cli() -> None:
     """Check, score and enter submissions; run baselines; make the leaderboard."""
 
 
+cli.add_command(template)
 cli.add_command(validate)
 cli.add_command(score)
 cli.add_command(submit)
@@ -29,3 +31,4 @@ cli.add_command(speed)
 cli.add_command(keygen)
 cli.add_command(seal)
 cli.add_command(verify_sealed)
+cli.add_command(serve)

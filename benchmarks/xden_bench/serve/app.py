@@ -105,7 +105,9 @@ def launch(app: gr.Blocks, desk: Desk, *, host: str, port: int, block: bool = Tr
         max_file_size=desk.limits.upload_bytes,
         ssr_mode=False,
         app_kwargs={"middleware": [Middleware(Guard)]},
-        theme=gr.themes.Default(),
+        theme=gr.themes.Default(
+            font=["system-ui", "sans-serif"], font_mono=["ui-monospace", "monospace"]
+        ),
         css=CSS,
     )
     return str(address)

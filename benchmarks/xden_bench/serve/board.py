@@ -7,15 +7,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from xden1k.modality import TRACKS
-from xden_bench.leaderboard import ranks, unranked_because
+import numpy as np
+
+from xden_bench.leaderboard import tables
 from xden_bench.metrics import METRICS
-from xden_bench.protocol import is_trivial, load_protocol
+from xden_bench.protocol import load_protocol
+from xden_bench.ranking import TRIVIAL, Entry, ranks, unranked_because
 from xden_bench.result import entry_path
 
 __all__ = [
-    "BOARD_TYPES",
-    "Entry",
     "best_first",
     "board_table",
     "boards",
@@ -27,26 +27,23 @@ __all__ = [
     "trivial",
 ]
 
-Entry = Mapping[str, Any]
 Rows = list[list[Any]]
 
 KEY_DIGITS: Final = 8
 """Of the submission's checksum: the key of a row, its last column."""
-BEFORE: Final = ("rank", "method", "source")
+BEFORE: Final = ("rank", "tie", "method", "source")
 AFTER: Final = ("looks at", "trained on", "external data", "status", "date", "submission")
-BOARD_TYPES: Final = {"rank": "number"} | dict.fromkeys(("method", "source", *AFTER), "str")
-"""Types of the columns that are no metric."""
 
 
-def boards(entries: Iterable[Entry]) -> dict[str, dict[str, tuple[Entry, ...]]]:
+def boards(entries: Iterable[Entry]) -> dict[str, dict[str, Sequence[Entry]]]:
     """Sort entries into the tables they may be compared in: by title, then by track.
 
-    A title has source, split, target, dataset and protocol. Nothing is ranked across.
+    A title has source, split, target, dataset, protocol and, where it is old, metric version.
+    Nothing is ranked across.
     """
-    found: dict[str, dict[str, tuple[Entry, ...]]] = {}
-    for entry in sorted(entries, key=lambda row: (_title(row), TRACKS.index(row["track"]))):
-        of_track = found.setdefault(_title(entry), {})
-        of_track[entry["track"]] = (*of_track.get(entry["track"], ()), entry)
+    found: dict[str, dict[str, Sequence[Entry]]] = {}
+    for rows in tables(entries):
+        found.setdefault(_title(rows[0]), {})[rows[0]["track"]] = rows
     return found
 
 
@@ -60,33 +57,36 @@ def metric_choices(rows: Sequence[Entry]) -> list[tuple[str, str]]:
 
 def trivial(row: Entry) -> bool:
     """Whether a row is one of a trivial method."""
-    return is_trivial(row["method"]["name"], load_protocol(row["protocol"]))
+    return unranked_because(row) == TRIVIAL
 
 
 def best_first(rows: Sequence[Entry], metric: str) -> list[Entry]:
     """Rows that have a metric, best mean first, equal ones by name."""
-    sign = -1 if METRICS[metric].higher_is_better else 1
-    return sorted(
-        (row for row in rows if metric in row["metrics"]),
-        key=lambda row: (sign * row["metrics"][metric]["mean"], row["method"]["name"]),
-    )
+    rows = [row for row in rows if metric in row["metrics"]]
+    means = np.array([row["metrics"][metric]["mean"] for row in rows], dtype=np.float64)
+    losses = METRICS[metric].loss(means).tolist()
+    order = sorted(range(len(rows)), key=lambda at: (losses[at], rows[at]["method"]["name"]))
+    return [rows[place] for place in order]
 
 
 def board_table(rows: Sequence[Entry], metric: str) -> tuple[list[str], Rows]:
     """Headings and rows of the leaderboard, best in the metric first.
 
-    The rank is that of the ranking metric, whichever metric is chosen; rows that are not told
-    apart share one. Means are numbers, so that a table sorts by them; the chosen metric has its
+    The rank is that of the ranking metric, whichever metric is chosen; a tie is a rank that rows
+    share. Means are numbers, so that a table sorts by them; the chosen metric has its
     interval beside it.
     """
     others = [name for _, name in metric_choices(rows) if name != metric]
-    rank_of = dict(zip((_key(row) for row in rows), ranks(rows), strict=True))
+    found = ranks(rows)
+    standing = {
+        _key(row): [rank, "=" if rank is not None and found.count(rank) > 1 else ""]
+        for row, rank in zip(rows, found, strict=True)
+    }
     interval = f"95 % interval of {METRICS[metric].title}"
     headings = [*BEFORE, METRICS[metric].heading, interval]
     headings += [*(METRICS[name].heading for name in others), *AFTER]
-    return headings, [
-        _row(row, rank_of[_key(row)], metric, others) for row in best_first(rows, metric)
-    ]
+    ordered = best_first(rows, metric)
+    return headings, [[*standing[_key(row)], *_row(row, metric, others)] for row in ordered]
 
 
 def entry_at(rows: Sequence[Entry], cells: Sequence[Any]) -> Entry | None:
@@ -146,20 +146,26 @@ def _title(row: Entry) -> str:
     return (
         f"{data['source']} · {data['split']} · {row['target']} · "
         f"dataset {data['revision']} ({data['manifest_sha256'][:KEY_DIGITS]}) · "
-        f"protocol {row['protocol']}"
+        f"protocol {row['protocol']}{_version(row)}"
     )
+
+
+def _version(row: Entry) -> str:
+    """Name a metric version that is not the protocol's newest."""
+    version = row["metric_version"]
+    newest = load_protocol(row["protocol"]).metric_version
+    return "" if version == newest else f", old metric version {version}"
 
 
 def _key(row: Entry) -> str:
     return str(row["submission_sha256"][:KEY_DIGITS])
 
 
-def _row(row: Entry, rank: int | None, metric: str, others: Sequence[str]) -> list[Any]:
+def _row(row: Entry, metric: str, others: Sequence[str]) -> list[Any]:
     method, found = row["method"], row["metrics"]
     mark = " (trivial)" if trivial(row) else ""
     low, high = found[metric]["ci95"]
     return [
-        rank,
         f"{method['name']}{mark}",
         row["dataset"]["source"],
         _rounded(found[metric]["mean"]),

@@ -226,7 +226,9 @@ class Explorer:
         return tuple(
             picture
             for view in obj.views
-            for picture in figures.radiograph_pictures(compare(obj, view), obj.source)
+            for picture in figures.radiograph_pictures(
+                compare(obj, view), obj.source, view.name.upper()
+            )
         )
 
     def _guess(self, obj: DensityObject, row: Entry | None) -> Grid | None:
@@ -265,8 +267,8 @@ def best_and_worst(row: Entry, metric: str, results: Path, most: int = 5) -> tup
     columns = ["object_id", "category", "extent_cm", metric]
     found = pq.read_table(path, columns=columns).to_pylist()
     found = [one for one in found if one[metric] is not None]
-    sign = -1 if METRICS[metric].higher_is_better else 1
-    found.sort(key=lambda one: (sign * one[metric], one["object_id"]))
+    loss = METRICS[metric].loss
+    found.sort(key=lambda one: (float(loss(np.float64(one[metric]))), one["object_id"]))
     rows = [
         [one["object_id"], one["category"], _number(one["extent_cm"]), _number(one[metric])]
         for one in found

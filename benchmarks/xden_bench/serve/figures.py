@@ -58,7 +58,9 @@ def signed_scale(limit: float) -> ScalarMappable:
     return _scale("RdBu", -limit, limit)
 
 
-def radiograph_pictures(found: Comparison, source: str) -> tuple[Picture, Picture, Picture]:
+def radiograph_pictures(
+    found: Comparison, source: str, view: str
+) -> tuple[Picture, Picture, Picture]:
     """Draw a view as it is, as reprojected, and the difference.
 
     Parameters
@@ -67,19 +69,21 @@ def radiograph_pictures(found: Comparison, source: str) -> tuple[Picture, Pictur
         The images.
     source
         ``scan``, ``phantom`` or ``ct``: how the radiograph came to be.
+    view
+        Its name, for the titles.
     """
     made = MADE_WORDS[source]
     grey = _scale("gray", 0.0, max(1.0, float(np.nanmax(found.model))))
     split = signed_scale(found.limit)
     bar = "transmission I / I₀"
     return (
-        _radiograph(found.measured, found.aspect, grey, made, bar),
-        _radiograph(found.model, found.aspect, grey, "reprojected parts", bar),
+        _radiograph(found.measured, found.aspect, grey, f"{view} {made}", bar),
+        _radiograph(found.model, found.aspect, grey, f"{view} reprojected parts", bar),
         _radiograph(
             found.residual,
             found.aspect,
             split,
-            f"residual, mean |r| = {found.mean_abs_residual:.2g}",
+            f"{view} residual, mean |r| = {found.mean_abs_residual:.2g}",
             f"{made} - reprojected, I / I₀",
         ),
     )
@@ -148,7 +152,7 @@ def interval_picture(
     trivial
         Whether a row is one of a trivial method: drawn grey and hollow.
     """
-    figure, axes = _sheet(8.0, 0.9 + 0.32 * len(rows))
+    figure, axes = _sheet(9.0, 0.8 + 0.3 * len(rows))
     for place, (row, is_trivial) in enumerate(zip(rows, trivial, strict=True)):
         found = row["metrics"][metric]
         low, high = found["ci95"]
@@ -159,7 +163,7 @@ def interval_picture(
     names = [_short(row["method"]["name"]) for row in rows]
     axes.set_yticks(range(len(rows)), names, fontsize=10, parse_math=False, color=INK)
     axes.set(ylim=(len(rows) - 0.4, -0.6), xlim=(0, None))
-    axes.set_xlabel(heading, fontsize=10, color=INK)
+    axes.set_xlabel(f"{heading}, mean and 95 % interval", fontsize=10, color=INK)
     axes.grid(axis="x", color="#dddddd", linewidth=0.6)
     axes.tick_params(length=0, labelcolor=INK)
     axes.spines[:].set_visible(False)

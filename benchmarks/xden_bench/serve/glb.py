@@ -15,7 +15,15 @@ from scipy.ndimage import map_coordinates
 from xden1k.arrays import Grid, Vec3
 from xden1k.types import Part
 
-__all__ = ["cut_open", "part_values", "refined", "surface_values", "vertex_colours", "write_glb"]
+__all__ = [
+    "M_PER_CM",
+    "cut_open",
+    "part_values",
+    "refined",
+    "surface_values",
+    "vertex_colours",
+    "write_glb",
+]
 
 M_PER_CM: Final = 0.01
 UPRIGHT: Final = M_PER_CM * np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])

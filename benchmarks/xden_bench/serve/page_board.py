@@ -18,8 +18,9 @@ __all__ = ["board_page"]
 
 READING: Final = (
     "Means over objects, ↓ lower is better, ↑ higher is better, with 95 % bootstrap intervals. "
-    "Rank 1 + n: n rows are better beyond both intervals of the ranking metric, so rows that "
-    "cannot be told apart share a rank; trivial rows are never ranked. Source **phantom** means "
+    "A rank is one more than the number of rows that are better beyond doubt: the 95 % interval of "
+    "the difference on the same objects excludes zero. Rows that cannot be told apart share a rank "
+    "(tie =); trivial rows are never ranked. Source **phantom** means "
     "simulated objects, never on a scanner. Click on a heading to sort, on a row to see how it "
     "was made."
 )
@@ -48,10 +49,12 @@ def board_page(
         track = gr.Dropdown(label="Track", info="what a method may look at")
         metric = gr.Dropdown(label="Metric", info="sorts the table, fills the chart")
     gr.Markdown(READING, elem_classes="note")
-    grid = gr.Dataframe(elem_id="board", pinned_columns=2, show_label=False, **GRID)
-    chart = gr.Image(label="Mean and 95 % interval", elem_id="chart", **PICTURE)
+    grid = gr.Dataframe(elem_id="board", pinned_columns=3, show_label=False, **GRID)
+    chart = gr.Image(elem_id="chart", **PICTURE)
     made = gr.Code(ASK, label="How the row is remade", language="shell", elem_id="made")
-    facts = gr.Dataframe(headers=["of the row", ""], elem_id="facts", show_label=False, **GRID)
+    facts = gr.Dataframe(
+        elem_id="facts", headers=["of the row", ""], show_label=False, wrap=True, **GRID
+    )
     by_category = gr.Dataframe(label="By category", elem_id="by_category", **GRID)
     by_size = gr.Dataframe(label="By size of the object", elem_id="by_size", **GRID)
 

@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import Any, Final
 
 import gradio as gr
+import numpy as np
 
 from xden1k.types import FIELD_SIZE, DensityObject
 from xden_bench.metrics import METRICS
 from xden_bench.protocol import load_protocol
 from xden_bench.serve.explorer import COLOURS, PART_HEADINGS, Explorer, Fields, best_and_worst
 from xden_bench.serve.figures import AXES
+from xden_bench.serve.glb import M_PER_CM
 from xden_bench.serve.told import GRID, PICTURE, PRIVATE, frame, offer, told
 
 __all__ = ["explore_page", "object_line"]
@@ -34,10 +36,11 @@ SLICES: Final = (
     "### Slices\n\nVoxel means. White: outside the outer surface, where nothing is scored. Truth "
     "and prediction share one colour scale, that of the whole object."
 )
-VIEW: Final[dict[str, Any]] = {
-    "clear_color": (1.0, 1.0, 1.0, 1.0),
-    "camera_position": (60, 65, None),
-}
+WHITE: Final = (1.0, 1.0, 1.0, 1.0)
+VIEW_DEGREES: Final = (60, 65)
+"""Of the camera: around the object, and down from the vertical."""
+VIEW_DISTANCE: Final = 1.6
+"""Of the camera, in diagonals of the object."""
 
 
 class _Page:
@@ -52,8 +55,10 @@ class _Page:
         self.line = gr.Markdown(elem_id="line", elem_classes="note")
         with gr.Row():
             with gr.Column(scale=1, min_width=330):
-                self.model = gr.Model3D(label="Parts", height=400, elem_id="model", **VIEW)
-                self.bar = gr.Image(show_label=False, container=False, elem_id="bar", **PICTURE)
+                self.model = gr.Model3D(
+                    label="Parts", height=420, elem_id="model", clear_color=WHITE
+                )
+                self.bar = gr.Image(container=False, elem_id="bar", **PICTURE)
                 with gr.Row():
                     self.colour = gr.Radio(COLOURS, value="density", label="Coloured by")
                     self.cut = gr.Checkbox(
@@ -67,7 +72,7 @@ class _Page:
         for view in ("PA", "LAT"):
             with gr.Row():
                 self.radiographs += [
-                    gr.Image(label=view, min_width=300, elem_id=f"{view}-{place}", **PICTURE)
+                    gr.Image(height=360, min_width=300, elem_id=f"{view}-{place}", **PICTURE)
                     for place in range(3)
                 ]
         self._extremes_part()
@@ -85,16 +90,19 @@ class _Page:
         self.place = gr.Markdown(elem_id="place", elem_classes="note")
         with gr.Row():
             self.slices = [
-                gr.Image(label=name, min_width=300, elem_id=f"slice-{name}", **PICTURE)
+                gr.Image(height=380, min_width=300, elem_id=f"slice-{name}", **PICTURE)
                 for name in ("truth", "prediction", "error")
             ]
 
     def _extremes_part(self) -> None:
-        gr.Markdown("### Best and worst objects of the method\n\nClick on one to open it.")
-        self.metric = gr.Dropdown(label="By", elem_id="by")
-        with gr.Row():
-            self.best = gr.Dataframe(label="Best", min_width=330, elem_id="best", **GRID)
-            self.worst = gr.Dataframe(label="Worst", min_width=330, elem_id="worst", **GRID)
+        with gr.Column(visible=False) as self.extremes:
+            gr.Markdown("### Best and worst objects of the method\n\nClick on one to open it.")
+            self.metric = gr.Dropdown(label="By", elem_id="by")
+            with gr.Row():
+                with gr.Column(min_width=330):
+                    self.best = gr.Dataframe(label="Best", elem_id="best", **GRID)
+                with gr.Column(min_width=330):
+                    self.worst = gr.Dataframe(label="Worst", elem_id="worst", **GRID)
 
     def _listen(self) -> None:
         gr.on(
@@ -121,14 +129,13 @@ class _Page:
             show_progress="hidden",
             **PRIVATE,
         )
-        extremes = [self.best, self.worst]
         self.metric.input(
             self.list_extremes,
             [self.split, self.method, self.metric],
-            [self.metric, *extremes],
+            [self.extremes, self.metric, self.best, self.worst],
             **PRIVATE,
         )
-        for table in extremes:
+        for table in (self.best, self.worst):
             table.select(self.open_row, None, self.object, **PRIVATE).then(
                 self.fill, self.inputs, self.outputs, **PRIVATE
             )
@@ -142,7 +149,8 @@ class _Page:
     def outputs(self) -> list[Any]:
         return [
             *(self.split, self.object, self.method, self.line, self.parts, self.model, self.bar),
-            *(self.place, *self.slices, *self.radiographs, self.metric, self.best, self.worst),
+            *(self.place, *self.slices, *self.radiographs),
+            *(self.extremes, self.metric, self.best, self.worst),
         ]
 
     @told
@@ -166,7 +174,7 @@ class _Page:
             *(splits, objects, methods),
             object_line(fields.obj) + self._missing_note(fields, method),
             frame(PART_HEADINGS, self.explorer.parts(object_id)),
-            *self.explorer.model(fields, colour, cut),
+            *self._model(fields, colour, cut),
             *self._slices(fields, axis, index),
             *self.explorer.radiographs(object_id),
             *self._extremes(split, method, metric),
@@ -176,7 +184,7 @@ class _Page:
     def draw_model(
         self, split: str, object_id: str, method: str, colour: Any, cut: bool
     ) -> list[Any]:
-        return [*self.explorer.model(self._fields(split, object_id, method), colour, cut)]
+        return self._model(self._fields(split, object_id, method), colour, cut)
 
     @told
     def draw_slices(
@@ -206,6 +214,13 @@ class _Page:
             "error cannot be drawn; its best and worst objects are below."
         )
 
+    def _model(self, fields: Fields, colour: Any, cut: bool) -> list[Any]:
+        path, bar = self.explorer.model(fields, colour, cut)
+        bounds = np.array([part.mesh.bounds for part in fields.obj.parts])
+        size_m = M_PER_CM * float(np.linalg.norm(bounds[:, 1].max(0) - bounds[:, 0].min(0)))
+        camera = (*VIEW_DEGREES, VIEW_DISTANCE * size_m)
+        return [gr.Model3D(str(path), camera_position=camera), bar]
+
     def _slices(self, fields: Fields, axis: str, index: int) -> list[Any]:
         number, field = AXES.index(axis), fields.truth
         place = field.origin_cm[number] + index * field.voxel_size_cm
@@ -216,12 +231,12 @@ class _Page:
     def _extremes(self, split: str, method: str | None, metric: str | None) -> list[Any]:
         row = self._row(split, method)
         if row is None:
-            return [gr.update(choices=[], value=None), frame([], []), frame([], [])]
+            return [gr.update(visible=False), gr.skip(), gr.skip(), gr.skip()]
         names = [name for name in load_protocol(row["protocol"]).metrics if name in row["metrics"]]
         update, metric = offer([(METRICS[name].heading, name) for name in names], metric)
         headings = ["object", "category", "longest edge, cm", METRICS[metric].heading]
         found = best_and_worst(row, metric, self.results)
-        return [update, *(frame(headings, rows) for rows in found)]
+        return [gr.update(visible=True), update, *(frame(headings, rows) for rows in found)]
 
 
 def explore_page(

@@ -13,8 +13,8 @@ from xden1k.errors import MissingObjectError
 from xden1k.predictions import CODES, Problem
 from xden_bench.metrics import METRICS
 from xden_bench.serve.desk import Desk
-from xden_bench.serve.told import GRID, PRIVATE, frame, told
 from xden_bench.serve.tickets import Status, TurnedAwayError
+from xden_bench.serve.told import GRID, PRIVATE, frame, told
 
 __all__ = ["problem_rows", "result_rows", "status_html", "submit_page", "user_of"]
 
@@ -23,9 +23,7 @@ POLL_SECONDS: Final = 0.7
 IDLE: Final = "<p>No file sent yet.</p>"
 
 
-def submit_page(
-    desk: Desk, *, login: bool
-) -> tuple[Callable[..., list[Any]], Any, list[Any]]:
+def submit_page(desk: Desk, *, login: bool) -> tuple[Callable[..., list[Any]], Any, list[Any]]:
     """Build the page inside a tab; what is returned is as of the leaderboard's page.
 
     Parameters
@@ -49,8 +47,10 @@ def submit_page(
     file = gr.File(label="preds.npz", file_types=[".npz"], type="filepath", elem_id="upload")
     send = gr.Button("Check and enter", variant="primary", elem_id="send")
     state = gr.HTML(IDLE, elem_id="status")
-    problems = gr.Dataframe(label="Problems and footnotes", elem_id="problems", **GRID)
-    result = gr.Dataframe(label="Result", elem_id="result", **GRID)
+    problems = gr.Dataframe(
+        label="Problems and footnotes", elem_id="problems", wrap=True, visible=False, **GRID
+    )
+    result = gr.Dataframe(label="Result", elem_id="result", visible=False, **GRID)
     ticket = gr.BrowserState(None, storage_key=TICKET_KEY, secret=TICKET_KEY)
     timer = gr.Timer(POLL_SECONDS, active=False)
     shown = [state, problems, result, timer]
@@ -64,7 +64,8 @@ def submit_page(
             got = desk.submit(Path(path), user=user, filename=Path(path).name)
         except TurnedAwayError as err:
             text = f"<p><strong>Not taken.</strong> {escape(str(err))}</p>"
-            return [gr.skip(), text, frame([], []), frame([], []), gr.Timer(active=False)]
+            hidden = gr.update(visible=False)
+            return [gr.skip(), text, hidden, hidden, gr.Timer(active=False)]
         return [got.ticket_id, *_shown(desk.status(got.ticket_id))]
 
     @told
@@ -134,7 +135,7 @@ def result_rows(metrics: Mapping[str, Mapping[str, Any]]) -> tuple[list[str], li
 def _shown(status: Status) -> list[Any]:
     return [
         status_html(status),
-        frame(*problem_rows(status.problems)),
-        frame(*result_rows(status.metrics)),
+        frame(*problem_rows(status.problems)) | {"visible": bool(status.problems)},
+        frame(*result_rows(status.metrics)) | {"visible": bool(status.metrics)},
         gr.Timer(active=not status.is_final),
     ]

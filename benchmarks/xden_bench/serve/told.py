@@ -17,9 +17,12 @@ Result = TypeVar("Result")
 
 PRIVATE: Final[dict[str, Any]] = {"api_visibility": "private"}
 """Of every event: for the page itself, no interface for programs."""
-GRID: Final[dict[str, Any]] = {"interactive": False, "type": "array", "wrap": True, "buttons": []}
+GRID: Final[dict[str, Any]] = {"interactive": False, "type": "array", "buttons": []}
 """Of every table."""
-PICTURE: Final[dict[str, Any]] = {"interactive": False, "buttons": ["fullscreen"], "format": "png"}
+PICTURE: Final[dict[str, Any]] = {
+    **{"interactive": False, "buttons": ["fullscreen"], "format": "png"},
+    "show_label": False,
+}
 """Of every picture."""
 
 
@@ -40,7 +43,7 @@ def frame(headings: Sequence[str], rows: list[list[Any]]) -> Any:
     """Fill a table: numbers sort as numbers, everything else is plain text."""
     columns = zip(*rows, strict=True) if rows else ([] for _ in headings)
     kinds = ["number" if any(map(_is_number, column)) else "str" for column in columns]
-    return gr.Dataframe(value=rows, headers=list(headings), datatype=kinds)
+    return gr.update(value={"headers": list(headings), "data": rows}, datatype=kinds)
 
 
 def offer(choices: Sequence[Any], chosen: Any) -> Any:
