@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from xden1k.errors import DataError
+from xden1k.predictions import Target
 from xden1k.settings import load_settings
 from xden_bench.metrics import METRICS
 
@@ -62,7 +63,7 @@ class Protocol:
 
     name: str
     config: str
-    targets: Sequence[str]
+    targets: Sequence[Target]
     metric_version: int
     metrics: Sequence[str]
     sd_metrics: Sequence[str]

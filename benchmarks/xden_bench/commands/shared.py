@@ -25,6 +25,7 @@ __all__ = [
     "key_option",
     "open_reference",
     "progress_bar",
+    "protocol_option",
     "root_option",
     "sealed_option",
     "split_option",
@@ -40,6 +41,9 @@ root_option = click.option(
     "--root", type=FOLDER, help="Dataset folder. [default: XDEN1K_ROOT, the cache, the sample]"
 )
 split_option = click.option("--split", default="test", show_default=True, help="Split to score.")
+protocol_option = click.option(
+    "--protocol", default="v1", show_default=True, metavar="NAME", help="Rules: v1 or paper."
+)
 track_option = click.option(
     "--track",
     type=click.Choice(TRACKS),

@@ -1,18 +1,20 @@
-"""Commands on one submission: validate, score, submit."""
+"""Commands on one submission: template, validate, score, submit."""
 
 from __future__ import annotations
 
 import datetime
+import functools
 import json
 import shlex
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from xden1k.commands import json_option, print_json
-from xden1k.modality import Track
+from xden1k.modality import TRACKS, Track
 from xden_bench.commands.shared import (
     FILE,
     RESULTS,
@@ -21,6 +23,7 @@ from xden_bench.commands.shared import (
     key_option,
     open_reference,
     progress_bar,
+    protocol_option,
     root_option,
     sealed_option,
     split_option,
@@ -32,16 +35,54 @@ if TYPE_CHECKING:
     from xden_bench.reference import Reference
     from xden_bench.scoring import Score
 
-__all__ = ["score", "submission_command", "submit", "validate"]
+__all__ = ["Asked", "score", "submission_command", "submit", "template", "validate"]
 
 
-def submission_command(out_help: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What a command on a submission was asked to look at.
+
+    Parameters
+    ----------
+    submission
+        The file.
+    root, split
+        The dataset it predicts.
+    sealed, key
+        Of a split whose answers are sealed.
+    track
+        The track it is meant for; None = the one its inputs lead to.
+    protocol
+        Name of the rules.
+    """
+
+    submission: Path
+    root: Path | None
+    split: str
+    sealed: Path | None
+    key: Path | None
+    track: Track | None
+    protocol: str
+
+    def reference(self, *, scoring: bool = True) -> Reference:
+        """Open the truth."""
+        return open_reference(self.root, self.split, self.sealed, self.key, scoring=scoring)
+
+
+def submission_command(
+    out_help: str,
+) -> Callable[[Callable[[Asked, Path | None, bool], None]], Callable[..., None]]:
     """Decorate a command with what validate, score and submit share."""
 
-    def decorate(function: Callable[..., None]) -> Callable[..., None]:
+    def decorate(function: Callable[[Asked, Path | None, bool], None]) -> Callable[..., None]:
+        @functools.wraps(function)
+        def command(*, out: Path | None, as_json: bool, **asked: Any) -> None:
+            function(Asked(**asked), out, as_json)
+
         for add in (
             json_option,
             click.option("--out", type=click.Path(path_type=Path), help=out_help),
+            protocol_option,
             track_option,
             key_option,
             sealed_option,
@@ -49,32 +90,53 @@ def submission_command(out_help: str) -> Callable[[Callable[..., None]], Callabl
             root_option,
             click.argument("submission", type=FILE),
         ):
-            function = add(function)
-        return function
+            command = add(command)
+        return command
 
     return decorate
 
 
+@click.command(epilog="Example: xden-bench template --track rgb --out preds.npz")
+@root_option
+@split_option
+@click.option(
+    "--track",
+    type=click.Choice(TRACKS),
+    default="geometry",
+    show_default=True,
+    help="Where to run.",
+)
+@protocol_option
+@click.option("--out", type=FILE, default="preds.npz", show_default=True, help="The file to write.")
+@json_option
+def template(
+    root: Path | None, split: str, track: Track, protocol: str, out: Path, as_json: bool
+) -> None:
+    """Write an empty submission that is valid, to be filled in."""
+    from xden_bench.protocol import load_protocol
+    from xden_bench.template import TO_FILL_IN, write_template
+
+    reference = open_reference(root, split, scoring=False)
+    meta = write_template(out, reference, load_protocol(protocol), track)
+    if as_json:
+        print_json({"file": str(out), "meta": json.loads(meta.to_json()), "ids": reference.ids})
+        return
+    click.echo(f"{out}: {len(reference.ids)} objects of zeros, target {meta.target}. Fill in:")
+    echo_lines(None, (f"  {name}: {what}" for name, what in TO_FILL_IN.items()))
+    click.echo(f"then `xden-bench validate {shlex.quote(str(out))}`.")
+
+
 @click.command(epilog="Example: xden-bench validate preds.npz --split test")
 @submission_command("Also write the findings to this JSON file.")
-def validate(
-    submission: Path,
-    root: Path | None,
-    split: str,
-    sealed: Path | None,
-    key: Path | None,
-    track: Track | None,
-    out: Path | None,
-    as_json: bool,
-) -> None:
+def validate(asked: Asked, out: Path | None, as_json: bool) -> None:
     """List everything that is wrong with a submission."""
     from xden1k.predictions import raise_errors
     from xden_bench.protocol import load_protocol
     from xden_bench.result import write_text
     from xden_bench.submission import validate as find_problems
 
-    reference = open_reference(root, split, sealed, key, scoring=False)
-    found = find_problems(submission, reference, load_protocol(), track, progress_bar)
+    rules, reference = load_protocol(asked.protocol), asked.reference(scoring=False)
+    found = find_problems(asked.submission, reference, rules, asked.track, progress_bar)
     valid = not any(one.is_error for one in found)
     problems = [
         {"code": one.code, "object_id": one.object_id, "message": one.message} for one in found
@@ -86,25 +148,16 @@ def validate(
         print_json(report)
         raise SystemExit(0 if valid else 1)
     raise_errors(found)
-    echo_lines(f"{submission}: valid", found)
+    echo_lines(f"{asked.submission}: valid", found)
 
 
 @click.command(epilog="Example: xden-bench score preds.npz --split val")
 @submission_command("Also write the result to this JSON file.")
-def score(
-    submission: Path,
-    root: Path | None,
-    split: str,
-    sealed: Path | None,
-    key: Path | None,
-    track: Track | None,
-    out: Path | None,
-    as_json: bool,
-) -> None:
+def score(asked: Asked, out: Path | None, as_json: bool) -> None:
     """Score a submission without entering it."""
     from xden_bench.result import write_text
 
-    scored, entry = _scored(submission, open_reference(root, split, sealed, key), track)
+    scored, entry = _scored(asked, asked.reference())
     if out:
         write_text(out, json.dumps(entry, indent=2, ensure_ascii=False) + "\n")
     if as_json:
@@ -117,16 +170,7 @@ def score(
 
 @click.command(epilog="Example: xden-bench submit preds.npz")
 @submission_command(f"Folder of the results. [default: {RESULTS}]")
-def submit(
-    submission: Path,
-    root: Path | None,
-    split: str,
-    sealed: Path | None,
-    key: Path | None,
-    track: Track | None,
-    out: Path | None,
-    as_json: bool,
-) -> None:
+def submit(asked: Asked, out: Path | None, as_json: bool) -> None:
     """Score a submission and add it to the results.
 
     Nothing is written if anything is wrong with it. `xden-bench leaderboard` makes the table.
@@ -134,14 +178,14 @@ def submit(
     from xden_bench.baseline import check_trivial
     from xden_bench.result import write_entry
 
-    if sealed and out is None:
+    if asked.sealed and out is None:
         raise click.UsageError(
             "The scores of single objects tell their answers: with --sealed give --out, a folder "
             "that stays with the organiser."
         )
-    reference = open_reference(root, split, sealed, key)
-    scored, entry = _scored(submission, reference, track)
-    check_trivial(submission, reference, scored.protocol)
+    reference = asked.reference()
+    scored, entry = _scored(asked, reference)
+    check_trivial(asked.submission, reference, scored.protocol)
     path = write_entry(entry, scored, out or RESULTS)
     if as_json:
         print_json({"file": str(path), **entry})
@@ -162,14 +206,13 @@ def _entered(path: Path, out: Path | None) -> str:
     return f"entered: {path}\n`xden-bench leaderboard{more}` makes the table."
 
 
-def _scored(
-    submission: Path, reference: Reference, track: Track | None
-) -> tuple[Score, dict[str, Any]]:
+def _scored(asked: Asked, reference: Reference) -> tuple[Score, dict[str, Any]]:
     from xden_bench.protocol import load_protocol
     from xden_bench.result import entry_of
     from xden_bench.scoring import score as score_file
 
-    scored = score_file(submission, reference, load_protocol(), track, progress_bar)
+    rules = load_protocol(asked.protocol)
+    scored = score_file(asked.submission, reference, rules, asked.track, progress_bar)
     today = datetime.datetime.now(tz=datetime.UTC).date()
     command = command_line(click.get_current_context())
     return scored, entry_of(scored, reference, command=command, date=today)
