@@ -25,7 +25,7 @@ from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from filelock import FileLock, Timeout
 
@@ -179,7 +179,7 @@ class Desk:
         """Stop; what is queued or half done is taken up by the next desk on the state folder."""
         self._opened.close()
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> Desk:
         return self
 
     def __exit__(

@@ -24,8 +24,7 @@ class Limits:
     job_seconds
         Longest time that checking and scoring one file may take.
     job_memory_mb
-        Most memory that it may take, MB of 10⁶ bytes; held on Linux. Arrow reserves 1 GB for
-        itself where it can.
+        Most memory that it may take, MB of 10⁶ bytes; the libraries alone need 400. Held on Linux.
     spare_disk_mb
         What must stay free on the disk of the state folder after an upload, for everything else
         that writes there.
@@ -45,7 +44,7 @@ class Limits:
     jobs_per_user_hour: int = 6
     queue_length: int = 40
     job_seconds: int = 900
-    job_memory_mb: int = 2000
+    job_memory_mb: int = 1000
     spare_disk_mb: int = 1000
 
     def __post_init__(self) -> None:

@@ -28,9 +28,11 @@ logger = logging.getLogger(__name__)
 RETRY_S: Final = 2.0
 """How long to wait before trying again to write to a full disk."""
 _END_S: Final = 5.0
-_ONE_THREAD: Final = dict.fromkeys(
-    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
-)
+_ENVIRONMENT: Final = {
+    **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"),
+    "NUMBA_NUM_THREADS": "1",
+    "ARROW_DEFAULT_MEMORY_POOL": "system",  # others reserve 1 GB, which the limit would count
+}
 _DIED: Final = "the process that scored it ended without a result; the server's log says more"
 
 
@@ -44,7 +46,7 @@ class _Process:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._stderr,
-            env=os.environ | _ONE_THREAD,
+            env=os.environ | _ENVIRONMENT,
             encoding="utf-8",
         )
         self._timed_out = False

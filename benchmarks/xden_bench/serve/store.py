@@ -116,6 +116,13 @@ class Store:
             raise DataError(f"{path}: no database of tickets: {err}") from err
         if version not in (0, VERSION):
             raise DataError(f"{path}: tickets of version {version}, this program reads {VERSION}")
+        query = "SELECT coalesce(max(seq), 0) FROM sqlite_sequence WHERE name = 'events'"
+        (noted,) = self._db.execute(query).fetchone()
+        if self._log.last > noted:
+            raise DataError(
+                f"{path}: it knows {noted} events, the audit log beside it {self._log.last}: they "
+                "are not of one desk"
+            )
 
     def close(self) -> None:
         """Close the database and the log."""

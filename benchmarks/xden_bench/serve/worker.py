@@ -153,7 +153,8 @@ def _command(split: str, protocol: str) -> str:
 def _limit(memory_bytes: int) -> None:
     """Bound the memory, write no image of it when it dies, and let the web server go first.
 
-    The limit is on data, not on addresses: Arrow reserves addresses by the gigabyte.
+    The limit is on data (heap and private memory), not on addresses, which libraries and threads
+    reserve by the gigabyte and never touch.
     """
     _, most = resource.getrlimit(resource.RLIMIT_DATA)
     limit = memory_bytes if most == resource.RLIM_INFINITY else min(memory_bytes, most)
