@@ -1,11 +1,13 @@
 """Runs submissions in a process of its own, and tells of each what it cost and what it touched.
 
-Run as a script with the dataset's folder and one to work in; paths come in by lines, one line of
-JSON goes out for each.
+Run as a script with the dataset's folder and one to work in. Without more, paths come in by lines;
+with a folder of sound files and seeds, these are damaged. One line of JSON goes out for
+each.
 """
 
 from __future__ import annotations
 
+import datetime
 import json
 import os
 import re
@@ -15,9 +17,12 @@ import sys
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["judge_apart", "judged", "peak_mib", "touched", "watch"]
+if TYPE_CHECKING:
+    from xden_bench.reference import Reference
+
+__all__ = ["fuzz_apart", "judge_apart"]
 
 _CHANGES = {
     "os.chmod", "os.chown", "os.link", "os.mkdir", "os.remove", "os.rename", "os.rmdir",
@@ -74,13 +79,43 @@ def judged(path: Path, root: Path, results: Path) -> dict[str, Any]:
     }
 
 
+def scored_or_told(path: Path, reference: Reference) -> dict[str, Any]:
+    """Score a file: the problems if it has errors, else its numbers, which must be numbers."""
+    from xden1k.errors import SubmissionError
+    from xden_bench.protocol import load_protocol
+    from xden_bench.result import entry_of
+    from xden_bench.scoring import score
+
+    touched.clear()
+    start = time.perf_counter()
+    told: list[str] = []
+    try:
+        scored = score(path, reference, load_protocol())
+    except SubmissionError as err:
+        told = list(err.problems)
+    seconds = time.perf_counter() - start
+    if not told:
+        entry = entry_of(scored, reference, command="none", date=datetime.date(2025, 1, 1))
+        json.dumps(entry, allow_nan=False)
+    return {"told": told, "seconds": seconds, "peak_mib": peak_mib(), "touched": list(touched)}
+
+
 def judge_apart(paths: Iterable[Path], root: Path, folder: Path) -> Iterator[dict[str, Any]]:
     """Judge files in another process, which runs in ``folder`` and enters in its ``results``."""
+    return _lines_apart([str(root), str(folder)], "".join(f"{path}\n" for path in paths), folder)
+
+
+def fuzz_apart(seeds: range, root: Path, folder: Path) -> Iterator[dict[str, Any]]:
+    """Score mutations of ``sound-0.npz`` and ``sound-1.npz`` in another process."""
+    return _lines_apart([str(root), str(folder), str(seeds.start), str(seeds.stop)], "", folder)
+
+
+def _lines_apart(words: list[str], lines: str, folder: Path) -> Iterator[dict[str, Any]]:
     scratch = folder / "scratch"
     scratch.mkdir()
     run = subprocess.run(  # noqa: S603
-        [sys.executable, "-B", __file__, str(root), str(folder)],
-        input="".join(f"{path}\n" for path in paths),
+        [sys.executable, "-B", __file__, *words],
+        input=lines,
         cwd=folder,
         env={
             **os.environ,
@@ -89,16 +124,37 @@ def judge_apart(paths: Iterable[Path], root: Path, folder: Path) -> Iterator[dic
         },
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=1800,
         check=False,
     )
     assert run.returncode == 0, run.stderr[-2000:]
     return map(json.loads, run.stdout.splitlines())
 
 
+def _verdicts(root: Path, folder: Path, *seeds: str) -> Iterator[dict[str, Any]]:
+    from tests.bench.mutations import mutated
+    from xden1k.folder import open_folder
+    from xden_bench.reference import Reference
+
+    if not seeds:
+        for line in sys.stdin:
+            yield judged(Path(line.rstrip("\n")), root, folder / "results")
+        return
+    reference = Reference(open_folder(root), "test")
+    sounds = [(folder / f"sound-{index}.npz").read_bytes() for index in range(2)]
+    path = folder / "scratch" / "mutated.npz"
+    for index in range(2):  # what is compiled or imported once is not what is measured
+        scored_or_told(folder / f"sound-{index}.npz", reference)
+    for seed in range(*map(int, seeds)):
+        # part densities take ten times as long to spread over the grid
+        path.write_bytes(mutated(sounds[seed % 16 == 15], seed))
+        try:
+            yield {"seed": seed, "crash": "", **scored_or_told(path, reference)}
+        except Exception as err:
+            yield {"seed": seed, "crash": repr(err)}
+
+
 if __name__ == "__main__":
     watch()
-    root, folder = map(Path, sys.argv[1:])
-    for line in sys.stdin:
-        verdict = judged(Path(line.rstrip("\n")), root, folder / "results")
+    for verdict in _verdicts(Path(sys.argv[1]), Path(sys.argv[2]), *sys.argv[3:]):
         sys.stdout.write(json.dumps(verdict) + "\n")
