@@ -23,6 +23,8 @@ from xden_bench.result import read_entries
 from xden_bench.serve.desk import Desk
 from xden_bench.serve.tickets import TurnedAwayError
 
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+
 Submit = Callable[..., Path]
 RULES = load_protocol()
 UPLOADS = 20

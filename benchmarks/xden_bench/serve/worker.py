@@ -123,7 +123,8 @@ def _enter(scored: Score, reference: Reference, results: Path) -> Outcome:
         for left in path.parent.glob(f".{path.name}.*.partial"):  # by one that was killed
             left.unlink()
         write_entry(entry, scored, results)
-        for written in (path.with_suffix(".parquet"), path, path.parent):
+        folders = (one for one in path.parents if one.is_relative_to(results))
+        for written in (path.with_suffix(".parquet"), path, *folders):
             sync(written)
     found = _entered(scored, reference, results)
     assert found is not None
