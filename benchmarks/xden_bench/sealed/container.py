@@ -214,12 +214,17 @@ def _associated_data(manifest_sha256: str, object_id: str) -> list[bytes]:
     return [SCHEMA.encode(), manifest_sha256.encode(), object_id.encode()]
 
 
+# RuntimeError: flags and methods that no file of ours has; OSError, ValueError: places not in it
+_DAMAGE: Final = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, OSError, ValueError)
+
+
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
     try:
         yield
-    # RuntimeError: what zipfile raises at flags and methods that no file of ours has
-    except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError) as err:
+    except _DAMAGE as err:
+        if isinstance(err, OSError) and err.filename is not None:  # it cannot be opened
+            raise
         raise DataError(f"{path}: not a whole sealed truth: {err}") from err
 
 
@@ -229,7 +234,7 @@ def _parse(data: bytes, schema: str, where: Path, *names: str) -> dict[str, Any]
         if values["schema"] != schema:
             raise ValueError(f"schema is {values['schema']!r}")
         return {name: values[name] for name in names}
-    except (ValueError, TypeError, KeyError) as err:
+    except (ValueError, TypeError, KeyError, RecursionError) as err:
         raise DataError(f"{where}: not of schema {schema}: {err!r}") from err
 
 
