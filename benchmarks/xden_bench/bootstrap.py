@@ -8,10 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float64
 
-__all__ = ["Estimate", "estimate", "resampled_means"]
+__all__ = ["CI95", "SAME", "Estimate", "estimate", "resampled_means"]
 
 CI95 = (0.025, 0.975)
 """Quantiles that bound the interval."""
+SAME = 1e-6
+"""Values no further apart are equal: submissions are float32, which rounds by as much."""
 CHUNK = 1000
 """Resamples drawn at a time: memory does not grow with their number."""
 

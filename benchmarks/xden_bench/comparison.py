@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from xden1k.errors import DataError
-from xden_bench.bootstrap import CI95, Estimate, resampled_means
+from xden_bench.bootstrap import CI95, SAME, Estimate, resampled_means
 from xden_bench.metrics import METRICS, Metric
 from xden_bench.protocol import Protocol
 
@@ -79,7 +79,7 @@ class Comparison:
     a_better, b_better
         Objects on which a, or b, is better; on the others they are equal.
     largest
-        Objects with the largest differences, largest first.
+        Objects with the largest differences, largest first; none on which they are equal.
     """
 
     difference: Estimate
@@ -142,9 +142,12 @@ def _compared(
     """Compare by one metric."""
     difference = values[0] - values[1]
     low, high = np.quantile(draws[0] - draws[1], CI95)
-    signs = np.sign(_to_rounding(metric.loss(draws[0]) - metric.loss(draws[1])))
-    wins = np.sign(metric.loss(values[0]) - metric.loss(values[1]))
-    order = np.argsort(-np.abs(difference), kind="stable")[:largest]
+    signs, wins = (
+        np.sign(np.where(np.abs(worse) <= SAME, 0.0, worse))
+        for worse in (metric.loss(each[0]) - metric.loss(each[1]) for each in (draws, values))
+    )
+    apart = np.abs(difference)
+    order = [i for i in np.argsort(-apart, kind="stable")[:largest] if apart[i] > SAME]
     return Comparison(
         Estimate(float(difference.mean()), float(low), float(high)),
         float((1 - signs.mean()) / 2),
@@ -152,8 +155,3 @@ def _compared(
         int((wins > 0).sum()),
         tuple(ObjectPair(ids[i], float(values[0, i]), float(values[1, i])) for i in order),
     )
-
-
-def _to_rounding(values: Float64[np.ndarray, "n"]) -> Float64[np.ndarray, "n"]:
-    """Values with zero for what is but the rounding of sums."""
-    return np.where(np.abs(values) < 1e-12, 0.0, values)

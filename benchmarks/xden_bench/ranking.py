@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from xden1k.errors import DataError
-from xden_bench.bootstrap import CI95, resampled_means
+from xden_bench.bootstrap import CI95, SAME, resampled_means
 from xden_bench.metrics import METRICS
 from xden_bench.protocol import is_trivial, load_protocol
 from xden_bench.rebuilt import Rebuilt
@@ -45,9 +45,8 @@ def better(
     [[False, True], [False, False]]
     """
     drawn = resampled_means(losses, resamples, seed)
-    rounding = 1e-12 * np.abs(drawn).max()
     highs = [np.quantile(drawn - row[:, None], CI95[1], axis=0) for row in drawn.T]
-    beyond: Bool[np.ndarray, "rows rows"] = -rounding > np.array(highs).T
+    beyond: Bool[np.ndarray, "rows rows"] = -SAME > np.array(highs).T
     return beyond
 
 

@@ -28,6 +28,7 @@ __all__ = [
     "SCHEMA",
     "entry_of",
     "entry_path",
+    "figures",
     "object_columns",
     "read_entries",
     "read_entry",
@@ -84,7 +85,7 @@ def entry_of(
         "commit": code_commit(),
         "command": command,
         "date": date.isoformat(),
-        **_figures(score.objects, rules),
+        **figures(score.objects, rules),
         "status": reference.status,
         "warnings": [str(problem) for problem in score.warnings],
     }
@@ -274,7 +275,7 @@ def _checked_objects(path: Path, entry: Mapping[str, Any]) -> dict[str, list[Any
     try:
         rules = load_protocol(entry["protocol"])
         table = pq.read_table(pa.BufferReader(data))
-        made = _figures(_objects_of(table, rules), rules)
+        made = figures(_objects_of(table, rules), rules)
     except (DataError, pa.ArrowException, ValueError, TypeError, KeyError) as err:
         raise DataError(f"{path}: its objects cannot be summed up: {err!r}") from err
     for key, value in made.items():
@@ -306,8 +307,16 @@ def _agree(one: Any, other: Any) -> bool:
     return type(one) is type(other) and bool(one == other)
 
 
-def _figures(objects: Sequence[ObjectScore], rules: Protocol) -> dict[str, Any]:
-    """Every number of an entry that follows from its objects."""
+def figures(objects: Sequence[ObjectScore], rules: Protocol) -> dict[str, Any]:
+    """Every number of an entry that follows from its objects.
+
+    Parameters
+    ----------
+    objects
+        Of the split, sorted by id.
+    rules
+        The protocol.
+    """
     metrics = summary(objects, rules)
     return {
         "bootstrap": {"seed": rules.bootstrap_seed, "resamples": rules.bootstrap_resamples},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from xden1k import hub
+from xden1k.modality import TRACKS
 from xden_bench.cli import cli
 
 Submit = Callable[..., Path]
@@ -195,6 +197,10 @@ def test_baselines_are_listed(run: Callable[..., Result]) -> None:
         (["score", "nope.npz"], 1, "Error: nope.npz: No such file or directory"),
         (["score", "nope.npz", "--root", "."], 1, "is not a dataset folder"),
         (["score", "nope.npz", "--track", "sonar"], 2, "'sonar' is not one of"),
+        (["leaderboard", "--check", "--by", "size"], 2, "Of --check, --by and --eval-results"),
+        (["leaderboard", "--metric", "mass_mape"], 2, "The option --metric goes with --by."),
+        (["compare", "nope.npz", "nope.json"], 1, "Error: nope.npz: No such file or directory"),
+        (["verify", "nope.json"], 1, "Error: nope.json: No such file or directory"),
         (["leaderboard", "--check"], 1, "there is no folder of results at benchmarks/results"),
     ],
 )
@@ -255,6 +261,144 @@ def test_only_water_is_called_water(
     assert files(tmp_path) == ["preds.npz"]
     run("baseline", "water")
     assert run("submit", "water.npz").exit_code == 0
+
+
+def entered(run: Callable[..., Result], name: str) -> str:
+    """Run a method, submit it, and return the path of its entry."""
+    assert run("baseline", name).exit_code == 0
+    return str(json.loads(run("submit", f"{name}.npz", "--json").stdout)["file"])
+
+
+def test_a_template_is_valid_and_says_what_to_fill_in(run: Callable[..., Result]) -> None:
+    said = run("template", "--track", "xray", "--out", "mine.npz").stdout
+    assert said.startswith("mine.npz: 4 objects of zeros, target density. Fill in:\n")
+    for name in ("density/ID", "density_sd/ID", "method", "inputs", "training_data"):
+        assert f"  {name}: " in said
+    assert run("validate", "mine.npz", "--track", "xray").exit_code == 0
+    assert run("validate", "mine.npz", "--track", "rgb").exit_code == 1
+    made = json.loads(run("template", "--protocol", "paper", "--json").stdout)
+    assert made["meta"]["target"] == "apparent_density"
+    assert made["ids"] == ["bar-0002", "cube-0003", "filled-0001", "hollow-0002"]
+    assert run("validate", "preds.npz", "--protocol", "paper").exit_code == 0
+
+
+@pytest.mark.parametrize("track", TRACKS)
+def test_a_template_enters_the_track_it_was_made_for(
+    run: Callable[..., Result], track: str
+) -> None:
+    run("template", "--track", track)
+    assert run("score", "preds.npz", "--track", track).exit_code == 0
+
+
+def test_an_edited_template_is_a_submission(run: Callable[..., Result], tmp_path: Path) -> None:
+    run("template")
+    with np.load(tmp_path / "preds.npz") as empty:
+        arrays = dict(empty)
+    meta = json.loads(str(arrays["__meta__"])) | {"method": "edited"}
+    arrays["__meta__"] = np.array(json.dumps(meta))
+    for name in arrays:
+        if name != "__meta__":
+            arrays[name] += np.float32(2)
+    np.savez_compressed(tmp_path / "preds.npz", **arrays)
+    entry = json.loads(run("submit", "preds.npz", "--json").stdout)
+    assert entry["method"]["name"] == "edited"
+    assert entry["metrics"]["mass_mape"]["mean"] < 1
+
+
+def test_the_papers_rules_by_option(run: Callable[..., Result]) -> None:
+    run("baseline", "water", "--target", "apparent_density")
+    entry = json.loads(run("submit", "water.npz", "--protocol", "paper", "--json").stdout)
+    assert entry["command"] == "xden-bench submit water.npz --protocol paper"
+    assert entry["protocol"] == "paper"
+    assert list(entry["metrics"]) == ["density_mae_g_cm3", "com_l1_cm", "mass_mape"]
+    assert "/results/paper/" in entry["file"]
+    refused = run("score", "water.npz", "--protocol", "v0")
+    assert refused.stderr == "Error: no protocol 'v0'; there are ['v1', 'paper']\n"
+
+
+def test_compare_takes_submissions_and_entries(run: Callable[..., Result]) -> None:
+    water = entered(run, "water")
+    run("baseline", "zero")
+    text = run("compare", water, "zero.npz").stdout
+    assert text.startswith("a: water\nb: zero\nmetric ")
+    assert re.search(r"mass MAPE ↓ +-0\.5528 .* 100\.0% +4 : 0", text)
+    found = json.loads(run("compare", "zero.npz", water, "--json", "--largest", "1").stdout)
+    assert (found["a"], found["b"], found["split"]) == ("zero", "water", "test")
+    mape = found["metrics"]["mass_mape"]
+    assert (mape["a_better_share"], mape["a_better"], mape["b_better"]) == (0.0, 0, 4)
+    assert len(mape["largest"]) == 1
+    run("baseline", "water", "--target", "apparent_density", "--out", "other.npz")
+    refused = run("compare", water, "other.npz")
+    assert refused.exit_code == 1
+    assert "only scores of one target can be compared" in refused.stderr
+
+
+def test_verify_remakes_a_row_by_its_printed_command(run: Callable[..., Result]) -> None:
+    entry = entered(run, "category-median")
+    for words in ((), ("--submission", "category-median.npz")):
+        done = run("verify", entry, *words)
+        assert done.exit_code == 0
+        assert "all agree; largest relative difference 0; the submission is the same file" in (
+            done.stdout
+        )
+    other = run("verify", entry, "--submission", "nope.npz")
+    assert (other.exit_code, other.stderr) == (1, "Error: nope.npz: No such file or directory\n")
+    run("baseline", "water")
+    assert (
+        "is not the entry's submission" in run("verify", entry, "--submission", "water.npz").stderr
+    )
+
+
+def test_verify_notes_that_a_row_came_out_again(run: Callable[..., Result], tmp_path: Path) -> None:
+    entry = entered(run, "train-median")
+    before = files(tmp_path)
+    assert run("verify", entry).exit_code == 0
+    assert files(tmp_path) == before
+    done = run("verify", entry, "--recomputed", "--json")
+    assert json.loads(done.stdout)["same"] is True
+    note = Path(entry).with_suffix(".recomputed.json")
+    assert json.loads(note.read_text())["command"] == f"xden-bench verify {entry} --recomputed"
+    run("leaderboard")
+    assert "| recomputed 20" in (tmp_path / "LEADERBOARD.md").read_text()
+    assert "is there already" in run("verify", entry, "--recomputed").stderr
+
+
+def test_verify_refuses_numbers_that_another_file_gave(
+    run: Callable[..., Result], submission: Submit
+) -> None:
+    words = "xden-bench baseline category-median"
+    path = submission(lambda _, grid: 1.1 * grid, method="forged", command=words)
+    entry = json.loads(run("submit", path, "--json").stdout)["file"]
+    done = run("verify", entry, "--recomputed")
+    assert done.exit_code == 1
+    assert re.search(r"remade, \d+ numbers compared, \d+ differ; ", done.stdout)
+    assert "bootstrap" not in done.stdout
+    assert "and " in done.stdout.splitlines()[-1]
+    assert not Path(entry).with_suffix(".recomputed.json").exists()
+    assert json.loads(run("verify", entry, "--json").stdout)["same"] is False
+
+
+def test_tables_by_group_are_printed_and_nothing_is_written(
+    run: Callable[..., Result], tmp_path: Path
+) -> None:
+    entered(run, "water")
+    before = files(tmp_path)
+    assert "| hollow " in run("leaderboard", "--by", "category", "--metric", "mass_mape").stdout
+    (row,) = json.loads(run("leaderboard", "--by", "size", "--json").stdout)
+    assert row["by_size"]["under 8 cm"]["n_objects"] == 4
+    assert files(tmp_path) == before
+
+
+def test_the_hubs_files_are_written_for_ranked_rows(
+    run: Callable[..., Result], submission: Submit, tmp_path: Path
+) -> None:
+    entered(run, "water")
+    run("submit", submission(lambda _, grid: 1.1 * grid, method="My net"))
+    said = run("leaderboard", "--eval-results", ".eval_results").stdout.splitlines()
+    assert said[0].startswith(".eval_results/my-net-")
+    assert said[1:] == ["left out: water: not ranked: trivial"]
+    assert (tmp_path / said[0]).is_file()
+    assert not (tmp_path / "LEADERBOARD.md").exists()
 
 
 def test_speed_prints_a_ratio(run: Callable[..., Result]) -> None:

@@ -1,4 +1,4 @@
-"""Commands on the results: leaderboard, compare, verify."""
+"""The command that makes the leaderboard."""
 
 from __future__ import annotations
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 
 from xden1k.commands import open_root
+from xden1k.errors import DataError
 from xden1k.modality import TRACKS
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ __all__ = [
     "echo_lines",
     "key_option",
     "open_reference",
+    "parse_command",
     "progress_bar",
     "protocol_option",
     "root_option",
@@ -97,11 +99,34 @@ def command_line(context: click.Context) -> str:
     for parameter in context.command.params:
         name = parameter.name or ""
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE and name != "as_json":
-            value = str(context.params[name])
-            words += (
-                [value] if isinstance(parameter, click.Argument) else [parameter.opts[0], value]
-            )
+            if isinstance(parameter, click.Option):
+                words.append(parameter.opts[0])
+            if not (isinstance(parameter, click.Option) and parameter.is_flag):
+                words.append(str(context.params[name]))
     return shlex.join(words)
+
+
+def parse_command(text: str, command: click.Command) -> dict[str, Any]:
+    """Return the arguments of a printed command, as the command itself reads them.
+
+    Nothing runs, and no shell sees the text.
+
+    Raises
+    ------
+    DataError
+        If it is another command, or one that would be a usage error.
+    """
+    try:
+        words = shlex.split(text)
+    except ValueError as err:
+        raise DataError(f"no command can be read from {text!r}: {err}") from err
+    name = command.name or ""
+    if words[:2] != ["xden-bench", name] or "--help" in words:
+        raise DataError(f"the command must be `xden-bench {name} ...`, got {text!r}")
+    try:
+        return command.make_context(name, words[2:]).params
+    except click.ClickException as err:
+        raise DataError(f"{text!r}: {err.format_message()}") from err
 
 
 def progress_bar(object_ids: Sequence[str]) -> Iterable[str]:
