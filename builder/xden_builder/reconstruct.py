@@ -71,21 +71,17 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
     order = ownership_order(meshes, [part.priority for part in capture.parts])
     regions = disjoint_regions(meshes, order)
     _refuse_empty(capture.parts, regions)
-    poly = _poly(capture, order, regions, settings)
-    if poly is not None:
+    poly = None
+    if _model_used(capture, settings) == "poly":
+        volumes_cm3 = np.array([float(region.volume) for region in regions])
+        poly = judged(estimate(capture, order, volumes_cm3, settings.poly), capture.parts)
         capture = _turned(capture, poly)
     subrays = 1 if settings.model == "paper" else settings.subrays
     lengths = [path_lengths(meshes, order, view.geometry, subrays) for view in capture.views]
     fit = _fit(capture, lengths, settings)
     audits = _audits(capture, lengths, fit, poly)
     check_size(capture.parts, capture.views, audits)
-    if poly is None:
-        densities = part_densities(fit, capture.parts, capture.tube)
-    else:
-        densities = tuple(
-            PartDensity(part.density_g_cm3, part.sd_g_cm3, part.source, part.flags)
-            for part in poly.parts
-        )
+    densities = poly.parts if poly else part_densities(fit, capture.parts, capture.tube)
     grids = object_grids(meshes, order, settings.column_samples)
     parts = [
         _part(*of_part)
@@ -150,19 +146,6 @@ def _fit(capture: Capture, lengths: Sequence[PathLengths], settings: BuildSettin
     if settings.model == "paper":
         return fit_lac_adam(views)
     return fit_lac(views, dark_sd=capture.noise_sd)
-
-
-def _poly(
-    capture: Capture,
-    order: Sequence[int],
-    regions: Sequence[trimesh.Trimesh],
-    settings: BuildSettings,
-) -> PolyFit | None:
-    """Fit densities to a tube's spectrum; None for any other source, and for the paper's way."""
-    if settings.model == "paper" or capture.tube is None or capture.tube.kv is None:
-        return None
-    volumes = np.array([float(region.volume) for region in regions])
-    return judged(estimate(capture, order, volumes, settings.poly), capture.parts)
 
 
 def _turned(capture: Capture, poly: PolyFit) -> Capture:

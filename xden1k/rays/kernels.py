@@ -12,8 +12,9 @@ from jaxtyping import Bool, Float32, Float64, Int16, Int32, Int64, UInt8
 from xden1k.errors import require
 
 __all__ = [
+    "gather",
     "mean_transmission",
-    "order_vertices_by_row",
+    "project",
     "scan",
     "walk_fill",
     "walk_labels",
@@ -28,18 +29,84 @@ Window = tuple[int, int, int, int]
 
 @compiled
 @no_type_check
-def order_vertices_by_row(
-    triangles: Float64[np.ndarray, "n 3 3"], labels: Int16[np.ndarray, "n"]
-) -> None:
-    """Order each triangle's vertices by row, in place; each swap turns its label's sign."""
-    for i in range(len(triangles)):
-        for upper, lower in ((0, 1), (1, 2), (0, 1)):
-            if triangles[i, lower, ROW] < triangles[i, upper, ROW]:
-                for axis in range(3):
-                    kept = triangles[i, upper, axis]
-                    triangles[i, upper, axis] = triangles[i, lower, axis]
-                    triangles[i, lower, axis] = kept
-                labels[i] = -labels[i]
+def project(
+    vertices: Float64[np.ndarray, "v 3"],
+    origin: Float64[np.ndarray, "3"],
+    inverse: Float64[np.ndarray, "3 3"],
+    cone: bool,
+    projected: Float64[np.ndarray, "v 3"],
+) -> bool:
+    """Write column, row and depth (cone: 1 / depth) of each vertex.
+
+    Equal points give equal numbers wherever they stand in the array, or duplicate vertices would
+    open a seam. A point of a cone that is not in front of the source keeps its depth, 0 or less.
+
+    Parameters
+    ----------
+    vertices
+        In cm.
+    origin, inverse
+        Of the detector's frame.
+    cone
+        Whether rays leave the origin.
+    projected
+        Written.
+
+    Returns
+    -------
+    bool
+        Whether all vertices are finite.
+    """
+    finite = True
+    for i in range(len(vertices)):
+        x = vertices[i, 0] - origin[0]
+        y = vertices[i, 1] - origin[1]
+        z = vertices[i, 2] - origin[2]
+        finite &= np.isfinite(x) and np.isfinite(y) and np.isfinite(z)
+        for axis in range(3):
+            place = inverse[axis, 0] * x + inverse[axis, 1] * y + inverse[axis, 2] * z
+            projected[i, axis] = place
+        if cone and projected[i, DEPTH] > 0:
+            projected[i, DEPTH] = 1.0 / projected[i, DEPTH]
+            projected[i, COLUMN] *= projected[i, DEPTH]
+            projected[i, ROW] *= projected[i, DEPTH]
+    return finite
+
+
+@compiled
+@no_type_check
+def gather(
+    projected: Float64[np.ndarray, "v 3"],
+    faces: Int64[np.ndarray, "f 3"],
+    rank: int,
+    triangles: Float64[np.ndarray, "f 3 3"],
+    labels: Int16[np.ndarray, "f"],
+) -> int:
+    """Write triangles with their vertices ordered by row; each swap turns the label's sign.
+
+    Returns
+    -------
+    int
+        Number of triangles with a depth that is not positive.
+    """
+    behind = 0
+    for i in range(len(faces)):
+        first, second, third = faces[i, 0], faces[i, 1], faces[i, 2]
+        label = rank
+        if projected[second, ROW] < projected[first, ROW]:
+            first, second, label = second, first, -label
+        if projected[third, ROW] < projected[second, ROW]:
+            second, third, label = third, second, -label
+        if projected[second, ROW] < projected[first, ROW]:
+            first, second, label = second, first, -label
+        for axis in range(3):
+            triangles[i, 0, axis] = projected[first, axis]
+            triangles[i, 1, axis] = projected[second, axis]
+            triangles[i, 2, axis] = projected[third, axis]
+        labels[i] = label
+        nearest = min(projected[first, DEPTH], projected[second, DEPTH], projected[third, DEPTH])
+        behind += nearest <= 0
+    return behind
 
 
 @compiled

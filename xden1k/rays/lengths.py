@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from itertools import pairwise
 
 import numpy as np
@@ -167,9 +168,9 @@ def _active_pixels(
     shape: tuple[int, int],
 ) -> Int64[np.ndarray, "n"]:
     """Flat indices of pixels with a crossing on any ray."""
-    rows, columns = (size // subrays for size in counts.shape)
-    hit = counts.reshape(rows, subrays, columns, subrays).any(axis=(1, 3))
-    row, column = np.nonzero(hit)
+    # one strided view for each ray of a pixel: far faster than .any() over two short axes
+    each = (counts[i::subrays, j::subrays] > 0 for i in range(subrays) for j in range(subrays))
+    row, column = np.nonzero(reduce(np.logical_or, each))
     return (row + window[0] // subrays) * shape[1] + column + window[2] // subrays
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import trimesh
@@ -52,11 +53,11 @@ class Surfaces:
             not in front of the source.
         """
         check_order(order, len(meshes))
-        parts = [_triangles(meshes[part], part, geometry) for part in order]
-        triangles = np.concatenate([np.empty((0, 3, 3)), *parts])
-        ranks = np.repeat(np.arange(1, len(parts) + 1), [len(part) for part in parts])
-        labels = (-ranks if geometry.mirrored else ranks).astype(np.int16)
-        kernels.order_vertices_by_row(triangles, labels)
+        ends = np.cumsum([0, *(len(meshes[part].faces) for part in order)]).tolist()
+        triangles, labels = np.empty((ends[-1], 3, 3)), np.empty(ends[-1], dtype=np.int16)
+        for rank, (part, (begin, end)) in enumerate(zip(order, pairwise(ends), strict=True), 1):
+            signed = -rank if geometry.mirrored else rank
+            _see(meshes[part], part, geometry, signed, triangles[begin:end], labels[begin:end])
         return cls(triangles, labels, geometry.beam == "cone")
 
     def bounds(self) -> Window:
@@ -98,25 +99,25 @@ class Surfaces:
         return depths, crossed
 
 
-def _triangles(
-    mesh: trimesh.Trimesh, part: int, geometry: ViewGeometry
-) -> Float64[np.ndarray, "n 3 3"]:
-    """Column, row, and depth (cone: 1 / depth) of each vertex of each triangle."""
-    if not np.isfinite(mesh.vertices).all():
-        raise DataError(f"part {part}: a vertex is not finite")
+def _see(
+    mesh: trimesh.Trimesh,
+    part: int,
+    geometry: ViewGeometry,
+    rank: int,
+    triangles: Float64[np.ndarray, "n 3 3"],
+    labels: Int16[np.ndarray, "n"],
+) -> None:
+    """Write the triangles of one mesh as the detector sees them."""
+    cone = geometry.source_cm is not None
     origin = geometry.pixel00_cm if geometry.source_cm is None else geometry.source_cm
-    x, y, z = (np.asarray(mesh.vertices, dtype=np.float64) - origin).T
-    # Summed term by term, not by BLAS: equal points must project to equal numbers wherever they
-    # stand in the array, or duplicate vertices would open a seam.
-    inverse = np.linalg.inv(geometry.matrix)
-    column, row, depth = (m[0] * x + m[1] * y + m[2] * z for m in inverse)
-    if geometry.source_cm is not None:
-        behind = int((depth[mesh.faces] <= 0).any(axis=1).sum())
-        if behind:
-            raise DataError(
-                f"part {part}: {behind} of {len(mesh.faces)} triangles reach behind the X-ray "
-                f"source at {geometry.source_cm.tolist()} cm"
-            )
-        depth = 1.0 / depth
-        column, row = column * depth, row * depth
-    return np.asarray(np.stack([column, row, depth], axis=1)[mesh.faces])
+    vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float64)
+    faces = np.ascontiguousarray(mesh.faces, dtype=np.int64)
+    projected = np.empty_like(vertices)
+    if not kernels.project(vertices, origin, np.linalg.inv(geometry.matrix), cone, projected):
+        raise DataError(f"part {part}: a vertex is not finite")
+    behind = kernels.gather(projected, faces, rank, triangles, labels)
+    if cone and behind:
+        raise DataError(
+            f"part {part}: {behind} of {len(faces)} triangles reach behind the X-ray "
+            f"source at {origin.tolist()} cm"
+        )

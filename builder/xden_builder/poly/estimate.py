@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -33,6 +33,8 @@ __all__ = ["Scene", "Seen", "Solution", "densities", "estimate", "prepare"]
 
 SWEEPS: Final = 3
 """Rounds of densities and materials, at most."""
+POSE_GROUPS: Final = 8
+"""Energy groups that are enough to find outlines."""
 DEFAULT: Final = PolySettings()
 
 
@@ -196,7 +198,15 @@ def prepare(capture: Capture, order: Sequence[int], settings: PolySettings = DEF
     pose = None
     density = start.mean_g_cm3
     if settings.pose:
-        pose = refine_pose(capture.views, beams, meshes, order, start.mac_cm2_g, density)
+        few = energy_groups(capture.tube, capture.detector.scintillator, POSE_GROUPS)
+        pose = refine_pose(
+            capture.views,
+            [replace(beam, groups=few) for beam in beams],
+            meshes,
+            order,
+            certain([candidate_table(part, few) for part in capture.parts], choice).mac_cm2_g,
+            density,
+        )
         density = pose.density_g_cm3
     seen = _see(capture, beams, order, pose, settings)
     return Scene(seen, pose, tables, choice, density)

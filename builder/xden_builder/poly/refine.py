@@ -34,14 +34,15 @@ ROW_SHIFT_SD_CM: Final = 0.05
 STEPS_CM: Final = 0.02
 """Of a central difference at full resolution, times the binning; rotations move the rim as far."""
 PIXEL_SD: Final = 0.05
-BINNINGS: Final = ((8, 4), (4, 3), (2, 2))
-"""Pixels averaged along each side, and Gauss-Newton steps on such images."""
+BINNINGS: Final = ((8, 2), (4, 1), (2, 1))
+"""Pixels averaged along each side, and how often derivatives are taken on such images."""
 DENSITY_SHARES: Final = (0.3, 10.0)
 """Least and most density in shares of the first guess: a part that fades away has no pose."""
 COARSEST_PX: Final = 32
 """Images are never smaller."""
 FIRST_DAMPING: Final = 1e-3
-MOST_TRIES: Final = 5
+MOST_STEPS: Final = 5
+"""Between two derivatives."""
 SETTLED_SHARE: Final = 1e-3
 """Of the loss: a step that gains less ends a resolution."""
 WORTH: Final = 400.0
@@ -117,9 +118,8 @@ def refine_pose(
         )
         if rms_before is None:
             rms_before = level.rms(unknowns)
-        unknowns = _descend(level, unknowns, most, low, high)
+        unknowns, hessian = _descend(level, unknowns, most, low, high)
     assert rms_before is not None
-    hessian = level.evaluate(unknowns).hessian
     told = hessian + 1e-9 * np.diag(hessian.diagonal())
     covariance = np.linalg.pinv(told, hermitian=True)
     return PoseFit(
@@ -138,23 +138,30 @@ def _descend(
     most: int,
     low: Float64[np.ndarray, "u"],
     high: Float64[np.ndarray, "u"],
-) -> Float64[np.ndarray, "u"]:
-    """Take damped Gauss-Newton steps; a try that fails costs two renderings, no derivative."""
-    damping = FIRST_DAMPING
+) -> tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u u"]]:
+    """Take damped Gauss-Newton steps, and give half the curvature there too.
+
+    Derivatives cost a dozen times as much as residuals, so several steps share them.
+    """
+    residuals, damping = level.residuals(unknowns), FIRST_DAMPING
     for _ in range(most):
-        here = level.evaluate(unknowns)
-        for _ in range(MOST_TRIES):
+        slopes = level.slopes(unknowns)
+        here = first = level.evaluate(unknowns, residuals, slopes)
+        for _ in range(MOST_STEPS):
             ahead = _ahead(unknowns, here, damping, low, high)
-            loss = level.loss(ahead)
-            if loss < here.loss:
+            seen = level.residuals(ahead)
+            then = level.evaluate(ahead, seen, slopes)
+            if then.loss >= here.loss:
+                damping *= 10
+                continue
+            gained = here.loss - then.loss
+            unknowns, residuals, here = ahead, seen, then
+            damping = max(damping / 10, 1e-6)
+            if gained < SETTLED_SHARE * here.loss:
                 break
-            damping *= 10
-        else:
+        if first.loss - here.loss < SETTLED_SHARE * here.loss:
             break
-        damping, unknowns = max(damping / 10, 1e-6), ahead
-        if here.loss - loss < SETTLED_SHARE * loss:
-            break
-    return unknowns
+    return unknowns, here.hessian
 
 
 def _ahead(
@@ -215,31 +222,28 @@ class _Level:
     def parts(self) -> int:
         return len(self.meshes)
 
-    def evaluate(self, unknowns: Float64[np.ndarray, "u"]) -> Evaluation:
+    def evaluate(
+        self,
+        unknowns: Float64[np.ndarray, "u"],
+        residuals: Sequence[Float64[np.ndarray, "_n"]],
+        slopes: Sequence[Float64[np.ndarray, "_n u"]],
+    ) -> Evaluation:
         """Sum of squares, large ones tempered, with priors; and half its derivatives."""
         mean, precision = self._prior()
         gradient, hessian = (unknowns - mean) * precision, np.diag(precision)
         loss = float(gradient @ (unknowns - mean))
-        for number, seen in enumerate(self.measured):
-            model, jacobian = self._view(unknowns, number)
-            residuals, scaled = (model - seen) / PIXEL_SD, jacobian / PIXEL_SD
-            loss += self._share * huber.tempered(residuals)
-            weighted = scaled * (self._share * huber.weights(residuals))[:, None]
-            gradient = gradient + weighted.T @ residuals
-            hessian = hessian + weighted.T @ scaled
+        for off, slope in zip(residuals, slopes, strict=True):
+            loss += self._share * huber.tempered(off)
+            weighted = slope * (self._share * huber.weights(off))[:, None]
+            gradient = gradient + weighted.T @ off
+            hessian = hessian + weighted.T @ slope
         return Evaluation(loss, gradient, hessian, ())
-
-    def loss(self, unknowns: Float64[np.ndarray, "u"]) -> float:
-        """Sum of :meth:`evaluate` alone."""
-        mean, precision = self._prior()
-        squares = float(((unknowns - mean) ** 2 * precision).sum())
-        return squares + self._share * sum(map(huber.tempered, self._residuals(unknowns)))
 
     @property
     def _share(self) -> float:
         return min(1.0, WORTH / max(sum(map(len, self.measured)), 1))
 
-    def _residuals(self, unknowns: Float64[np.ndarray, "u"]) -> list[Float64[np.ndarray, "_n"]]:
+    def residuals(self, unknowns: Float64[np.ndarray, "u"]) -> list[Float64[np.ndarray, "_n"]]:
         """Model less measurement of each view, in standard deviations."""
         density, gains, pose = self._split(unknowns)
         return [
@@ -249,7 +253,7 @@ class _Level:
 
     def rms(self, unknowns: Float64[np.ndarray, "u"]) -> float:
         """Root mean square residual of transmission."""
-        return PIXEL_SD * float(np.sqrt((np.concatenate(self._residuals(unknowns)) ** 2).mean()))
+        return PIXEL_SD * float(np.sqrt((np.concatenate(self.residuals(unknowns)) ** 2).mean()))
 
     def _split(
         self, unknowns: Float64[np.ndarray, "u"]
@@ -269,10 +273,14 @@ class _Level:
         mean = np.concatenate([np.zeros(self.parts), np.ones(views), np.zeros(POSE_UNKNOWNS)])
         return mean, sd**-2.0
 
-    def _view(
+    def slopes(self, unknowns: Float64[np.ndarray, "u"]) -> list[Float64[np.ndarray, "_n u"]]:
+        """Take the derivatives of the residuals of each view by all unknowns."""
+        return [self._slopes(unknowns, number) / PIXEL_SD for number in range(len(self.beams))]
+
+    def _slopes(
         self, unknowns: Float64[np.ndarray, "u"], number: int
-    ) -> tuple[Float64[np.ndarray, "_p"], Float64[np.ndarray, "_p u"]]:
-        """Image of a view, and its derivatives by all unknowns."""
+    ) -> Float64[np.ndarray, "_p u"]:
+        """Take the derivatives of the image of a view."""
         density, gains, pose = self._split(unknowns)
         gain = gains[number]
         model, slopes = self._image_and_slopes(number, density, pose)
@@ -289,7 +297,7 @@ class _Level:
             )
             place = self.parts + len(gains) + index
             jacobian[:, place] = gain * (ahead - behind) / (2 * deltas[index])
-        return gain * model, jacobian
+        return jacobian
 
     def _image(
         self, number: int, density: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "7"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -12,6 +13,7 @@ from jaxtyping import Bool, Float64
 from xden1k.materials import families
 from xden1k.types import DensitySource
 from xden_builder.capture import CapturePart
+from xden_builder.density import PartDensity
 from xden_builder.poly.diagnose import Diagnosis, diagnose
 from xden_builder.poly.estimate import Solution
 from xden_builder.poly.image import TERMS
@@ -24,7 +26,7 @@ MOST: Final = 0.5
 TOLD: Final = 0.5
 """Less of a prior's variance taken away by the images leaves the density the prior's."""
 DOUBTED: Final = 0.5
-"""A label less probable than this is doubted."""
+"""A label less probable than this is doubted, if the images made it less probable."""
 UNSTABLE_SHARE: Final = 0.1
 UNSTABLE_SDS: Final = 2.0
 """Views apart by more, of the density and in standard deviations, are flagged."""
@@ -33,29 +35,21 @@ VIEW_SHARE: Final = 0.5
 POSTERIOR_SCALE: Final = 0.7
 """Of the posterior's standard deviation: what the samples are worth is a cautious guess, and this
 makes the deviations right on simulated objects (48 of them, which are not in the evaluation)."""
+LOWERED: Final = 0.99
+"""Of the probability before the images: less is not rounding."""
 TOP: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
-class PolyPart:
-    """What is known of one part.
+class PolyPart(PartDensity):
+    """What is known of one part; its density may come from a weighed mass, too.
 
     Parameters
     ----------
-    density_g_cm3, sd_g_cm3
-        Mean over its mesh, and the standard deviation.
-    source
-        ``xray``, ``prior`` or ``weighed``.
-    flags
-        Sorted.
     materials
         The most probable candidates: name, whether solid, probability.
     """
 
-    density_g_cm3: float
-    sd_g_cm3: float
-    source: DensitySource
-    flags: tuple[str, ...]
     materials: tuple[tuple[str, bool, float], ...]
 
 
@@ -123,7 +117,7 @@ def judged(solution: Solution, parts: Sequence[CapturePart]) -> PolyFit:
     for number, (part, source) in enumerate(zip(parts, _sources(known), strict=True)):
         materials = _materials(solution, number)
         flags = {name for name, which in raised.items() if which[number]}
-        flags |= _material_flags(part.material, _probabilities(solution, number))
+        flags |= _material_flags(part.material, *_probabilities(solution, number))
         found.append(
             PolyPart(
                 float(density[number]), float(sd[number]), source, tuple(sorted(flags)), materials
@@ -170,17 +164,23 @@ def _materials(solution: Solution, number: int) -> tuple[tuple[str, bool, float]
     )
 
 
-def _probabilities(solution: Solution, number: int) -> dict[str, float]:
-    """Probability of each material, solid or not."""
-    total: dict[str, float] = {}
+def _probabilities(solution: Solution, number: int) -> tuple[dict[str, float], dict[str, float]]:
+    """Probability of each material, solid or not, before the images and with them."""
     table, chance = solution.tables[number], solution.posteriors[number].probability
-    for candidate, share in zip(table.candidates, chance.tolist(), strict=True):
-        total[candidate.material] = total.get(candidate.material, 0.0) + share
-    return total
+    before: dict[str, float] = {}
+    after: dict[str, float] = {}
+    for candidate, log_prior, share in zip(
+        table.candidates, table.log_prior.tolist(), chance.tolist(), strict=True
+    ):
+        name = candidate.material
+        before[name] = before.get(name, 0.0) + math.exp(log_prior)
+        after[name] = after.get(name, 0.0) + share
+    return before, after
 
 
-def _material_flags(label: str, probability: dict[str, float]) -> set[str]:
+def _material_flags(label: str, before: dict[str, float], after: dict[str, float]) -> set[str]:
     """``material_guessed`` without a material's name, ``label_doubted`` if it does not fit."""
     if not label or label in families():
         return {"material_guessed"}
-    return {"label_doubted"} if probability[label] < DOUBTED else set()
+    doubted = after[label] < DOUBTED and after[label] < LOWERED * before[label]
+    return {"label_doubted"} if doubted else set()
