@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -84,9 +85,15 @@ class Sealed:
     out: Path
     made: Sealing
 
-    @property
+    @cached_property
     def public(self) -> DatasetFolder:
         return open_folder(self.out / "public")
+
+    @cached_property
+    def answers(self) -> dict[str, Any]:
+        """What the private objects' answers are when nothing is wrong."""
+        truth = self.truth()
+        return {one: truth.answers(one) for one in self.made.private_ids}
 
     @property
     def path(self) -> Path:
