@@ -35,11 +35,18 @@ HEADERS: Final = {
 """Of every answer: a page may load nothing from elsewhere, whatever gradio would like to."""
 
 CSS: Final = """
-.gradio-container { max-width: 1280px !important; margin: auto }
+.gradio-container {
+  width: 100%; min-width: 0; max-width: min(1280px, 100vw) !important; margin: auto;
+  box-sizing: border-box; overflow-x: clip;
+}
+.gradio-container .column, .gradio-container .block, .gradio-container .form { min-width: 0 }
 .note { font-size: 0.92em; opacity: 0.85 }
+#chart { max-width: 900px }
 #status progress { width: 100%; height: 0.9em }
 #board td, #problems td, #parts td { overflow-wrap: anywhere }
 @media (max-width: 640px) {
+  .gradio-container .row, .gradio-container .form { flex-direction: column }
+  .gradio-container .row > * { width: 100%; min-width: 0 !important }
   .gradio-container { padding: 6px !important }
   .gradio-container table { font-size: 0.82em }
 }
@@ -64,9 +71,8 @@ def build_app(desk: Desk, scratch: Path, *, login: bool = False) -> gr.Blocks:
     """
     os.environ["GRADIO_ANALYTICS_ENABLED"] = "False"
     explorer = Explorer(desk.reference.folder, desk.upload_of, scratch)
-    with gr.Blocks(
-        title="XDen-1K benchmark", analytics_enabled=False, delete_cache=CACHE_SECONDS
-    ) as app:
+    app = gr.Blocks(title="XDen-1K benchmark", analytics_enabled=False, delete_cache=CACHE_SECONDS)
+    with app:
         gr.Markdown(
             "# XDen-1K benchmark\n\nHow dense is every voxel of an object, where is its centre of "
             "mass, and what does it weigh?"
@@ -75,13 +81,13 @@ def build_app(desk: Desk, scratch: Path, *, login: bool = False) -> gr.Blocks:
             with gr.Tab("Leaderboard", id="leaderboard") as first:
                 board = board_page(desk.entries, desk.results)
             with gr.Tab("Objects", id="objects") as second:
-                objects = explore_page(explorer, desk.entries, desk.results)
+                fill_objects_on = explore_page(explorer, desk.entries, desk.results)
             with gr.Tab("Submit", id="submit"):
                 sent = submit_page(desk, login=login)
         app.load(*board, **PRIVATE)
         app.load(*sent, show_progress="hidden", **PRIVATE)
         first.select(*board, show_progress="hidden", **PRIVATE)
-        second.select(*objects, **PRIVATE)
+        fill_objects_on(second.select)
     return app
 
 

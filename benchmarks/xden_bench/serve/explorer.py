@@ -12,6 +12,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 import pyarrow.parquet as pq
+from jaxtyping import Float
 from matplotlib.cm import ScalarMappable
 from PIL.Image import Image as Picture
 
@@ -82,6 +83,13 @@ class Fields:
         """Largest size of the error, g/cm³."""
         return 0.0 if self.error is None else float(np.abs(self.error).max())
 
+    @cached_property
+    def limits_cm(self) -> Float[np.ndarray, "3 2"]:
+        """Lowest and highest coordinate of the object on each axis, to a voxel."""
+        filled = np.argwhere(self.obj.envelope > 0)
+        ends = np.stack([filled.min(axis=0) - 0.5, filled.max(axis=0) + 0.5], axis=1)
+        return np.asarray(self.truth.origin_cm[:, None] + ends * self.truth.voxel_size_cm)
+
     @property
     def _grids(self) -> list[Grid]:
         return [self.truth.density_g_cm3, *([] if self.guess is None else [self.guess])]
@@ -126,6 +134,10 @@ class Explorer:
             and row["dataset"]["split"] == split
         }
 
+    def stored(self, row: Entry) -> bool:
+        """Whether the file of an entry is at hand."""
+        return self._upload_of(row["submission_sha256"]) is not None
+
     def fields(self, object_id: str, row: Entry | None) -> Fields:
         """Return truth and prediction; the target is the method's, or what the object has.
 
@@ -151,7 +163,7 @@ class Explorer:
 
         def draw(grid: Grid, scale: ScalarMappable, title: str, label: str) -> Picture:
             plane = np.where(outside, np.nan, np.take(grid, index, axis=axis))
-            where = (axis, field.origin_cm, field.voxel_size_cm)
+            where = (axis, field.origin_cm, field.voxel_size_cm, fields.limits_cm)
             return figures.slice_picture(plane, *where, scale, title, label)
 
         truth = draw(field.density_g_cm3, fields.scale, "truth", label)
@@ -267,11 +279,11 @@ def best_and_worst(row: Entry, metric: str, results: Path, most: int = 5) -> tup
     columns = ["object_id", "category", "extent_cm", metric]
     found = pq.read_table(path, columns=columns).to_pylist()
     found = [one for one in found if one[metric] is not None]
-    loss = METRICS[metric].loss
-    found.sort(key=lambda one: (float(loss(np.float64(one[metric]))), one["object_id"]))
+    losses = METRICS[metric].loss(np.array([one[metric] for one in found], dtype=np.float64))
+    order = sorted(range(len(found)), key=lambda at: (losses[at], found[at]["object_id"]))
     rows = [
         [one["object_id"], one["category"], _number(one["extent_cm"]), _number(one[metric])]
-        for one in found
+        for one in (found[place] for place in order)
     ]
     half = len(rows) - len(rows) // 2
     return rows[: min(most, half)], rows[max(half, len(rows) - most) :][::-1]

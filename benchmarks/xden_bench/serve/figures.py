@@ -17,6 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from PIL import Image as Pictures
 
 from xden1k.arrays import Vec3
@@ -94,11 +95,12 @@ def slice_picture(
     axis: int,
     origin_cm: Vec3,
     voxel_size_cm: float,
+    limits_cm: Float[np.ndarray, "3 2"],
     scale: ScalarMappable,
     title: str,
     label: str,
 ) -> Picture:
-    """Draw one plane of a field.
+    """Draw one plane of a field, cut to a square around the object.
 
     Parameters
     ----------
@@ -110,6 +112,8 @@ def slice_picture(
         Shape (3,): centre of voxel (0, 0, 0).
     voxel_size_cm
         Edge of a voxel.
+    limits_cm
+        Lowest and highest coordinate of the object on each axis.
     scale
         Colours; the same for what is compared.
     title, label
@@ -121,6 +125,10 @@ def slice_picture(
     extent = (low[across], low[across] + width, low[up], low[up] + height)
     figure, axes = _sheet(4.0, 4.1)
     _show(axes, plane.T, scale, "white", origin="lower", extent=extent)
+    half = 0.56 * float(np.ptp(limits_cm[[across, up]], axis=1).max())
+    middle = limits_cm.mean(axis=1)
+    axes.set_xlim(middle[across] - half, middle[across] + half)
+    axes.set_ylim(middle[up] - half, middle[up] + half)
     axes.set_xlabel(f"{AXES[across]}, cm", fontsize=10, color=INK)
     axes.set_ylabel(f"{AXES[up]}, cm", fontsize=10, color=INK)
     axes.set_title(title, fontsize=11, color=INK, loc="left")
@@ -152,7 +160,7 @@ def interval_picture(
     trivial
         Whether a row is one of a trivial method: drawn grey and hollow.
     """
-    figure, axes = _sheet(9.0, 0.8 + 0.3 * len(rows))
+    figure, axes = _sheet(7.5, 0.8 + 0.3 * len(rows))
     for place, (row, is_trivial) in enumerate(zip(rows, trivial, strict=True)):
         found = row["metrics"][metric]
         low, high = found["ci95"]
@@ -212,6 +220,8 @@ def _show(axes: Any, image: np.ndarray, scale: ScalarMappable, nothing: str, **h
 
 def _bar(figure: Figure, axes: Any, scale: ScalarMappable, label: str) -> None:
     bar = figure.colorbar(scale, ax=axes, orientation="horizontal", pad=0.02, aspect=32, shrink=0.9)
+    bar.locator = MaxNLocator(4)
+    bar.update_ticks()
     bar.outline.set_linewidth(0.4)
     bar.ax.tick_params(labelsize=9, length=2, width=0.4, colors=FAINT)
     bar.set_label(label, fontsize=10, color=INK)

@@ -80,7 +80,8 @@ def surface_values(
     Examples
     --------
     >>> box = trimesh.creation.box((2, 2, 2))
-    >>> surface_values(box, np.full((4, 4, 4), 3.0), np.full(3, -1.5), 1.0).tolist()
+    >>> values = surface_values(box, np.full((4, 4, 4), 3.0), np.full(3, -1.5), 1.0)
+    >>> values.round(6).tolist()
     [3.0, 3.0, 3.0, 3.0, 3.0, 3.0, 3.0, 3.0]
     """
     below = mesh.vertices - 0.5 * voxel_size_cm * mesh.vertex_normals

@@ -49,7 +49,7 @@ def board_page(
         track = gr.Dropdown(label="Track", info="what a method may look at")
         metric = gr.Dropdown(label="Metric", info="sorts the table, fills the chart")
     gr.Markdown(READING, elem_classes="note")
-    grid = gr.Dataframe(elem_id="board", pinned_columns=3, show_label=False, **GRID)
+    grid = gr.Dataframe(elem_id="board", show_label=False, **GRID)
     chart = gr.Image(elem_id="chart", **PICTURE)
     made = gr.Code(ASK, label="How the row is remade", language="shell", elem_id="made")
     facts = gr.Dataframe(

@@ -9,24 +9,20 @@ from typing import Any, Final
 import gradio as gr
 import numpy as np
 
-from xden1k.types import FIELD_SIZE, DensityObject
+from xden1k.types import FIELD_SIZE
 from xden_bench.metrics import METRICS
 from xden_bench.protocol import load_protocol
 from xden_bench.serve.explorer import COLOURS, PART_HEADINGS, Explorer, Fields, best_and_worst
 from xden_bench.serve.figures import AXES
 from xden_bench.serve.glb import M_PER_CM
 from xden_bench.serve.told import GRID, PICTURE, PRIVATE, frame, offer, told
+from xden_bench.serve.words import object_line
 
-__all__ = ["explore_page", "object_line"]
+__all__ = ["explore_page"]
 
 Entries = Callable[[], tuple[dict[str, Any], ...]]
 
 NO_METHOD: Final = "none: the truth alone"
-SOURCES: Final = {
-    "scan": "scan; the truth is the builder's reconstruction",
-    "phantom": "phantom: simulated, never on a scanner",
-    "ct": "ct: views computed from a CT",
-}
 RADIOGRAPHS: Final = (
     "### Radiographs\n\nThe reprojection is of the dataset's own parts: exact path lengths through "
     "their meshes with the stored attenuation and geometry, one coefficient for each part. It is "
@@ -37,9 +33,9 @@ SLICES: Final = (
     "and prediction share one colour scale, that of the whole object."
 )
 WHITE: Final = (1.0, 1.0, 1.0, 1.0)
-VIEW_DEGREES: Final = (60, 65)
+VIEW_DEGREES: Final = (-60, 65)
 """Of the camera: around the object, and down from the vertical."""
-VIEW_DISTANCE: Final = 1.6
+VIEW_DISTANCE: Final = 1.25
 """Of the camera, in diagonals of the object."""
 
 
@@ -58,9 +54,11 @@ class _Page:
                 self.model = gr.Model3D(
                     label="Parts", height=420, elem_id="model", clear_color=WHITE
                 )
-                self.bar = gr.Image(container=False, elem_id="bar", **PICTURE)
+                self.bar = gr.Image(container=False, elem_id="bar", **PICTURE | {"buttons": []})
                 with gr.Row():
-                    self.colour = gr.Radio(COLOURS, value="density", label="Coloured by")
+                    self.colour = gr.Radio(
+                        COLOURS, value="density", label="Coloured by", scale=2, elem_id="colour"
+                    )
                     self.cut = gr.Checkbox(
                         label="Cut open", info="without its front half", elem_id="cut"
                     )
@@ -105,53 +103,65 @@ class _Page:
                     self.worst = gr.Dataframe(label="Worst", elem_id="worst", **GRID)
 
     def _listen(self) -> None:
-        gr.on(
-            [self.split.input, self.object.input, self.method.input],
-            self.fill,
-            self.inputs,
-            self.outputs,
-            **PRIVATE,
-        )
-        chosen = [self.split, self.object, self.method]
-        gr.on(
-            [self.colour.input, self.cut.input],
-            self.draw_model,
-            [*chosen, self.colour, self.cut],
-            [self.model, self.bar],
-            **PRIVATE,
-        )
-        gr.on(
-            [self.axis.input, self.index.change],
-            self.draw_slices,
-            [*chosen, self.axis, self.index],
-            [self.place, *self.slices],
-            trigger_mode="always_last",
-            show_progress="hidden",
-            **PRIVATE,
-        )
+        for choice in self.chosen:
+            self.refill_on(choice.input)
+        for how in (self.colour, self.cut):
+            how.input(**self._model_event)
+        gr.on([self.axis.input, self.index.change], **self._slices_event)
         self.metric.input(
             self.list_extremes,
             [self.split, self.method, self.metric],
-            [self.extremes, self.metric, self.best, self.worst],
+            self._extreme_outputs,
             **PRIVATE,
         )
         for table in (self.best, self.worst):
-            table.select(self.open_row, None, self.object, **PRIVATE).then(
-                self.fill, self.inputs, self.outputs, **PRIVATE
-            )
+            self.refill_on(table.select(self.open_row, None, self.object, **PRIVATE).then)
+
+    def refill_on(self, trigger: Callable[..., Any]) -> None:
+        """Fill the page when something happens: words and tables first, then each picture.
+
+        What is drawn later sees the choices as they are then, so that no picture of an older
+        choice comes last.
+        """
+        filled = trigger(
+            self.fill,
+            [*self.chosen, self.metric],
+            [*self.chosen, self.line, self.parts, *self._extreme_outputs],
+            **PRIVATE,
+        )
+        filled.then(**self._model_event)
+        filled.then(**self._slices_event)
+        filled.then(self.draw_radiographs, self.object, self.radiographs, **PRIVATE)
 
     @property
-    def inputs(self) -> list[Any]:
-        chosen = [self.split, self.object, self.method]
-        return [*chosen, self.colour, self.cut, self.axis, self.index, self.metric]
+    def chosen(self) -> list[Any]:
+        """What says which fields are shown."""
+        return [self.split, self.object, self.method]
 
     @property
-    def outputs(self) -> list[Any]:
-        return [
-            *(self.split, self.object, self.method, self.line, self.parts, self.model, self.bar),
-            *(self.place, *self.slices, *self.radiographs),
-            *(self.extremes, self.metric, self.best, self.worst),
-        ]
+    def _extreme_outputs(self) -> list[Any]:
+        return [self.extremes, self.metric, self.best, self.worst]
+
+    @property
+    def _model_event(self) -> dict[str, Any]:
+        return {
+            "fn": self.draw_model,
+            "inputs": [*self.chosen, self.colour, self.cut],
+            "outputs": [self.model, self.bar],
+            "trigger_mode": "always_last",
+            **PRIVATE,
+        }
+
+    @property
+    def _slices_event(self) -> dict[str, Any]:
+        return {
+            "fn": self.draw_slices,
+            "inputs": [*self.chosen, self.axis, self.index],
+            "outputs": [self.place, *self.slices],
+            "trigger_mode": "always_last",
+            "show_progress": "hidden",
+            **PRIVATE,
+        }
 
     @told
     def fill(
@@ -159,24 +169,16 @@ class _Page:
         split: str | None,
         object_id: str | None,
         method: str | None,
-        colour: Any,
-        cut: bool,
-        axis: str,
-        index: int,
         metric: str | None,
     ) -> list[Any]:
         splits, split = offer(self.explorer.splits, split)
         objects, object_id = offer(self.explorer.folder.ids(split), object_id)
-        labels = [NO_METHOD, *self.explorer.methods(self.entries(), split)]
-        methods, method = offer(labels, method)
+        methods, method = offer(self._labels(split), method)
         fields = self._fields(split, object_id, method)
         return [
             *(splits, objects, methods),
             object_line(fields.obj) + self._missing_note(fields, method),
             frame(PART_HEADINGS, self.explorer.parts(object_id)),
-            *self._model(fields, colour, cut),
-            *self._slices(fields, axis, index),
-            *self.explorer.radiographs(object_id),
             *self._extremes(split, method, metric),
         ]
 
@@ -193,12 +195,22 @@ class _Page:
         return self._slices(self._fields(split, object_id, method), axis, index)
 
     @told
+    def draw_radiographs(self, object_id: str) -> list[Any]:
+        return [*self.explorer.radiographs(object_id)]
+
+    @told
     def list_extremes(self, split: str, method: str, metric: str) -> list[Any]:
         return self._extremes(split, method, metric)
 
     @told
     def open_row(self, event: gr.SelectData) -> Any:
         return event.row_value[0] if event.row_value else gr.skip()
+
+    def _labels(self, split: str) -> list[str]:
+        """Methods whose files are at hand, then none, then the others."""
+        rows = self.explorer.methods(self.entries(), split)
+        stored = [label for label, row in rows.items() if self.explorer.stored(row)]
+        return [*stored, NO_METHOD, *(label for label in rows if label not in stored)]
 
     def _row(self, split: str, method: str | None) -> Any:
         return self.explorer.methods(self.entries(), split).get(method or "")
@@ -241,24 +253,6 @@ class _Page:
 
 def explore_page(
     explorer: Explorer, entries: Entries, results: Path
-) -> tuple[Callable[..., list[Any]], list[Any], list[Any]]:
-    """Build the page inside a tab; what is returned is as of the leaderboard's page."""
-    page = _Page(explorer, entries, results)
-    return page.fill, page.inputs, page.outputs
-
-
-def object_line(obj: DensityObject) -> str:
-    """One line of Markdown on an object: category, source, mass, centre of mass, flags."""
-    mass = f"{obj.mass_g:.4g} g" if obj.mass_g == obj.mass_g else "mass unknown"
-    weighed = [] if obj.weighed_mass_g is None else [f"weighed {obj.weighed_mass_g:.4g} g"]
-    centre = ", ".join(f"{round(float(value), 2) + 0.0:.2f}" for value in obj.com_cm)
-    words = [
-        f"**{obj.object_id}**",
-        obj.category.replace("_", " "),
-        f"source **{SOURCES[obj.source]}**",
-        mass,
-        *weighed,
-        f"centre of mass ({centre}) cm",
-        *(f"flag {flag}" for flag in obj.flags),
-    ]
-    return " · ".join(words)
+) -> Callable[[Callable[..., Any]], None]:
+    """Build the page inside a tab; returns what makes an event fill it."""
+    return _Page(explorer, entries, results).refill_on

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from html import escape
 from pathlib import Path
 from typing import Any, Final
@@ -10,13 +10,12 @@ from typing import Any, Final
 import gradio as gr
 
 from xden1k.errors import MissingObjectError
-from xden1k.predictions import CODES, Problem
-from xden_bench.metrics import METRICS
 from xden_bench.serve.desk import Desk
 from xden_bench.serve.tickets import Status, TurnedAwayError
 from xden_bench.serve.told import GRID, PRIVATE, frame, told
+from xden_bench.serve.words import problem_rows, result_rows, status_html, user_of
 
-__all__ = ["problem_rows", "result_rows", "status_html", "submit_page", "user_of"]
+__all__ = ["submit_page"]
 
 TICKET_KEY: Final = "xden-ticket"
 POLL_SECONDS: Final = 0.7
@@ -80,56 +79,6 @@ def submit_page(desk: Desk, *, login: bool) -> tuple[Callable[..., list[Any]], A
     send.click(take, file, [ticket, *shown], **PRIVATE)
     timer.tick(look, ticket, shown, show_progress="hidden", **PRIVATE)
     return look, ticket, shown
-
-
-def user_of(request: Any, *, login: bool) -> str:
-    """Whom the limits count by: the account, or the address if there is no login.
-
-    Raises
-    ------
-    gradio.Error
-        If a login is needed and there is none.
-    """
-    if not login:
-        return str(request.username or request.client.host)
-    account: Mapping[str, Any] = request.session.get("oauth_info") or {}
-    name = account.get("userinfo", {}).get("preferred_username")
-    if not name:
-        raise gr.Error("Log in with Hugging Face first.", print_exception=False)
-    return str(name)
-
-
-def status_html(status: Status) -> str:
-    """Say how it stands with a file; whatever comes from a stranger is escaped."""
-    name = f"<code>{escape(status.ticket.filename)}</code>"
-    errors = sum(one.is_error for one in status.problems)
-    footnotes = len(status.problems) - errors
-    said = {
-        "queued": f"<strong>Queued</strong>: {status.ahead} before it.",
-        "checking": f"<strong>Checking</strong>: {status.checked} of {status.total} objects.",
-        "refused": f"<strong>Refused</strong>, {errors} problems. {escape(status.message)}",
-        "failed": f"<strong>Failed</strong>, not known to be its fault. {escape(status.message)}",
-        "scored": f"<strong>Entered</strong>, {footnotes} footnotes.",
-    }[status.state]
-    bar = ""
-    if status.state == "checking" and status.total:
-        bar = f'<progress max="{status.total}" value="{status.checked}"></progress>'
-    return f'<div role="status" data-state="{status.state}"><p>{name} {said}</p>{bar}</div>'
-
-
-def problem_rows(problems: tuple[Problem, ...]) -> tuple[list[str], list[list[Any]]]:
-    """Headings and rows of the problems: code, object, its meaning, what was found."""
-    rows = [[one.code, one.object_id or "file", CODES[one.code], one.message] for one in problems]
-    return ["code", "object", "meaning", "found"], rows
-
-
-def result_rows(metrics: Mapping[str, Mapping[str, Any]]) -> tuple[list[str], list[list[Any]]]:
-    """Headings and rows of a result: metric, mean, 95 % interval."""
-    rows = [
-        [METRICS[name].heading, f"{one['mean']:.4f}", "{:.4f} to {:.4f}".format(*one["ci95"])]
-        for name, one in metrics.items()
-    ]
-    return ["metric", "mean", "95 % interval"], rows
 
 
 def _shown(status: Status) -> list[Any]:

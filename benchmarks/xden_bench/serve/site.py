@@ -62,9 +62,14 @@ def run(site: Site, *, host: str, port: int) -> None:
         require(module, extra)
     from xden_bench.serve.app import build_app, launch
 
-    folders = {"results": site.results, "state": site.state}
     with (
         tempfile.TemporaryDirectory() as scratch,
-        Desk(site.reference, load_protocol(), limits=site.limits, **folders) as desk,
+        Desk(
+            site.reference,
+            load_protocol(),
+            results=site.results,
+            state=site.state,
+            limits=site.limits,
+        ) as desk,
     ):
         launch(build_app(desk, Path(scratch), login=site.login), desk, host=host, port=port)

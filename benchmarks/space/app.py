@@ -1,0 +1,15 @@
+"""The web app of the benchmark as a Hugging Face Space; README.md says how to set it up."""
+
+import os
+from pathlib import Path
+
+from xden1k.folder import open_folder
+from xden1k.hub import data_root
+from xden_bench.reference import Reference
+from xden_bench.serve.site import Site, run
+
+if __name__ == "__main__":
+    kept = Path(os.environ.get("XDEN_DESK", "/data"))
+    truth = Reference(open_folder(data_root()), "test")
+    site = Site(truth, kept / "results", kept / "state", login=True)
+    run(site, host="0.0.0.0", port=7860)  # noqa: S104 - a Space's container is its own network
