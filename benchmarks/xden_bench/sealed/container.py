@@ -47,6 +47,8 @@ HEADER_NAME: Final = "seal.json"
 FOLDER: Final = "answers/"
 MAX_MEMBER_BYTES: Final = 8 << 20
 """Two fields that nothing compresses are 1.4 MB."""
+# RuntimeError: flags and methods that no file of ours has; OSError, ValueError: places not in it
+_DAMAGE: Final = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, OSError, ValueError)
 
 
 class SealWriter:
@@ -212,10 +214,6 @@ def _cipher(key: Key) -> AESSIV:
 
 def _associated_data(manifest_sha256: str, object_id: str) -> list[bytes]:
     return [SCHEMA.encode(), manifest_sha256.encode(), object_id.encode()]
-
-
-# RuntimeError: flags and methods that no file of ours has; OSError, ValueError: places not in it
-_DAMAGE: Final = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, OSError, ValueError)
 
 
 @contextmanager
