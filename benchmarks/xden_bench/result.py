@@ -23,6 +23,7 @@ from xden_bench.provenance import code_commit, package_version
 from xden_bench.recomputed import SUFFIX, read_recomputed
 from xden_bench.reference import Reference
 from xden_bench.scoring import ObjectScore, Score, by_category, by_size, summary
+from xden_bench.untrusted import read_json, read_table
 
 __all__ = [
     "SCHEMA",
@@ -219,8 +220,8 @@ def read_entry(path: Path, results: Path | None = None) -> dict[str, Any]:
 
 
 def _parsed(path: Path) -> dict[str, Any]:
+    entry: dict[str, Any] = read_json(path)
     try:
-        entry: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         if entry["schema"] != SCHEMA:
             raise ValueError(f"schema is {entry['schema']!r}")
         if misfits := list(_misfits(entry, _SHAPE)):
@@ -274,7 +275,7 @@ def _checked_objects(path: Path, entry: Mapping[str, Any]) -> dict[str, list[Any
         raise DataError(f"{objects}: sha256 is {found}, {path.name} says {stored}")
     try:
         rules = load_protocol(entry["protocol"])
-        table = pq.read_table(pa.BufferReader(data))
+        table = read_table(data)
         made = figures(_objects_of(table, rules), rules)
     except (DataError, pa.ArrowException, ValueError, TypeError, KeyError) as err:
         raise DataError(f"{path}: its objects cannot be summed up: {err!r}") from err
