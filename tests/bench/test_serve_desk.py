@@ -234,6 +234,21 @@ def test_a_process_that_cannot_even_load_is_a_failure_and_enters_nothing(
     assert (desk.entries(), uploads(desk)) == ((), [])
 
 
+def started(*command: str, setting: Setting) -> subprocess.Popen[str]:
+    """Start a scoring process."""
+    process = subprocess.Popen(  # noqa: S603
+        [sys.executable, *command],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"},
+    )
+    assert process.stdin is not None
+    process.stdin.write(json.dumps(asdict(setting)) + "\n")
+    process.stdin.flush()
+    return process
+
+
 GREEDY = """
 import numpy
 import xden_bench.scoring
@@ -245,16 +260,10 @@ worker._main()
 
 def test_memory_is_limited_and_running_out_of_it_is_said(dataset: Path, tmp_path: Path) -> None:
     setting = Setting(str(dataset), "test", RULES.name, str(tmp_path), memory_bytes=10**9)
-    with subprocess.Popen(  # noqa: S603
-        [sys.executable, "-c", GREEDY],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"},
-    ) as process:
+    with started("-c", GREEDY, setting=setting) as process:
         assert process.stdin is not None
         assert process.stdout is not None
-        process.stdin.write(json.dumps(asdict(setting)) + '\n"any.npz"\n')
+        process.stdin.write('"any.npz"\n')
         process.stdin.flush()
         message = Outcome.from_json(process.stdout.readline()).message
     assert message == "scoring it takes more than 1000 MB of memory"
@@ -317,6 +326,24 @@ def test_an_entry_that_does_not_fit_on_the_disk_is_not_there_at_all(
     assert read_entries(results) == ()
     assert score_upload(path, reference, RULES, results).state == "scored"
     assert len(read_entries(results)) == 1
+
+
+def test_a_file_whose_desk_was_killed_after_it_was_entered_is_entered_once(
+    reference: Reference, submission: Submit, tmp_path: Path
+) -> None:
+    path, results = submission(scaled(1.1)), tmp_path / "results"
+    first = score_upload(path, reference, RULES, results)
+    before = {one: one.read_bytes() for one in results.rglob("*.*") if one.is_file()}
+    assert score_upload(path, reference, RULES, results) == first
+    assert {one: one.read_bytes() for one in results.rglob("*.*") if one.is_file()} == before
+
+
+def test_the_scoring_process_ends_when_the_desk_is_gone(dataset: Path, tmp_path: Path) -> None:
+    setting = Setting(str(dataset), "test", RULES.name, str(tmp_path), memory_bytes=10**9)
+    with started("-m", "xden_bench.serve.worker", setting=setting) as process:
+        assert process.stdin is not None
+        process.stdin.close()
+        assert process.wait(20) == 0
 
 
 def test_what_a_killed_writer_left_beside_its_entry_is_removed(
