@@ -143,8 +143,6 @@ class Case:
         All that must be told of it; empty if it looks strange and is sound.
     make
         Its bytes, from a sound submission.
-    write
-        Puts it at a path, where bytes cannot say it all.
     """
 
     codes: frozenset[str]
