@@ -70,6 +70,8 @@ def measure_speed(
             for object_id in reference.ids:
                 reference.truth(object_id, predictions.meta.target)
                 predictions.read(object_id)
+                if predictions.has_sd:
+                    predictions.read_sd(object_id)
 
     def evaluate() -> None:
         score(path, Reference(open_folder(root), split), protocol)
