@@ -77,7 +77,7 @@ def test_a_model_holds_every_part_in_metres_with_its_colours(
     np.testing.assert_allclose(np.sort(scene.extents), [0.02, 0.02, 0.04], rtol=1e-5)
     assert scene.extents[1] == pytest.approx(0.04)  # z has become y, which is up in glTF
     for name, rgba in zip(("plastic", "steel"), colours, strict=True):
-        assert (scene.geometry[name].visual.vertex_colors == rgba[0]).all()
+        assert (scene.geometry[name].visual.vertex_attributes["color"] == rgba[0]).all()
 
 
 def test_cutting_open_leaves_closed_halves(bar: DensityObject) -> None:

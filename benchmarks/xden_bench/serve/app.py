@@ -14,7 +14,7 @@ from xden_bench.serve.desk import Desk
 from xden_bench.serve.explorer import Explorer
 from xden_bench.serve.page_board import board_page
 from xden_bench.serve.page_explore import explore_page
-from xden_bench.serve.page_submit import submit_page
+from xden_bench.serve.page_submit import submit_page, visitor_memory
 from xden_bench.serve.told import PRIVATE
 
 __all__ = ["HEADERS", "Guard", "build_app", "launch"]
@@ -77,15 +77,17 @@ def build_app(desk: Desk, scratch: Path, *, login: bool = False) -> gr.Blocks:
             "# XDen-1K benchmark\n\nHow dense is every voxel of an object, where is its centre of "
             "mass, and what does it weigh?"
         )
+        memory = visitor_memory()
         with gr.Tabs():
             with gr.Tab("Leaderboard", id="leaderboard") as first:
                 board = board_page(desk.entries, desk.results)
             with gr.Tab("Objects", id="objects") as second:
                 fill_objects_on = explore_page(explorer, desk.entries, desk.results)
-            with gr.Tab("Submit", id="submit"):
-                sent = submit_page(desk, login=login)
+            with gr.Tab("Submit", id="submit") as third:
+                sent = submit_page(desk, memory, login=login)
         app.load(*board, **PRIVATE)
         app.load(*sent, show_progress="hidden", **PRIVATE)
+        third.select(*sent, show_progress="hidden", **PRIVATE)
         first.select(*board, show_progress="hidden", **PRIVATE)
         fill_objects_on(second.select)
     return app

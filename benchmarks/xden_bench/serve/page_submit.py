@@ -15,20 +15,33 @@ from xden_bench.serve.tickets import Status, TurnedAwayError
 from xden_bench.serve.told import GRID, PRIVATE, frame, told
 from xden_bench.serve.words import problem_rows, result_rows, status_html, user_of
 
-__all__ = ["submit_page"]
+__all__ = ["submit_page", "visitor_memory"]
 
 TICKET_KEY: Final = "xden-ticket"
 POLL_SECONDS: Final = 0.7
 IDLE: Final = "<p>No file sent yet.</p>"
 
 
-def submit_page(desk: Desk, *, login: bool) -> tuple[Callable[..., list[Any]], Any, list[Any]]:
+def visitor_memory() -> tuple[gr.BrowserState, gr.Timer]:
+    """Return what keeps a visitor's ticket, and the clock by which it is looked at.
+
+    They belong outside the tabs: what is in one exists on the page once the tab was open.
+    """
+    kept = gr.BrowserState(None, storage_key=TICKET_KEY, secret=TICKET_KEY)
+    return kept, gr.Timer(POLL_SECONDS, active=False)
+
+
+def submit_page(
+    desk: Desk, memory: tuple[gr.BrowserState, gr.Timer], *, login: bool
+) -> tuple[Callable[..., list[Any]], Any, list[Any]]:
     """Build the page inside a tab; what is returned is as of the leaderboard's page.
 
     Parameters
     ----------
     desk
         Takes the files.
+    memory
+        From :func:`visitor_memory`.
     login
         Whether users must log in with Hugging Face; else the limits count by address.
     """
@@ -50,8 +63,7 @@ def submit_page(desk: Desk, *, login: bool) -> tuple[Callable[..., list[Any]], A
         label="Problems and footnotes", elem_id="problems", wrap=True, visible=False, **GRID
     )
     result = gr.Dataframe(label="Result", elem_id="result", visible=False, **GRID)
-    ticket = gr.BrowserState(None, storage_key=TICKET_KEY, secret=TICKET_KEY)
-    timer = gr.Timer(POLL_SECONDS, active=False)
+    ticket, timer = memory
     shown = [state, problems, result, timer]
 
     @told
