@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from xden1k.errors import DataError
@@ -73,6 +73,7 @@ def test_better_is_what_the_metric_calls_better(
 
 
 @given(st.lists(st.tuples(st.floats(0, 9), st.floats(0, 9)), min_size=1, max_size=9))
+@settings(deadline=None)
 def test_turned_round_it_says_the_same(pairs: list[tuple[float, float]]) -> None:
     a, b = (scored(name, mass_mape=[one[i] for one in pairs]) for i, name in enumerate("ab"))
     rules = dataclasses.replace(RULES, bootstrap_resamples=200)

@@ -91,6 +91,7 @@ def unevenness_of(
 
 
 @given(truth=grids, guess=grids, envelope=shares)
+@settings(deadline=None)
 def test_metrics_agree_with_loops(
     truth: np.ndarray, guess: np.ndarray, envelope: np.ndarray
 ) -> None:
@@ -227,7 +228,7 @@ def crps_by_quadrature(truth: float, guess: float, sd: float) -> float:
 
 
 @given(truth=st.floats(0, 5), guess=st.floats(0, 5), sd=st.floats(0.1, 3), share=st.floats(0.1, 1))
-@settings(max_examples=25)
+@settings(max_examples=25, deadline=None)
 def test_crps_is_the_integral_that_defines_it(
     truth: float, guess: float, sd: float, share: float
 ) -> None:
@@ -264,6 +265,7 @@ def test_a_method_that_knows_its_errors_has_the_nominal_coverage_and_the_best_cr
 
 
 @given(truth=grids, guess=grids, sd=grids, envelope=shares)
+@settings(deadline=None)
 def test_coverage_agrees_with_a_loop_and_ignores_the_air_around(
     truth: np.ndarray, guess: np.ndarray, sd: np.ndarray, envelope: np.ndarray
 ) -> None:
