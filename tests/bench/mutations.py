@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tests.bench.crafting import npy, zipped
+from tests.bench.crafting import header_of, npy, raw_npy, zipped
 
 __all__ = ["mutated"]
 
@@ -33,6 +33,20 @@ _VALUES = (
 _NAMES = (
     "__meta__.npy", "density/a.npy", "part_density/bar-1.npy", "density_sd/bar-1.npy", "/",
 )  # fmt: skip
+_SHAPES = (
+    "(64, 64, 64)",
+    "(64, 64, 64)",
+    "(3,)",
+    "()",
+    "(0,)",
+    "(262144,)",
+    "(-1,)",
+    "x",
+    "(2**9,)",
+)
+_DTYPES = ("'<f2'", "'<f2'", "'<f4'", "'<f8'", "'>f2'", "'<i2'", "'|O'", "'<U9'", "[('a', '<f2')]")
+_HALVES = (b"\0\x7c", b"\1\x7e", b"\1\x7c", b"\0\xfc", b"\0\x80", b"\1\x80", b"\1\0", b"\xff\x7b")
+"""Infinity, nan, signalling nan, -infinity, -0, the least negative and positive, 65504."""
 
 
 def _flip(data: bytearray, draw: random.Random) -> None:
@@ -87,6 +101,29 @@ def _member(data: bytearray, draw: random.Random) -> None:
     data[:] = zipped(members)
 
 
+def _header(data: bytearray, draw: random.Random) -> None:
+    """Describe an array as another one, soundly zipped."""
+    members = _members(data)
+    at = draw.randrange(len(members))
+    name, content = members[at]
+    header = header_of(draw.choice(_SHAPES), draw.choice(_DTYPES), draw.choice(("True", "False")))
+    members[at] = (name, raw_npy(header, content[128:], draw.choice((1, 1, 2, 3, 9))))
+    data[:] = zipped(members)
+
+
+def _values(data: bytearray, draw: random.Random) -> None:
+    """Change single values of an array, soundly zipped."""
+    members = _members(data)
+    at = draw.randrange(1, len(members))
+    name, content = members[at]
+    changed = bytearray(content)
+    for _ in range(draw.randint(1, 20)):
+        start = draw.randrange(128, len(content), 2)
+        changed[start : start + 2] = draw.choice(_HALVES)
+    members[at] = (name, bytes(changed[: len(content)]))
+    data[:] = zipped(members)
+
+
 def _names(data: bytearray, draw: random.Random) -> None:
     """Rename, drop or repeat a member."""
     members = _members(data)
@@ -133,7 +170,7 @@ _BLIND: tuple[Callable[[bytearray, random.Random], None], ...] = (
     _splice,
     _zip_header,
 )
-_KNOWING = (_member, _member, _names, _meta)
+_KNOWING = (_member, _header, _values, _names, _meta)
 
 
 def mutated(sound: bytes, seed: int) -> bytes:
