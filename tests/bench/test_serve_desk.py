@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -234,19 +235,23 @@ def test_a_process_that_cannot_even_load_is_a_failure_and_enters_nothing(
     assert (desk.entries(), uploads(desk)) == ((), [])
 
 
-def started(*command: str, setting: Setting) -> subprocess.Popen[str]:
-    """Start a scoring process."""
-    process = subprocess.Popen(  # noqa: S603
+@contextmanager
+def started(*command: str, setting: Setting) -> Iterator[subprocess.Popen[str]]:
+    """Start a scoring process, and end it."""
+    with subprocess.Popen(  # noqa: S603
         [sys.executable, *command],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"},
-    )
-    assert process.stdin is not None
-    process.stdin.write(json.dumps(asdict(setting)) + "\n")
-    process.stdin.flush()
-    return process
+    ) as process:
+        assert process.stdin is not None
+        process.stdin.write(json.dumps(asdict(setting)) + "\n")
+        process.stdin.flush()
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 GREEDY = """

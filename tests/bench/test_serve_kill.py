@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import signal
 import subprocess
 import sys
 import threading
@@ -92,12 +91,14 @@ def serve_and_kill(
         lines = iter(server.stdout.readline, "")
         reader = threading.Thread(target=lambda: said.extend(json.loads(one) for one in lines))
         reader.start()
-        wait_until(lambda: len(said) >= answers)
-        wait_until(lambda: len(list(results.rglob("*.json"))) >= scored)
-        time.sleep(then_s)
-        workers = children(server.pid)
-        server.send_signal(signal.SIGKILL)
-        reader.join()
+        try:
+            wait_until(lambda: len(said) >= answers)
+            wait_until(lambda: len(list(results.rglob("*.json"))) >= scored)
+            time.sleep(then_s)
+            workers = children(server.pid)
+        finally:
+            server.kill()
+            reader.join()
     wait_until(lambda: not any(map(is_running, workers)), within_s=10)
     return said
 
