@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import re
 from pathlib import Path
 from typing import Any
@@ -82,4 +83,11 @@ def test_links_of_the_manuals_lead_somewhere() -> None:
     for folder in ("benchmarks", "baselines"):
         text = (ROOT / folder / "README.md").read_text()
         for link in re.findall(r"\]\(([^)]+)\)", text):
-            assert (ROOT / folder / link).exists(), link
+            assert link.startswith("https://") or (ROOT / folder / link).exists(), link
+
+
+def test_the_changelog_knows_the_golden_numbers() -> None:
+    """When a golden number moves, CHANGELOG.md says why and quotes the checksum of the new file."""
+    golden = (ROOT / "tests" / "golden" / "bench.json").read_bytes()
+    digest = hashlib.sha256(golden).hexdigest()[:12]
+    assert digest in (ROOT / "CHANGELOG.md").read_text(), f"quote {digest} and say what moved"
