@@ -185,9 +185,12 @@ def test_from_upload_to_the_object(
     page.get_by_role("tab", name="Leaderboard").click()
     board = page.locator("#board")
     board.get_by_text("water (trivial)").filter(visible=True).first.wait_for()
-    heading, orders = board.get_by_text("mass ALDE ↓").filter(visible=True).last, []
-    for _ in range(2):
-        heading.click()
+    heading = board.get_by_role("columnheader").filter(has_text="mass ALDE ↓")
+    heading, orders = heading.filter(visible=True).last, []
+    for way in ("ascending", "descending"):
+        heading.hover()
+        heading.get_by_label("Open cell menu").click()
+        page.get_by_text(f"Sort {way}").click()
         page.wait_for_timeout(500)
         orders.append(methods(board))
     assert orders[0] == orders[1][::-1]

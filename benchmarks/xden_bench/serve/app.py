@@ -44,6 +44,10 @@ CSS: Final = """
 #chart { max-width: 900px }
 #status progress { width: 100%; height: 0.9em }
 #board td, #problems td, #parts td { overflow-wrap: anywhere }
+@media (hover: none) {
+  .header-cell .cell-menu-button { display: flex !important }
+  .header-cell .cell-wrap { padding-right: 2em }
+}
 @media (max-width: 640px) {
   .gradio-container .row, .gradio-container .form { flex-direction: column }
   .gradio-container .row > * { width: 100%; min-width: 0 !important }

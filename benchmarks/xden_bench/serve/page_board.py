@@ -21,8 +21,8 @@ READING: Final = (
     "A rank is one more than the number of rows that are better beyond doubt: the 95 % interval of "
     "the difference on the same objects excludes zero. Rows that cannot be told apart share a rank "
     "(tie =); trivial rows are never ranked. Source **phantom** means "
-    "simulated objects, never on a scanner. Click on a heading to sort, on a row to see how it "
-    "was made."
+    "simulated objects, never on a scanner. The menu ⋮ of a heading sorts; click on a row to see "
+    "how it was made."
 )
 ASK: Final = "# click on a row of the table"
 
