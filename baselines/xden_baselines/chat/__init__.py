@@ -1,0 +1,1 @@
+"""Chat models behind recorded answers, and what is asked of them: materials."""
