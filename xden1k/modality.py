@@ -40,6 +40,8 @@ class Modality(enum.Flag):
     """``text``: the category's name or a caption. Makes no track of its own; the row prints it."""
     XRAY = enum.auto()
     """``xray``: the two radiographs."""
+    TRUTH = enum.auto()
+    """``truth``: the answers. Makes no track; who reads it is an oracle, printed without a rank."""
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -67,6 +69,7 @@ _BY_INPUT = {
     "parts": Modality.PARTS,
     "text": Modality.CATEGORY,
     "xray": Modality.XRAY,
+    "truth": Modality.TRUTH,
 }
 INPUTS = tuple(_BY_INPUT)
 """Every name that may stand in a submission's ``inputs``."""

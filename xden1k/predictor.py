@@ -1,178 +1,111 @@
 """What a method is to the benchmark: something that sees a sample and gives a density grid.
 
 The benchmark finds methods by the entry-point group ``xden1k.predictors``; each names a class that
-is called without arguments and gives a :class:`Predictor`. Any package can add one.
+gives a :class:`Predictor` when called, without arguments or with settings by keyword. Any package
+can add one. What only some can do is apart: :class:`Budgeted`, :class:`Storable`,
+:class:`Fingerprinted`, and giving a :class:`Prediction` in place of an array.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import inspect
+import math
+import re
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Protocol, runtime_checkable
+from pathlib import Path
+from typing import Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
-import trimesh
 from jaxtyping import Float
 
-from xden1k.arrays import Grid, Labels, Vec3
-from xden1k.folder import DatasetFolder
-from xden1k.modality import Modality, ModalityError
-from xden1k.predictions import Target
-from xden1k.records import decode_array, decode_target
-from xden1k.types import DensityObject
-from xden1k.views import XRayView
+from xden1k.arrays import Grid
+from xden1k.errors import DataError
+from xden1k.modality import Modality
+from xden1k.samples import Example, Examples, PictureSource, SampleView
 
-__all__ = ["Example", "Examples", "Predictor", "SampleView"]
+__all__ = [
+    "Budget",
+    "Budgeted",
+    "Example",
+    "Examples",
+    "Fingerprinted",
+    "PictureSource",
+    "Prediction",
+    "Predictor",
+    "SampleView",
+    "Storable",
+    "takes_budget",
+]
 
 
-@dataclass(frozen=True, eq=False)
-class SampleView:
-    """An object as a method may see it: only the modalities it declared, read when touched.
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """How much training is allowed, in epochs, in seconds, or whichever ends first.
 
-    Density, attenuation and mass are on none. Without ``PARTS`` the outer surface and the envelope
-    are all there is of the geometry: labels, occupancy and inner meshes would give cavities away.
-    The grid itself (``origin_cm``, ``voxel_size_cm``) is open to all. Colour pictures are not in
-    the dataset: a method that reads them brings its own, by ``object_id``.
+    A budget in seconds ends elsewhere on another machine: only epochs can be made again.
 
-    Parameters
-    ----------
-    folder
-        The dataset.
-    object_id
-        One of its objects.
-    reads
-        What the method declared.
+    Raises
+    ------
+    DataError
+        If neither is given, or one is not positive.
     """
 
-    folder: DatasetFolder
-    object_id: str
-    reads: Modality
+    epochs: int | None = None
+    seconds: float | None = None
 
-    @cached_property
-    def origin_cm(self) -> Vec3:
-        """Shape (3,): centre of field voxel (0, 0, 0), object frame."""
-        origin: Vec3 = np.array(self._row("grid_origin_cm")["grid_origin_cm"], dtype=np.float64)
-        return origin
+    def __post_init__(self) -> None:
+        given = [value for value in (self.epochs, self.seconds) if value is not None]
+        if not given or not all(0 < value < math.inf for value in given):
+            raise DataError(f"a budget must be a positive number of epochs or seconds, got {self}")
 
-    @cached_property
-    def voxel_size_cm(self) -> float:
-        """Edge of a field voxel."""
-        return float(self._row("voxel_size_cm")["voxel_size_cm"])
+    @classmethod
+    def parse(cls, text: str) -> Budget:
+        """Read ``20epochs`` or ``90s``.
 
-    @cached_property
-    def category(self) -> str:
-        """The category's name. Needs ``CATEGORY``."""
-        self._need(Modality.CATEGORY, "category")
-        return str(self._row("category")["category"])
+        Raises
+        ------
+        DataError
+            If it is neither.
 
-    @cached_property
-    def envelope(self) -> Grid:
-        """Shape (64, 64, 64), 0 to 1: share inside the outer surface. Needs ``GEOMETRY``."""
-        self._need(Modality.GEOMETRY, "envelope")
-        return self._array("envelope")
-
-    @cached_property
-    def outer_mesh(self) -> trimesh.Trimesh:
-        """The closed outer surface, cm. Needs ``GEOMETRY``, and the extra ``build``."""
-        self._need(Modality.GEOMETRY, "outer_mesh")
-        from xden1k.rays.regions import outer_surface
-
-        return outer_surface([part.mesh for part in self._object.parts])
-
-    @cached_property
-    def part_meshes(self) -> tuple[trimesh.Trimesh, ...]:
-        """One closed mesh for each part, cm. Needs ``PARTS``."""
-        self._need(Modality.PARTS, "part_meshes")
-        return tuple(part.mesh for part in self._object.parts)
-
-    @cached_property
-    def part_names(self) -> tuple[str, ...]:
-        """Name of each part. Needs ``PARTS``."""
-        self._need(Modality.PARTS, "part_names")
-        return tuple(self._row("part_names")["part_names"])
-
-    @cached_property
-    def labels(self) -> Labels:
-        """Shape (128, 128, 128): 0 = air, k = part k. Needs ``PARTS``."""
-        self._need(Modality.PARTS, "labels")
-        return self._array("labels")
-
-    @cached_property
-    def occupancy(self) -> Grid:
-        """Shape (64, 64, 64), 0 to 1: share filled with material. Needs ``PARTS``."""
-        self._need(Modality.PARTS, "occupancy")
-        return self._array("occupancy")
-
-    @cached_property
-    def views(self) -> tuple[XRayView, XRayView]:
-        """The radiographs ``pa`` and ``lat``. Needs ``XRAY``."""
-        self._need(Modality.XRAY, "views")
-        return self._object.views
-
-    def _need(self, modality: Modality, what: str) -> None:
-        if modality not in self.reads:
-            raise ModalityError(
-                f"{self.object_id}: {what} needs the modality {modality.name}, "
-                f"but the method declares {list(self.reads.inputs)}"
-            )
-
-    def _array(self, column: str) -> np.ndarray:
-        return decode_array(self._row(column), column)
-
-    def _row(self, column: str) -> Mapping[str, Any]:
-        return self.folder.row(self.object_id, [column])
-
-    @cached_property
-    def _object(self) -> DensityObject:
-        return self.folder.object(self.object_id)
+        Examples
+        --------
+        >>> Budget.parse("20epochs"), Budget.parse("90s")
+        (Budget(epochs=20, seconds=None), Budget(epochs=None, seconds=90.0))
+        """
+        if found := re.fullmatch(r"(\d{1,9}) ?epochs?", text):
+            return cls(epochs=int(found[1]))
+        if found := re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?) ?s", text):
+            return cls(seconds=float(found[1]))
+        raise DataError(f"a budget must be like 20epochs or 90s, got {text!r}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Example:
-    """What a method learns from.
+class Prediction:
+    """A predicted density with what else is to be said of it.
 
     Parameters
     ----------
-    sample
-        What it may see.
     density_g_cm3
-        Shape (64, 64, 64): the target, voxel means.
+        As :meth:`Predictor.predict` may give it alone.
+    density_sd_g_cm3
+        Standard deviation of the error that is expected, of the same shape; from a method that
+        gives it for every object or for none.
+    mass_native_g
+        The mass by the method's own rule, where it has one: printed, never scored.
+    model
+        Which model answered: its id, or ``replay:HASH`` of recorded answers; empty if none.
+    fallbacks
+        How often a substitute stood in for a model's answer.
+    device
+        Where it was computed.
     """
 
-    sample: SampleView
-    density_g_cm3: Grid
-
-
-@dataclass(frozen=True, eq=False)
-class Examples:
-    """A split to learn from. Can be gone through again; one object in memory at a time.
-
-    Parameters
-    ----------
-    folder
-        The dataset.
-    split
-        One of its splits.
-    reads
-        What the method declared.
-    target
-        ``density`` or ``apparent_density``.
-    """
-
-    folder: DatasetFolder
-    split: str
-    reads: Modality
-    target: Target = "density"
-
-    def __len__(self) -> int:
-        return len(self.folder.ids(self.split))
-
-    def __iter__(self) -> Iterator[Example]:
-        for object_id in self.folder.ids(self.split):
-            row = self.folder.row(object_id, [self.target])
-            sample = SampleView(self.folder, object_id, self.reads)
-            yield Example(sample, decode_target(row, object_id, self.target))
+    density_g_cm3: Grid | Float[np.ndarray, "parts"]
+    density_sd_g_cm3: Grid | Float[np.ndarray, "parts"] | None = None
+    mass_native_g: float | None = None
+    model: str = ""
+    fallbacks: int = 0
+    device: str = "cpu"
 
 
 @runtime_checkable
@@ -208,10 +141,57 @@ class Predictor(Protocol):
         """Learn from examples. Called once before :meth:`predict`, only if ``trainable``."""
         ...
 
-    def predict(self, sample: SampleView) -> Grid | Float[np.ndarray, "parts"]:
+    def predict(self, sample: SampleView) -> Grid | Float[np.ndarray, "parts"] | Prediction:
         """Predict the target in g/cm³.
 
         Voxel means of shape (64, 64, 64), 0 outside the envelope; or, by a method that reads
-        ``PARTS``, one value for air and each part, shape (K + 1,).
+        ``PARTS``, one value for air and each part, shape (K + 1,); or a :class:`Prediction` with
+        one of the two. The same sample gives the same values, whatever was predicted before.
         """
         ...
+
+
+@runtime_checkable
+class Budgeted(Predictor, Protocol):
+    """A method that can be told how long to learn: :func:`takes_budget`."""
+
+    def fit(self, train: Examples, *, seed: int, budget: Budget | None = None) -> None:
+        """Learn from examples within a budget; None = the method's own."""
+        ...
+
+
+@runtime_checkable
+class Storable(Protocol):
+    """A method whose fit can be kept in a folder."""
+
+    def save(self, folder: Path) -> None:
+        """Write what :meth:`Predictor.fit` learned into an empty folder."""
+        ...
+
+    def load(self, folder: Path) -> None:
+        """Take up what :meth:`save` wrote: predictions are the same as before, to the bit.
+
+        Raises
+        ------
+        DataError
+            If the folder does not hold it.
+        """
+        ...
+
+
+@runtime_checkable
+class Fingerprinted(Protocol):
+    """A method that depends on more than its code, version and fit."""
+
+    @property
+    def fingerprint(self) -> str:
+        """Checksum of what else it depends on: weights, recorded answers, settings.
+
+        An interrupted run is continued only where it is the same.
+        """
+        ...
+
+
+def takes_budget(predictor: Predictor) -> TypeGuard[Budgeted]:
+    """Whether a method is :class:`Budgeted`: its ``fit`` has a parameter ``budget``."""
+    return "budget" in inspect.signature(predictor.fit).parameters

@@ -14,7 +14,7 @@ from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.modality import Modality, track_of
 from xden1k.predictions import PredictionsWriter, SubmissionMeta, Target, open_predictions
-from xden1k.predictor import Examples, Predictor, SampleView
+from xden1k.predictor import Examples, Prediction, Predictor, SampleView
 from xden_bench.protocol import Protocol, is_trivial
 from xden_bench.reference import Reference
 from xden_bench.submission import Progress
@@ -120,8 +120,13 @@ def run_predictor(
         predictor.fit(Examples(folder, "train", predictor.reads, target), seed=seed)
     with PredictionsWriter(out) as writer:
         for object_id in progress(folder.ids(split)):
-            values = predictor.predict(SampleView(folder, object_id, predictor.reads))
-            writer.add(object_id, values)
+            found = predictor.predict(SampleView(folder, object_id, predictor.reads))
+            values, sd = (
+                (found.density_g_cm3, found.density_sd_g_cm3)
+                if isinstance(found, Prediction)
+                else (found, None)
+            )
+            writer.add(object_id, values, sd)
             _check_parts(folder, object_id, values, predictor.reads)
         meta = SubmissionMeta(
             method=predictor.name,

@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 
 from tests.phantoms import BAR, CUBE, HOLLOW, box_object
+from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder, open_folder, write_folder
 from xden1k.modality import Modality, ModalityError
 from xden1k.predictor import Examples, Predictor, SampleView
 from xden_baselines.constant import CategoryMedian, TrainMedian, Water, Zero, mean_density_g_cm3
 
 ALL = [Zero, Water, TrainMedian, CategoryMedian]
+
+
+def pictures_of(folder: DatasetFolder, object_id: str) -> str:
+    return f"pictures of {object_id}"
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +92,20 @@ def test_category_median_takes_the_category_and_says_where_it_could_not(
     assert len(predictor.notes) < 500
 
 
+def test_pictures_come_from_the_source_that_is_given(folder: DatasetFolder) -> None:
+    sample = SampleView(folder, "bar-0002", Modality.RGB, pictures_of)
+    assert sample.pictures == "pictures of bar-0002"
+    with pytest.raises(DataError, match="bar-0002: the dataset has no colour pictures"):
+        SampleView(folder, "bar-0002", Modality.RGB).pictures  # noqa: B018
+    train = list(Examples(folder, "train", Modality.RGB, pictures_of=pictures_of))
+    assert train[0].sample.pictures == "pictures of bar-0001"
+
+
+def test_training_objects_come_with_their_answers(folder: DatasetFolder) -> None:
+    first = next(iter(Examples(folder, "train", Modality.NONE)))
+    assert [part.material for part in first.truth.parts] == ["polypropylene", "steel"]
+
+
 @pytest.mark.parametrize(
     ("what", "needed"),
     [
@@ -97,14 +116,16 @@ def test_category_median_takes_the_category_and_says_where_it_could_not(
         ("occupancy", "PARTS"),
         ("part_meshes", "PARTS"),
         ("views", "XRAY"),
+        ("pictures", "RGB"),
+        ("truth", "TRUTH"),
     ],
 )
 def test_what_is_not_declared_is_not_shown(folder: DatasetFolder, what: str, needed: str) -> None:
-    every = Modality.GEOMETRY | Modality.RGB | Modality.PARTS | Modality.CATEGORY | Modality.XRAY
-    assert getattr(SampleView(folder, "bar-0002", every), what) is not None
+    every = ~Modality.NONE
+    assert getattr(SampleView(folder, "bar-0002", every, pictures_of), what) is not None
     others = every & ~Modality[needed]
     with pytest.raises(ModalityError, match=f"bar-0002: {what} needs the modality {needed}"):
-        getattr(SampleView(folder, "bar-0002", others), what)
+        getattr(SampleView(folder, "bar-0002", others, pictures_of), what)
 
 
 def test_the_outer_surface_hides_a_cavity(folder: DatasetFolder) -> None:
@@ -113,7 +134,7 @@ def test_the_outer_surface_hides_a_cavity(folder: DatasetFolder) -> None:
     assert sample.envelope[32, 32, 32] == 1.0
 
 
-def test_no_density_is_within_reach_of_a_sample() -> None:
+def test_nothing_else_is_within_reach_of_a_sample() -> None:
     public = {name for name in vars(SampleView) if not name.startswith("_")}
     assert public == {
         "category",
@@ -124,6 +145,9 @@ def test_no_density_is_within_reach_of_a_sample() -> None:
         "outer_mesh",
         "part_meshes",
         "part_names",
+        "pictures",
+        "pictures_of",
+        "truth",
         "views",
         "voxel_size_cm",
     }
