@@ -1,0 +1,87 @@
+"""One question to a chat model, and the key its answer is kept under."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import PIL.Image
+
+from xden_baselines.chat.candidates import Picture
+
+__all__ = ["ChatRequest", "png"]
+
+Content = list[dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class ChatRequest:
+    """One question: a text and the pictures it is about.
+
+    Parameters
+    ----------
+    prompt
+        Id and version of the wording, ``materials/1``; raised whenever the wording changes.
+    about
+        The object, for messages alone: it is no part of the key.
+    text
+        What is asked.
+    images
+        PNG files, sent after the text in this order.
+    seed, temperature, max_tokens
+        Sent along; a temperature of None leaves it to the server.
+    """
+
+    prompt: str
+    about: str
+    text: str
+    images: tuple[bytes, ...] = ()
+    seed: int = 100
+    temperature: float | None = None
+    max_tokens: int = 500
+
+    def messages(self) -> list[dict[str, Any]]:
+        """Return what is sent: one message of the user, pictures as data URLs."""
+        return self._messages(_data_url)
+
+    def key(self, model: str) -> str:
+        """SHA-256 of all that an answer can depend on, as canonical JSON, pictures by their own."""
+        values = {
+            "model": model,
+            "prompt": self.prompt,
+            "messages": self._messages(lambda image: hashlib.sha256(image).hexdigest()),
+            "seed": self.seed,
+            "temperature": self.temperature,
+            "max_tokens": self.max_tokens,
+        }
+        canonical = json.dumps(values, sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(canonical.encode()).hexdigest()
+
+    def _messages(self, show: Callable[[bytes], str]) -> list[dict[str, Any]]:
+        pictures: Content = [
+            {"type": "image_url", "image_url": {"url": show(image)}} for image in self.images
+        ]
+        return [{"role": "user", "content": [{"type": "text", "text": self.text}, *pictures]}]
+
+
+def png(picture: Picture) -> bytes:
+    """Return a picture as the bytes of a PNG file.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> png(np.zeros((2, 3, 3), dtype=np.uint8))[1:4]
+    b'PNG'
+    """
+    file = io.BytesIO()
+    PIL.Image.fromarray(picture).save(file, format="PNG")
+    return file.getvalue()
+
+
+def _data_url(image: bytes) -> str:
+    return f"data:image/png;base64,{base64.b64encode(image).decode()}"
