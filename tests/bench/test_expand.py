@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from xden1k.errors import MissingExtraError
 from xden1k.folder import open_folder
 from xden1k.hub import SAMPLE
 from xden1k.predictions import SubmissionMeta, write_predictions
-from xden_bench.expand import grid_of_parts
+from xden_bench.expand import grid_of_parts, sd_grid_of_parts
 from xden_bench.protocol import load_protocol
 from xden_bench.reference import Reference
 from xden_bench.scoring import score
@@ -70,6 +71,21 @@ def test_the_true_part_densities_score_zero_on_the_sample(
     assert scored.metrics["com_l1_cm"].mean < 1e-5
     (warning,) = (str(one) for one in scored.warnings if one.code == "W504")
     assert f" {len(reference.ids)}: " in warning
+
+
+def test_deviations_of_parts_add_as_independent_ones_where_parts_share_a_voxel() -> None:
+    meshes = [trimesh.creation.box((1, 1, 1)) for _ in range(2)]
+    for mesh, x in zip(meshes, (-0.5, 0.5), strict=True):
+        mesh.apply_translation([x, 0, 0])
+    place = (meshes, np.full(3, -1.5), 0.3)  # the face between them halves a layer of voxels
+    both = sd_grid_of_parts(np.array([0.0, 0.3, 0.4]), *place)
+    first = sd_grid_of_parts(np.array([0.0, 0.3, 0.0]), *place)
+    second = sd_grid_of_parts(np.array([0.0, 0.0, 0.4]), *place)
+    np.testing.assert_allclose(both**2, first**2 + second**2, atol=1e-7)
+    assert both[5, 5, 5] == pytest.approx(np.hypot(0.15, 0.2), rel=0.01)
+    assert both.max() == pytest.approx(0.4)
+    # a single part's deviation is spread as its density is
+    np.testing.assert_allclose(first, grid_of_parts(np.array([0.0, 0.3, 0.0]), *place), rtol=1e-3)
 
 
 def test_without_the_extra_that_cuts_meshes_the_message_says_what_to_install(

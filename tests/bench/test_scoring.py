@@ -210,4 +210,11 @@ def test_the_numbers_of_the_whole_way(
         run_predictor(find_predictor(name), folder, "test", path)
         for metric, one in score(path, reference, RULES).metrics.items():
             found[f"{name} {metric}"] = [one.mean, one.low, one.high]
+    sure = score(with_sd(tmp_path / "water.npz", reference, 0.5), reference, RULES).metrics
+    for metric in RULES.sd_metrics:
+        found[f"water with sd {metric}"] = [
+            sure[metric].mean,
+            sure[metric].low,
+            sure[metric].high,
+        ]
     golden("bench", found)
