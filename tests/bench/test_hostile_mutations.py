@@ -112,4 +112,4 @@ def test_ten_thousand_mutations_are_scored_or_told_what_is_wrong(
     sounds: tuple[bytes, bytes], dataset: Path, tmp_path: Path
 ) -> None:
     told = try_mutations(range(ALL), sounds, dataset, tmp_path)
-    assert {code for code in CODES if code[0] == "E"} - told.keys() <= {"E102", "E205", "E405"}
+    assert {code for code in CODES if code[0] == "E"} - told.keys() <= {"E405"}
