@@ -1,0 +1,174 @@
+"""Reading what a chat model says of materials: semicolon lists, and JSON.
+
+Densities are asked in kg/m³, as the originals do, and become g/cm³ here, once. What is given in
+another unit is converted, what makes no sense raises a DataError: then the question is asked again.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from xden1k.errors import DataError
+from xden_baselines.chat.candidates import MAX_CANDIDATES, Candidate, Range
+
+__all__ = ["paired", "parse_densities", "parse_json", "parse_thicknesses"]
+
+G_CM3 = {"kg/m3": 1e-3, "g/cm3": 1.0, "g/cc": 1.0}
+"""By unit, to g/cm³; the first is meant where none is written."""
+CM = {"cm": 1.0, "mm": 0.1, "m": 100.0}
+"""By unit, to cm."""
+
+_NUMBER = r"\d+(?:\.\d+)?(?:e[+-]?\d+)?"
+_DASH = r"-|\u2013|\u2014|~|to"
+_RANGE = re.compile(rf"({_NUMBER})(?:\s*(?:{_DASH})\s*({_NUMBER}))?\s*([a-z].*)?", re.IGNORECASE)
+_TEMPLATE = re.compile(r"material(\s*\d*)|name|[<\[{.].*", re.IGNORECASE)
+"""Names a model leaves in when it repeats the template."""
+
+
+def parse_densities(text: str) -> dict[str, Range]:
+    """Read ``(steel: 7,750-8,050 kg/m^3);(oak: 600-900 kg/m^3)``: g/cm³ by name.
+
+    Raises
+    ------
+    DataError
+        If it is no such list of one to five items of different names.
+
+    Examples
+    --------
+    >>> parse_densities("(Steel: 7,750-8,050 kg/m^3);(pine: 500 kg/m^3)")
+    {'steel': (7.75, 8.05), 'pine': (0.5, 0.5)}
+    """
+    return _parse_list(text, G_CM3)
+
+
+def parse_thicknesses(text: str) -> dict[str, Range]:
+    """Read ``(steel: 0.1-0.2 cm);(oak: 20-30 mm)``: cm by name.
+
+    Raises
+    ------
+    DataError
+        As of :func:`parse_densities`.
+
+    Examples
+    --------
+    >>> parse_thicknesses("(steel: 0.1-0.2 cm);(oak: 20-30 mm)")
+    {'steel': (0.1, 0.2), 'oak': (2.0, 3.0)}
+    """
+    return _parse_list(text, CM)
+
+
+def paired(
+    densities: Mapping[str, Range], thicknesses: Mapping[str, Range]
+) -> tuple[Candidate, ...]:
+    """Put densities and thicknesses of the same name together, in the order of the densities.
+
+    By name, never by place: a model that puts its second list in another order must not swap
+    materials.
+
+    Raises
+    ------
+    DataError
+        If the names differ, or a range is out of bounds.
+    """
+    if densities.keys() != thicknesses.keys():
+        raise DataError(
+            f"expected thicknesses of {sorted(densities)}, got those of {sorted(thicknesses)}"
+        )
+    return tuple(Candidate(name, densities[name], thicknesses[name]) for name in densities)
+
+
+def parse_json(text: str) -> tuple[Candidate, ...]:
+    """Read ``{"materials": [{"name", "density_kg_m3": [low, high], "thickness_cm": ...}, ...]}``.
+
+    Text around it and a code fence are passed over; the original's key ``mass density (kg/m^3)``,
+    single numbers and ranges as text are taken too.
+
+    Raises
+    ------
+    DataError
+        If there is no such object, with one to five materials of different names.
+    """
+    densities: dict[str, Range] = {}
+    thicknesses: dict[str, Range] = {}
+    for item in _materials(text):
+        name = _name(item.get("name"), densities)
+        density = item.get("density_kg_m3", item.get("mass density (kg/m^3)"))
+        densities[name] = _range(density, G_CM3)
+        thicknesses[name] = _range(item.get("thickness_cm"), CM)
+    return paired(_counted(densities), thicknesses)
+
+
+def _parse_list(text: str, units: Mapping[str, float]) -> dict[str, Range]:
+    found: dict[str, Range] = {}
+    for item in text.strip().rstrip(".;").split(";"):
+        inner = item.strip()
+        if not (inner.startswith("(") and inner.count(":") == 1):
+            raise DataError(f"expected '(name: low-high unit)', got {inner[:60]!r}")
+        name, _, value = inner.removeprefix("(").removesuffix(")").partition(":")
+        found[_name(name, found)] = _range(value, units)
+    return _counted(found)
+
+
+def _counted(found: dict[str, Range]) -> dict[str, Range]:
+    if not 1 <= len(found) <= MAX_CANDIDATES:
+        raise DataError(f"expected 1 to {MAX_CANDIDATES} materials, got {len(found)}")
+    return found
+
+
+def _name(name: object, taken: Mapping[str, Range]) -> str:
+    """Return a name in lower case, its spaces single; refuse what is none, and a second one."""
+    if not isinstance(name, str):
+        raise DataError(f"expected the name of a material, got {name!r}")
+    plain = " ".join(name.lower().split())
+    if not plain or plain[0].isdigit() or _TEMPLATE.fullmatch(plain):
+        raise DataError(f"expected the name of a material, got {name!r}")
+    if plain in taken:
+        raise DataError(f"the material {plain!r} comes twice")
+    return plain
+
+
+def _range(value: object, units: Mapping[str, float]) -> Range:
+    """Read a range: text, two numbers, or one."""
+    if isinstance(value, str):
+        return _range_of_text(value, units)
+    numbers: list[Any] = value if isinstance(value, list) else [value]
+    if not (1 <= len(numbers) <= 2 and all(_is_number(number) for number in numbers)):
+        raise DataError(f"expected a number or a range, got {value!r}")
+    factor = next(iter(units.values()))
+    return _scaled(numbers[0], numbers[-1], factor)
+
+
+def _range_of_text(text: str, units: Mapping[str, float]) -> Range:
+    found = _RANGE.fullmatch(re.sub(r"(?<=\d),(?=\d{3})", "", text).strip())
+    if found is None:
+        raise DataError(f"expected a range like 600-900, got {text.strip()[:60]!r}")
+    low, high, unit = found.groups()
+    plain = re.sub(r"[\s^]", "", (unit or next(iter(units))).lower()).replace("³", "3")
+    if plain not in units:
+        raise DataError(f"expected a unit of {list(units)}, got {unit!r}")
+    return _scaled(float(low), float(high or low), units[plain])
+
+
+def _scaled(low: float, high: float, factor: float) -> Range:
+    # to 12 digits: what was written in decimals stays so
+    return float(f"{low * factor:.12g}"), float(f"{high * factor:.12g}")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _materials(text: str) -> list[dict[str, Any]]:
+    start = text.find("{")
+    try:
+        values, _ = json.JSONDecoder().raw_decode(text, start if start >= 0 else 0)
+    except (ValueError, RecursionError) as err:
+        raise DataError(f"expected a JSON object, got {text[:60]!r}") from err
+    materials = values.get("materials") if isinstance(values, dict) else None
+    if not (isinstance(materials, list) and all(isinstance(each, dict) for each in materials)):
+        raise DataError(f"expected a list of objects under 'materials', got {text[:60]!r}")
+    return materials

@@ -1,0 +1,139 @@
+"""What objects of a category consisted of in the training split: needs no model."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable
+
+import numpy as np
+import trimesh
+
+from xden1k.errors import DataError
+from xden1k.materials import load_materials
+from xden1k.predictor import Example, Examples
+from xden1k.types import Part
+from xden_baselines.chat.candidates import MAX_CANDIDATES, Candidate, Picture, Range
+
+__all__ = ["PriorProposer", "density_range_g_cm3", "material_of", "plate_thickness_cm"]
+
+QUARTILES = (0.25, 0.75)
+
+
+class PriorProposer:
+    """The materials most common in the training objects of a category.
+
+    Commonest first by the number of objects that contain them, ties by name; where a category has
+    fewer than five, those most common in all objects follow. Densities are the material library's
+    ranges. Thicknesses are the quartiles, over the training parts of the material, of what a plate
+    of the part's volume and surface would have.
+
+    Parameters
+    ----------
+    train
+        The training split; targets must be true densities, which the library's are.
+
+    Raises
+    ------
+    DataError
+        If the target is another, or no training part has a material.
+    """
+
+    source = "material prior of the training split"
+    fallbacks = 0
+
+    def __init__(self, train: Examples) -> None:
+        if train.target != "density":
+            raise DataError(
+                "the densities of the material library are true ones: expected the target "
+                f"'density', got {train.target!r}"
+            )
+        self._by_category, thicknesses = _survey(train)
+        self._overall = sum(self._by_category.values(), Counter[str]())
+        if not self._overall:
+            raise DataError(f"no part of the split {train.split!r} has a material")
+        self._candidates = {
+            name: Candidate(_spoken(name), density_range_g_cm3(name), _quartiles(values))
+            for name, values in thicknesses.items()
+        }
+
+    def propose(
+        self, object_id: str, category: str, picture: Picture | None = None
+    ) -> tuple[Candidate, ...]:
+        """Give the candidates of a category; those of all objects for an unseen one."""
+        common = _commonest(self._by_category.get(category, Counter()))
+        names = dict.fromkeys([*common, *_commonest(self._overall)])
+        return tuple(self._candidates[name] for name in list(names)[:MAX_CANDIDATES])
+
+
+def material_of(part: Part) -> str | None:
+    """Return the material of a part, or its family; None where it is unknown or a gas."""
+    if not part.material or density_range_g_cm3(part.material)[0] < GAS_G_CM3:
+        return None
+    return part.material
+
+
+GAS_G_CM3 = 0.005
+"""Nothing solid or liquid is lighter."""
+
+
+def density_range_g_cm3(material: str) -> Range:
+    """Return the library's range for a material, or that of all of a family.
+
+    Raises
+    ------
+    DataError
+        If the library has neither.
+
+    Examples
+    --------
+    >>> density_range_g_cm3("steel"), density_range_g_cm3("wood")
+    ((7.75, 7.9), (0.1, 1.0))
+    """
+    library = load_materials()
+    if material in library:
+        known = [library[material]]
+    else:
+        known = [each for each in library.values() if each.family == material]
+    if not known:
+        raise DataError(f"the material library has no {material!r}")
+    low, high = zip(
+        *((each.density_low_g_cm3, each.density_high_g_cm3) for each in known), strict=True
+    )
+    return min(low), max(high)
+
+
+def plate_thickness_cm(mesh: trimesh.Trimesh) -> float:
+    """Thickness of a wide plate of the same volume and surface: 2 V / A.
+
+    Examples
+    --------
+    >>> round(plate_thickness_cm(trimesh.creation.box((100, 100, 0.2))), 2)
+    0.2
+    """
+    return 2 * abs(float(mesh.volume)) / float(mesh.area)
+
+
+def _survey(train: Iterable[Example]) -> tuple[dict[str, Counter[str]], dict[str, list[float]]]:
+    """Count the objects with each material, by category; thicknesses of the parts by material."""
+    objects: dict[str, Counter[str]] = defaultdict(Counter)
+    thicknesses: dict[str, list[float]] = defaultdict(list)
+    for example in train:
+        truth = example.truth
+        found = [(name, part.mesh) for part in truth.parts if (name := material_of(part))]
+        objects[truth.category].update({name for name, _ in found})
+        for name, mesh in found:
+            thicknesses[name].append(plate_thickness_cm(mesh))
+    return dict(objects), dict(thicknesses)
+
+
+def _commonest(counts: Counter[str]) -> list[str]:
+    return sorted(counts, key=lambda name: (-counts[name], name))
+
+
+def _quartiles(values: list[float]) -> Range:
+    low, high = np.quantile(values, QUARTILES).tolist()
+    return low, high
+
+
+def _spoken(name: str) -> str:
+    return name.replace("_", " ")
