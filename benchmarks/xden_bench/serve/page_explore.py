@@ -33,9 +33,9 @@ SLICES: Final = (
     "and prediction share one colour scale, that of the whole object."
 )
 WHITE: Final = (1.0, 1.0, 1.0, 1.0)
-VIEW_DEGREES: Final = (-60, 65)
+VIEW_DEGREES: Final = (60, 65)
 """Of the camera: around the object, and down from the vertical."""
-VIEW_DISTANCE: Final = 1.25
+VIEW_DISTANCE: Final = 1.5
 """Of the camera, in diagonals of the object."""
 
 
