@@ -1,0 +1,96 @@
+"""A chat endpoint on the loopback address that does what a script says, and a model without one."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+from xden_baselines.chat.request import ChatRequest
+
+
+@dataclass(frozen=True)
+class Reply:
+    """One answer of the endpoint: a text, or a body as it is; None as text is a refusal."""
+
+    text: str | None = ""
+    status: int = 200
+    body: bytes | None = None
+    after_s: float = 0.0
+
+    @property
+    def bytes(self) -> bytes:
+        if self.body is not None:
+            return self.body
+        message = {"role": "assistant", "content": self.text}
+        choice = {"index": 0, "finish_reason": "stop", "message": message}
+        return json.dumps({"choices": [choice], "model": "stub", "created": 1, "id": "1"}).encode()
+
+
+@dataclass
+class Stub:
+    """Where the endpoint is, and what it was asked."""
+
+    base_url: str
+    requests: list[dict[str, Any]] = field(default_factory=list)
+    authorization: list[str | None] = field(default_factory=list)
+
+    @property
+    def seeds(self) -> list[int]:
+        return [request["seed"] for request in self.requests]
+
+
+@contextmanager
+def stub_endpoint(script: Sequence[Reply]) -> Iterator[Stub]:
+    """Serve the replies one by one, the last again and again."""
+    stub = Stub("")
+    replies = iter(script)
+    last = [script[-1]]
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            size = int(self.headers["Content-Length"])
+            stub.requests.append(json.loads(self.rfile.read(size)))
+            stub.authorization.append(self.headers.get("Authorization"))
+            reply = next(replies, last[0])
+            time.sleep(reply.after_s)
+            try:
+                self.send_response(reply.status)
+                self.send_header("Content-Type", "application/json")
+                self.send_header("Content-Length", str(len(reply.bytes)))
+                self.end_headers()
+                self.wfile.write(reply.bytes)
+            except (BrokenPipeError, ConnectionResetError):
+                pass  # the client had no patience
+
+        def log_message(self, *_: object) -> None:
+            """Say nothing."""
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+    thread.start()
+    stub.base_url = f"http://127.0.0.1:{server.server_port}/v1"
+    try:
+        yield stub
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+@dataclass
+class Parrot:
+    """A model in memory: gives what a function says, and keeps the questions."""
+
+    answer: Callable[[ChatRequest], str]
+    asked: list[ChatRequest] = field(default_factory=list)
+    source: str = "parrot"
+
+    def complete(self, request: ChatRequest) -> str:
+        self.asked.append(request)
+        return self.answer(request)

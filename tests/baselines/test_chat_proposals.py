@@ -1,0 +1,279 @@
+"""Reading proposals, pairing them by name, asking again, falling back; and the prior."""
+
+from __future__ import annotations
+
+import json
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.baselines.chat_stub import Parrot
+from tests.phantoms import Box, box_object
+from xden1k.errors import DataError
+from xden1k.folder import open_folder, write_folder
+from xden1k.modality import Modality
+from xden1k.predictor import Examples
+from xden_baselines.chat.answers import paired, parse_densities, parse_json, parse_thicknesses
+from xden_baselines.chat.candidates import Candidate, MaterialProposer
+from xden_baselines.chat.prior import PriorProposer
+from xden_baselines.chat.proposer import ChatProposer
+from xden_baselines.chat.request import ChatRequest
+
+LIST = "(Steel: 7,750-8,050 kg/m^3);(oak  wood: 600 - 900 kg/m3);(water: 1000 kg/m³)"
+THICKNESS = "(water: 5-10 cm);(steel: 0.1-0.2 cm);(oak wood: 20-30 mm)"
+STEEL = Candidate("steel", (7.75, 8.05), (0.1, 0.2))
+OAK = Candidate("oak wood", (0.6, 0.9), (2.0, 3.0))
+WATER = Candidate("water", (1.0, 1.0), (5.0, 10.0))
+JSON = {
+    "materials": [
+        {"name": "Steel", "density_kg_m3": [7750, 8050], "thickness_cm": [0.1, 0.2]},
+        {"name": "oak wood", "density_kg_m3": "600-900", "thickness_cm": "20-30 mm"},
+        {"name": "water", "density_kg_m3": 1000, "thickness_cm": [5, 10]},
+    ]
+}
+
+
+def test_a_list_is_read_with_thousands_commas_single_values_and_any_spelling_of_the_unit() -> None:
+    assert parse_densities(LIST) == {"steel": (7.75, 8.05), "oak wood": (0.6, 0.9), "water": (1, 1)}
+
+
+@pytest.mark.parametrize(
+    ("text", "g_cm3"),
+    [
+        ("(oak: 600-900)", (0.6, 0.9)),
+        ("(oak: 0.6-0.9 g/cm^3)", (0.6, 0.9)),
+        ("(oak: 600\u2013900 kg/m^3).", (0.6, 0.9)),
+        ("(oak: 600 to 900 kg / m^3);", (0.6, 0.9)),
+        ("  (oak: 6e2-9e2 kg/m^3)\n", (0.6, 0.9)),
+        ("(oak: 22,590 kg/m^3)", (22.59, 22.59)),
+    ],
+)
+def test_units_dashes_and_ends_are_forgiven(text: str, g_cm3: tuple[float, float]) -> None:
+    assert parse_densities(text) == {"oak": g_cm3}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "expected '\\(name: low-high unit\\)'"),
+        ("I am sorry, but I cannot help with that.", "expected '\\(name: low-high unit\\)'"),
+        ("steel: 7750-8050 kg/m^3", "expected '\\(name: low-high unit\\)'"),
+        ("(steel, 7750-8050 kg/m^3)", "expected '\\(name: low-high unit\\)'"),
+        ("(steel: plated: 7750-8050 kg/m^3)", "expected '\\(name: low-high unit\\)'"),
+        ("(material 1: 100-200 kg/m^3)", "expected the name of a material"),
+        ("(material: 100-200 kg/m^3)", "expected the name of a material"),
+        ("(<name>: 100-200 kg/m^3)", "expected the name of a material"),
+        ("(1. steel: 100-200 kg/m^3)", "expected the name of a material"),
+        ("(: 100-200 kg/m^3)", "expected the name of a material"),
+        ("(steel: low-high kg/m^3)", "expected a range like"),
+        ("(steel: very dense)", "expected a range like"),
+        ("(steel: -5 kg/m^3)", "expected a range like"),
+        ("(steel: 490 lb/ft^3)", "expected a unit of"),
+        ("(steel: 7800 kg/m^3);(Steel: 7900 kg/m^3)", "'steel' comes twice"),
+        (";".join(f"({name}: 900)" for name in "abcdef"), "1 to 5 materials, got 6"),
+    ],
+)
+def test_what_is_no_list_is_refused(text: str, message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        parse_densities(text)
+
+
+def test_thicknesses_pair_by_name_whatever_their_order() -> None:
+    assert paired(parse_densities(LIST), parse_thicknesses(THICKNESS)) == (STEEL, OAK, WATER)
+
+
+@given(st.permutations(THICKNESS.split(";")))
+def test_no_order_of_the_thicknesses_swaps_materials(order: list[str]) -> None:
+    thicknesses = parse_thicknesses(";".join(order))
+    assert paired(parse_densities(LIST), thicknesses) == (STEEL, OAK, WATER)
+
+
+@pytest.mark.parametrize("answer", ["(steel: 1 cm)", THICKNESS + ";(tin: 1 cm)"])
+def test_thicknesses_of_other_materials_are_refused(answer: str) -> None:
+    with pytest.raises(
+        DataError, match=r"expected thicknesses of \['oak wood', 'steel', 'water'\]"
+    ):
+        paired(parse_densities(LIST), parse_thicknesses(answer))
+
+
+@pytest.mark.parametrize(
+    ("densities", "what"),
+    [
+        ({"steel": (8.05, 7.75)}, "density"),
+        ({"steel": (0.0, 7.75)}, "density"),
+        ({"steel": (7750.0, 8050.0)}, "density"),
+        ({"steel": (7.75, float("inf"))}, "density"),
+    ],
+)
+def test_impossible_densities_are_refused(densities: dict, what: str) -> None:
+    with pytest.raises(DataError, match=f"steel: {what}_g_cm3 must be 0 < low <= high <= 25"):
+        paired(densities, {"steel": (0.1, 0.2)})
+
+
+@pytest.mark.parametrize("around", ["%s", "```json\n%s\n```", "Sure!\n%s\nAnything else?"])
+def test_json_is_read_bare_fenced_or_amid_prose(around: str) -> None:
+    assert parse_json(around % json.dumps(JSON, indent=1)) == (STEEL, OAK, WATER)
+
+
+def test_the_key_of_the_original_is_known() -> None:
+    item = {"name": "steel", "mass density (kg/m^3)": "7,750-8,050", "thickness_cm": [0.1, 0.2]}
+    assert parse_json(json.dumps({"description": "a pot", "materials": [item]})) == (STEEL,)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "expected a JSON object"),
+        ("I cannot say.", "expected a JSON object"),
+        ('{"materials": [', "expected a JSON object"),
+        ("[" * 100_000, "expected a JSON object"),
+        ("[1]", "under 'materials'"),
+        ("{}", "under 'materials'"),
+        ('{"materials": {"steel": 1}}', "under 'materials'"),
+        ('{"materials": []}', "got 0"),
+        ('{"materials": [{"density_kg_m3": 1}]}', "the name of a material, got None"),
+        ('{"materials": [{"name": "..."}]}', "the name of a material"),
+        ('{"materials": [{"name": "tin"}]}', "a number or a range, got None"),
+        ('{"materials": [{"name": "tin", "density_kg_m3": [1, 2, 3]}]}', "a number or a range"),
+        ('{"materials": [{"name": "tin", "density_kg_m3": true}]}', "a number or a range"),
+        ('{"materials": [{"name": "tin", "density_kg_m3": NaN}]}', "a number or a range"),
+        ('{"materials": [{"name": "tin", "density_kg_m3": ["low", "high"]}]}', "a number or a"),
+        (
+            '{"materials": [{"name": "tin", "density_kg_m3": 7290}]}',
+            "a number or a range, got None",
+        ),
+    ],
+)
+def test_what_is_no_such_json_is_refused(text: str, message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        parse_json(text)
+
+
+@given(st.text() | st.text(alphabet='(): ;-.0123456789kg/m^3abc{}[]",e'))
+def test_no_answer_does_worse_than_being_refused(text: str) -> None:
+    for parse in (parse_densities, parse_thicknesses, parse_json):
+        with suppress(DataError):
+            assert parse(text)
+
+
+class Fixed:
+    source = "fixed"
+    fallbacks = 0
+
+    def propose(self, object_id: str, category: str, picture: object = None) -> tuple:
+        return (WATER,)
+
+
+def asked_in_lists(request: ChatRequest) -> str:
+    return LIST if request.prompt == "materials/1" else THICKNESS
+
+
+def test_the_lists_take_two_questions_and_the_second_names_what_the_first_gave() -> None:
+    model = Parrot(asked_in_lists)
+    proposer = ChatProposer(model, Fixed())
+    assert isinstance(proposer, MaterialProposer)
+    assert proposer.propose("pot-0001", "pot") == (STEEL, OAK, WATER)
+    assert [request.prompt for request in model.asked] == ["materials/1", "thickness/1"]
+    assert "described as: pot." in model.asked[0].text
+    assert "steel, oak wood, water" in model.asked[1].text
+    assert proposer.fallbacks == 0
+
+
+def test_json_takes_one_question_and_shows_the_picture() -> None:
+    model = Parrot(lambda request: json.dumps(JSON))
+    picture = np.zeros((4, 4, 3), dtype=np.uint8)
+    proposer = ChatProposer(model, Fixed(), form="json")
+    assert proposer.propose("pot-0001", "pot", picture) == (STEEL, OAK, WATER)
+    (request,) = model.asked
+    assert len(request.images) == 1
+    assert "picture of it is attached" in request.text
+
+
+def test_rubbish_is_asked_again_with_another_seed() -> None:
+    model = Parrot(lambda request: "hm" if request.seed < 102 else asked_in_lists(request))
+    proposer = ChatProposer(model, Fixed(), retries=2)
+    assert proposer.propose("pot-0001", "pot") == (STEEL, OAK, WATER)
+    assert proposer.fallbacks == 0
+    assert [request.seed for request in model.asked] == [100, 101, 102] * 2
+
+
+@pytest.mark.parametrize("form", ["lists", "json"])
+def test_rubbish_to_the_end_is_a_fallback_that_is_counted_and_named(form: str) -> None:
+    proposer = ChatProposer(Parrot(lambda request: "hm"), Fixed(), form=form, retries=1)
+    assert proposer.propose("pot-0001", "pot") == (WATER,)
+    assert proposer.propose("pot-0002", "pot") == (WATER,)
+    assert proposer.fallbacks == 2
+    assert proposer.source == "parrot; if it fails, fixed"
+
+
+def test_thicknesses_of_other_materials_to_the_end_are_a_fallback() -> None:
+    model = Parrot(lambda request: LIST if request.prompt == "materials/1" else "(tin: 1 cm)")
+    proposer = ChatProposer(model, Fixed(), retries=1)
+    assert proposer.propose("pot-0001", "pot") == (WATER,)
+    assert proposer.fallbacks == 1
+
+
+def plate(name: str, low_z: float, thickness_cm: float, material: str) -> Box:
+    return Box(name, (0, 0, low_z), (100, 100, low_z + thickness_cm), 1.0, material=material)
+
+
+@pytest.fixture(scope="module")
+def train(tmp_path_factory: pytest.TempPathFactory) -> Examples:
+    root = tmp_path_factory.mktemp("prior") / "dataset"
+    pots = [
+        [plate("a", 0, 0.2, "steel"), plate("b", 1, 0.2, "steel"), plate("c", 2, 0.4, "abs")],
+        [plate("a", 0, 0.4, "steel"), plate("b", 1, 3, "wood"), plate("c", 9, 1, "air")],
+    ]
+    mugs = [[plate("a", 0, 1.0, "porcelain"), plate("b", 2, 1.0, "")]]
+    boxes = [("pot", parts) for parts in pots] + [("mug", parts) for parts in mugs]
+    objects = [
+        box_object(f"a-{number:04}", parts, split="train", category=category)
+        for number, (category, parts) in enumerate(boxes)
+    ]
+    objects.append(box_object("b-0001", [plate("a", 0, 1, "gold")], category="pot"))
+    write_folder(objects, root, version="0.1.0", builder="tests")
+    return Examples(open_folder(root), "train", Modality.CATEGORY)
+
+
+def test_the_prior_gives_what_the_category_was_made_of_commonest_first(train: Examples) -> None:
+    candidates = PriorProposer(train).propose("pot-0009", "pot")
+    # steel in two pots, abs and wood in one each; porcelain from the mugs; gold is not in training
+    assert [each.name for each in candidates] == ["steel", "abs", "wood", "porcelain"]
+    assert candidates[0].density_g_cm3 == (7.75, 7.9)
+    assert candidates[2].density_g_cm3 == (0.1, 1.0)
+
+
+def test_the_prior_has_the_quartiles_of_plate_thicknesses(train: Examples) -> None:
+    steel = PriorProposer(train).propose("pot-0009", "pot")[0]
+    # 0.2, 0.2 and 0.4 cm; a plate of 100 cm has 2 V / A within 1 % of its thickness
+    assert steel.thickness_cm == pytest.approx((0.2, 0.3), rel=0.01)
+
+
+def test_the_prior_gives_an_unseen_category_what_is_commonest_of_all(train: Examples) -> None:
+    names = [each.name for each in PriorProposer(train).propose("jar-0001", "jar")]
+    assert names == ["steel", "abs", "porcelain", "wood"]
+
+
+def test_the_prior_says_that_it_is_one(train: Examples) -> None:
+    prior = PriorProposer(train)
+    assert isinstance(prior, MaterialProposer)
+    assert prior.source == "material prior of the training split"
+    assert prior.fallbacks == 0
+
+
+def test_the_prior_has_no_apparent_densities(train: Examples) -> None:
+    apparent = Examples(train.folder, "train", train.reads, "apparent_density")
+    with pytest.raises(DataError, match="expected the target 'density', got 'apparent_density'"):
+        PriorProposer(apparent)
+
+
+def test_a_training_split_without_materials_is_no_prior(tmp_path: Path) -> None:
+    root = tmp_path / "dataset"
+    bare = box_object("mug-0001", [plate("a", 0, 1, "")], split="train")
+    write_folder([bare], root, version="0.1.0", builder="tests")
+    with pytest.raises(DataError, match="no part of the split 'train' has a material"):
+        PriorProposer(Examples(open_folder(root), "train", Modality.NONE))
