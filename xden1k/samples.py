@@ -24,7 +24,16 @@ __all__ = ["Example", "Examples", "PictureSource", "SampleView"]
 
 @runtime_checkable
 class PictureSource(Protocol):
-    """Where colour pictures come from: a folder of them, or a renderer."""
+    """Where colour pictures come from: a folder of them, or a renderer.
+
+    Found by the entry-point group ``xden1k.pictures``: ``rendered`` is called without arguments,
+    ``scenes`` with a folder. It may be :class:`xden1k.predictor.Fingerprinted`.
+    """
+
+    @property
+    def description(self) -> str:
+        """What the row must say of them, such as ``12 views rendered in part colours``."""
+        ...
 
     def __call__(self, folder: DatasetFolder, object_id: str) -> Any:
         """Return pictures, masks, depth and cameras of an object, and nothing else of it.

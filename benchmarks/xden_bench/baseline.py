@@ -1,28 +1,41 @@
-"""Running an installed method on a split and writing its submission."""
+"""The methods that are installed, and whether a submission is that of a trivial one."""
 
 from __future__ import annotations
 
 import inspect
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from xden1k.errors import DataError
-from xden1k.folder import DatasetFolder
 from xden1k.modality import Modality, track_of
-from xden1k.predictions import PredictionsWriter, SubmissionMeta, Target, open_predictions
-from xden1k.predictor import Examples, Prediction, Predictor, SampleView
+from xden1k.predictions import open_predictions
+from xden1k.predictor import PictureSource, Predictor
 from xden_bench.protocol import Protocol, is_trivial
 from xden_bench.reference import Reference
-from xden_bench.submission import Progress
+from xden_bench.running import Options, Report, run_predictor
 
-__all__ = ["Listed", "check_trivial", "find_predictor", "list_predictors", "run_predictor"]
+__all__ = [
+    "Listed",
+    "Options",
+    "Report",
+    "check_trivial",
+    "find_pictures",
+    "find_predictor",
+    "list_predictors",
+    "run_predictor",
+]
 
-GROUP = "xden1k.predictors"
+PREDICTORS = "xden1k.predictors"
 """Entry points of this group name methods."""
+PICTURES = "xden1k.pictures"
+"""Of this one, sources of pictures: ``rendered``, called without arguments, and ``scenes``, called
+with a folder."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,9 +47,9 @@ class Listed:
     name
         What ``xden-bench baseline`` calls it.
     track
-        Where it runs.
+        Where it runs; ``-`` if it does not load.
     summary
-        First line of its docstring.
+        First line of its docstring, or why it does not load.
     """
 
     name: str
@@ -46,25 +59,39 @@ class Listed:
 
 def list_predictors() -> tuple[Listed, ...]:
     """Every installed method, by name."""
-    return tuple(
-        Listed(name, track_of(predictor.reads), (inspect.getdoc(predictor) or "").split("\n")[0])
-        for name, predictor in ((name, find_predictor(name)) for name in sorted(_entries()))
-    )
+    return tuple(map(_listed, sorted(_entries(PREDICTORS))))
 
 
-def find_predictor(name: str) -> Predictor:
+def _listed(name: str) -> Listed:
+    try:
+        predictor = find_predictor(name)
+    except DataError as err:
+        return Listed(name, "-", str(err))
+    oracle = "oracle: " if Modality.TRUTH in predictor.reads else ""
+    summary = (inspect.getdoc(predictor) or "").split("\n")[0]
+    return Listed(name, track_of(predictor.reads), oracle + summary)
+
+
+def find_predictor(name: str, settings: Mapping[str, Any] | None = None) -> Predictor:
     """Return an installed method by the name of its entry point.
+
+    Parameters
+    ----------
+    name
+        Of the entry point.
+    settings
+        Keyword arguments it is made with.
 
     Raises
     ------
     DataError
         If there is none of that name, it cannot be imported or made, or it is no predictor.
     """
-    entries = _entries()
+    entries = _entries(PREDICTORS)
     if name not in entries:
         raise DataError(f"no method {name!r} is installed; there are {sorted(entries)}")
     try:
-        predictor = entries[name].load()()
+        predictor = entries[name].load()(**(settings or {}))
     except (ImportError, AttributeError, TypeError, ValueError) as err:
         raise DataError(f"the method {name} ({entries[name].value}) does not load: {err}") from err
     if not isinstance(predictor, Predictor):
@@ -72,93 +99,25 @@ def find_predictor(name: str) -> Predictor:
     return predictor
 
 
-def run_predictor(
-    predictor: Predictor,
-    folder: DatasetFolder,
-    split: str,
-    out: Path,
-    *,
-    target: Target = "density",
-    seed: int = 0,
-    command: str = "",
-    progress: Progress = iter,
-) -> SubmissionMeta:
-    """Let a method learn from the training split, predict objects, and write its submission.
+def find_pictures(views: Path | None) -> PictureSource:
+    """Return where colour pictures come from.
 
     Parameters
     ----------
-    predictor
-        The method.
-    folder
-        The dataset.
-    split
-        What to predict.
-    out
-        The ``preds.npz`` to write.
-    target
-        ``density`` or ``apparent_density``.
-    seed
-        Of the method.
-    command
-        That runs this again.
-    progress
-        Goes through the object ids.
-
-    Returns
-    -------
-    SubmissionMeta
-        What the file says about itself.
+    views
+        A folder of scenes; None renders the part meshes in their stored colours.
 
     Raises
     ------
     DataError
-        If a training object lacks the target, or a prediction breaks the format.
-    ModalityError
-        If the method touches what it did not declare.
+        If no package that knows how is installed, or the folder holds no scenes.
     """
-    if predictor.trainable:
-        predictor.fit(Examples(folder, "train", predictor.reads, target), seed=seed)
-    with PredictionsWriter(out) as writer:
-        for object_id in progress(folder.ids(split)):
-            found = predictor.predict(SampleView(folder, object_id, predictor.reads))
-            values, sd = (
-                (found.density_g_cm3, found.density_sd_g_cm3)
-                if isinstance(found, Prediction)
-                else (found, None)
-            )
-            writer.add(object_id, values, sd)
-            _check_parts(folder, object_id, values, predictor.reads)
-        meta = SubmissionMeta(
-            method=predictor.name,
-            dataset_revision=folder.manifest.version,
-            config="default",
-            split=split,
-            inputs=predictor.reads.inputs,
-            training_data=("xden1k/train",) if predictor.trainable else (),
-            external_data=predictor.external_data,
-            target=target,
-            command=command,
-            notes=predictor.notes,
-            seed=seed if predictor.trainable else None,
-            manifest_sha256=folder.manifest_sha256,
-        )
-        writer.finish(meta)
-    return meta
-
-
-def _check_parts(
-    folder: DatasetFolder, object_id: str, values: np.ndarray, reads: Modality
-) -> None:
-    """Refuse part densities of the wrong number, or by a method that declares no parts."""
-    if values.ndim != 1:
-        return
-    if Modality.PARTS not in reads:
-        raise DataError(f"{object_id}: part densities need the modality PARTS: give a grid")
-    parts = len(folder.row(object_id, ["part_names"])["part_names"])
-    if len(values) != parts + 1:
-        raise DataError(
-            f"{object_id}: shape must be ({parts + 1},), air and {parts} parts, got {values.shape}"
-        )
+    name = "rendered" if views is None else "scenes"
+    entries = _entries(PICTURES)
+    if name not in entries:
+        raise DataError(f"no source of pictures {name!r} is installed; there are {sorted(entries)}")
+    source: PictureSource = entries[name].load()(*([] if views is None else [views]))
+    return source
 
 
 def check_trivial(path: Path, reference: Reference, protocol: Protocol) -> None:
@@ -187,7 +146,8 @@ def check_trivial(path: Path, reference: Reference, protocol: Protocol) -> None:
             return
         own, name = Path(scratch) / "own.npz", meta.method.strip().casefold()
         predictor = find_predictor(name)
-        run_predictor(predictor, reference.folder, reference.split, own, target=meta.target)
+        options = Options(target=meta.target)
+        run_predictor(predictor, reference.folder, reference.split, own, options)
         with open_predictions(own) as expected:
             for object_id in reference.ids:
                 if not _equal(found.read(object_id), expected.read(object_id)):
@@ -202,5 +162,5 @@ def _equal(one: np.ndarray, other: np.ndarray) -> bool:
     return one.shape == other.shape and np.allclose(one, other, rtol=2**-10, atol=2**-24)
 
 
-def _entries() -> dict[str, EntryPoint]:
-    return {entry.name: entry for entry in entry_points(group=GROUP)}
+def _entries(group: str) -> dict[str, EntryPoint]:
+    return {entry.name: entry for entry in entry_points(group=group)}

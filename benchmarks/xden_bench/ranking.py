@@ -99,6 +99,8 @@ def unranked_because(row: Entry) -> str | None:
     """
     if is_trivial(row["method"]["name"], load_protocol(row["protocol"])):
         return TRIVIAL
+    if "truth" in row["method"]["inputs"]:
+        return "oracle: it is told what only the truth tells"
     if any(warning.startswith("W504") for warning in row["warnings"]):
         return "its values are those of the reference"
     if row["method"]["name"] == Rebuilt.name and "scan" in row["dataset"]["source"].split("+"):

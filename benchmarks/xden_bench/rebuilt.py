@@ -58,6 +58,11 @@ class Rebuilt:
         ]
         return ", ".join(facts)
 
+    @property
+    def fingerprint(self) -> str:
+        """Checksum of the manifest of what was built."""
+        return self._built.manifest_sha256
+
     def fit(self, train: Examples, *, seed: int) -> None:
         """Learn nothing."""
 

@@ -17,8 +17,14 @@ from xden_baselines.constant import CategoryMedian, TrainMedian, Water, Zero, me
 ALL = [Zero, Water, TrainMedian, CategoryMedian]
 
 
-def pictures_of(folder: DatasetFolder, object_id: str) -> str:
-    return f"pictures of {object_id}"
+class Album:
+    description = "from an album"
+
+    def __call__(self, folder: DatasetFolder, object_id: str) -> str:
+        return f"pictures of {object_id}"
+
+
+pictures_of = Album()
 
 
 @pytest.fixture(scope="module")

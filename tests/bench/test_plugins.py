@@ -92,7 +92,7 @@ def test_a_method_that_does_not_load_is_named(
     monkeypatch: pytest.MonkeyPatch, value: str, message: str
 ) -> None:
     entry = EntryPoint("theirs", value, "xden1k.predictors")
-    monkeypatch.setattr(baseline, "_entries", lambda: {"theirs": entry})
+    monkeypatch.setattr(baseline, "_entries", lambda group: {"theirs": entry})
     with pytest.raises(DataError, match=f"the method theirs .*{message}"):
         find_predictor("theirs")
 
@@ -102,6 +102,6 @@ def test_a_constructor_that_fails_is_named(monkeypatch: pytest.MonkeyPatch) -> N
         value = "theirs:Broken"
         load = staticmethod(lambda: Broken)
 
-    monkeypatch.setattr(baseline, "_entries", lambda: {"theirs": Entry})
+    monkeypatch.setattr(baseline, "_entries", lambda group: {"theirs": Entry})
     with pytest.raises(DataError, match="does not load: no weights at ~/weights"):
         find_predictor("theirs")

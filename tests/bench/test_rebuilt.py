@@ -32,7 +32,7 @@ def sample_of(folder, obj):
 
 def test_the_truth_rebuilt_scores_zero_in_the_xray_track(dataset, tmp_path):
     folder = open_folder(dataset)
-    meta = run_predictor(Rebuilt(folder, "density"), folder, "test", tmp_path / "root.npz")
+    meta = run_predictor(Rebuilt(folder, "density"), folder, "test", tmp_path / "root.npz").meta
     scored = score(tmp_path / "root.npz", Reference(folder, "test"), load_protocol())
     assert track_of(Rebuilt.reads) == meta.track == "xray"
     assert scored.metrics["density_mae_g_cm3"].mean == 0
@@ -42,14 +42,14 @@ def test_the_truth_rebuilt_scores_zero_in_the_xray_track(dataset, tmp_path):
 
 def test_the_notes_say_from_what_it_was_made(dataset, tmp_path):
     folder = open_folder(dataset)
-    meta = run_predictor(Rebuilt(folder, "density"), folder, "test", tmp_path / "root.npz")
+    meta = run_predictor(Rebuilt(folder, "density"), folder, "test", tmp_path / "root.npz").meta
     manifest = hashlib.sha256((dataset / "manifest.json").read_bytes()).hexdigest()[:12]
     assert meta.notes == f"reconstructed by tests, manifest {manifest}, settings unknown"
 
 
 def test_the_notes_say_that_a_scan_against_itself_is_circular(tmp_path):
     folder = folder_of(box_object("bar-0001", BAR, split="test", source="scan"), tmp_path / "scan")
-    meta = run_predictor(Rebuilt(folder, "density"), folder, "test", tmp_path / "root.npz")
+    meta = run_predictor(Rebuilt(folder, "density"), folder, "test", tmp_path / "root.npz").meta
     assert "circular: the truth of scans is the builder's own" in meta.notes
 
 

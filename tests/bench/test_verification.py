@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 import pytest
 
 from xden1k.errors import DataError
@@ -101,7 +102,7 @@ def test_an_entry_of_other_data_or_code_is_not_verified(
         check_reference(edit(entry, *path, to=to), reference)
 
 
-def test_a_row_is_made_again_byte_for_byte_by_its_printed_command(
+def test_a_row_is_made_again_to_the_bit_by_its_printed_command(
     reference: Reference, tmp_path: Path
 ) -> None:
     command = "xden-bench baseline train-median --seed 3 --out elsewhere/x.npz --root nowhere"
@@ -109,7 +110,10 @@ def test_a_row_is_made_again_byte_for_byte_by_its_printed_command(
     for path in files:
         meta = run_again(command, reference.folder, path)
         assert (meta.method, meta.seed, meta.command) == ("train-median", 3, command)
-    assert files[0].read_bytes() == files[1].read_bytes()
+    one, other = (dict(np.load(path)) for path in files)
+    assert one.keys() == other.keys()
+    for name in one.keys() - {"__meta__"}:  # which tells how long it took
+        assert one[name].tobytes() == other[name].tobytes(), name
     assert not (tmp_path / "elsewhere").exists()
 
 

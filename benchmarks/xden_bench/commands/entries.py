@@ -197,8 +197,7 @@ def _echo_verification(entry: Path, how: str, found: Verification) -> None:
     said = f"{count} differ" if count else "all agree"
     click.echo(
         f"{entry}: {how}, {found.numbers} numbers compared, {said}; largest relative difference "
-        f"{found.largest_relative_difference:.2g}; the submission is "
-        f"{'the same file' if found.same_file else 'another file'}"
+        f"{found.largest_relative_difference:.2g}"
     )
     echo_lines(None, found.deviations[:SHOWN])
     if count > SHOWN:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,7 @@ from xden_bench.commands.shared import (
 if TYPE_CHECKING:
     from xden1k.folder import DatasetFolder
     from xden1k.predictions import SubmissionMeta
+    from xden_bench.running import Report
 
 __all__ = ["baseline", "run_again"]
 
@@ -40,6 +41,13 @@ __all__ = ["baseline", "run_again"]
     help="What to learn and predict.",
 )
 @click.option("--seed", default=0, show_default=True, help="Of methods that draw random numbers.")
+@click.option("--budget", metavar="AMOUNT", help="Of training: 20epochs, 90s. [default: its own]")
+@click.option("--views", type=FOLDER, help="Scenes with colour pictures. [default: rendered]")
+@click.option("--model", type=FOLDER, help="What it learned before, in place of learning.")
+@click.option("--save", type=FOLDER, help="Keep what it learns in this new folder.")
+@click.option(
+    "--set", "settings", metavar="KEY=VALUE", multiple=True, help="Of the method; repeatable."
+)
 @click.option(
     "--from", "built", type=FOLDER, help="With the NAME root: the dataset folder to submit."
 )
@@ -59,18 +67,21 @@ def baseline(
 
     Methods are found by the entry-point group xden1k.predictors; any package can add one. The name
     root submits a dataset folder that the builder made: --from BUILT.
+
+    A run that was interrupted goes on where it stopped when the same command is given again. What
+    it has is in the hidden folder .OUT.partial until then.
     """
     if list_all:
         _echo_methods(as_json)
         return
     _check(asked)
     out = out or Path(f"{asked['name']}.npz")
-    meta = _run(asked, open_root(root), out, command_line(context))
+    report = _run(asked, open_root(root), out, command_line(context))
     if as_json:
-        print_json({"file": str(out), "meta": json.loads(meta.to_json())})
+        meta = json.loads(report.meta.to_json())
+        print_json({"file": str(out), "meta": meta, "mass_native_g": dict(report.mass_native_g)})
     else:
-        notes = f" ({meta.notes})" if meta.notes else ""
-        click.echo(f"{out}: {meta.method}, track {meta.track}, split {meta.split}{notes}")
+        _echo_report(out, report)
 
 
 def run_again(command: str, folder: DatasetFolder, out: Path) -> SubmissionMeta:
@@ -98,7 +109,7 @@ def run_again(command: str, folder: DatasetFolder, out: Path) -> SubmissionMeta:
         _check(asked)
     except click.UsageError as err:
         raise DataError(f"{command!r}: {err.format_message()}") from err
-    return _run(asked, folder, out, command)
+    return _run(asked, folder, out, command).meta
 
 
 def _check(asked: Mapping[str, Any]) -> None:
@@ -108,25 +119,66 @@ def _check(asked: Mapping[str, Any]) -> None:
         raise click.UsageError("The name root and the option --from go together.")
 
 
-def _run(
-    asked: Mapping[str, Any], folder: DatasetFolder, out: Path, command: str
-) -> SubmissionMeta:
+def _run(asked: Mapping[str, Any], folder: DatasetFolder, out: Path, command: str) -> Report:
     """Run the method that was asked for."""
     from xden1k.folder import open_folder
-    from xden_bench.baseline import find_predictor, run_predictor
+    from xden1k.modality import Modality
+    from xden1k.predictor import Budget
+    from xden_bench.baseline import find_pictures, find_predictor
     from xden_bench.rebuilt import Rebuilt
+    from xden_bench.running import Options, run_predictor
 
-    built, target = asked["built"], asked["target"]
-    return run_predictor(
-        find_predictor(asked["name"]) if built is None else Rebuilt(open_folder(built), target),
-        folder,
-        asked["split"],
-        out,
+    built, target, budget = asked["built"], asked["target"], asked["budget"]
+    method = (
+        find_predictor(asked["name"], _settings(asked["settings"]))
+        if built is None
+        else Rebuilt(open_folder(built), target)
+    )
+    options = Options(
         target=target,
         seed=asked["seed"],
+        budget=Budget.parse(budget) if budget else None,
+        model=asked["model"],
+        save=asked["save"],
+        pictures=find_pictures(asked["views"]) if Modality.RGB in method.reads else None,
         command=command,
-        progress=progress_bar,
     )
+    return run_predictor(method, folder, asked["split"], out, options, progress_bar)
+
+
+def _settings(texts: Sequence[str]) -> dict[str, Any]:
+    """Read KEY=VALUE: a value of JSON's types, else text.
+
+    Raises
+    ------
+    DataError
+        If a text is none.
+    """
+    found: dict[str, Any] = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not key.isidentifier() or not equals or key in found:
+            raise DataError(f"--set takes KEY=VALUE, each key once, got {text!r}")
+        try:
+            found[key] = json.loads(value)
+        except ValueError:
+            found[key] = value
+    return found
+
+
+def _echo_report(out: Path, report: Report) -> None:
+    from statistics import median
+
+    meta = report.meta
+    notes = f" ({meta.notes})" if meta.notes else ""
+    click.echo(
+        f"{out}: {meta.method}, track {meta.track}, split {meta.split}, "
+        f"{meta.seconds_per_object:g} s an object{notes}"
+    )
+    if report.continued:
+        click.echo(f"continued: {report.continued} objects were predicted before")
+    if masses := report.mass_native_g.values():
+        click.echo(f"mass by its own rule, never scored: median {median(masses):.4g} g")
 
 
 def _echo_methods(as_json: bool) -> None:

@@ -99,10 +99,12 @@ def command_line(context: click.Context) -> str:
     for parameter in context.command.params:
         name = parameter.name or ""
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE and name != "as_json":
-            if isinstance(parameter, click.Option):
-                words.append(parameter.opts[0])
-            if not (isinstance(parameter, click.Option) and parameter.is_flag):
-                words.append(str(context.params[name]))
+            given = context.params[name]
+            for value in given if isinstance(given, tuple) else (given,):
+                if isinstance(parameter, click.Option):
+                    words.append(parameter.opts[0])
+                if not (isinstance(parameter, click.Option) and parameter.is_flag):
+                    words.append(str(value))
     return shlex.join(words)
 
 

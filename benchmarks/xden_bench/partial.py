@@ -1,0 +1,204 @@
+"""What an interrupted run of a method left, so that the next one goes on where it stopped.
+
+A hidden folder beside the submission, ``.NAME.partial``: what was run (``run.json``), the fit where
+the method can store it, and one file for each finished object. It is gone when the submission is
+there. A run that differs in anything that its predictions depend on begins anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from xden1k.errors import DataError
+from xden1k.folder import exclusive
+
+__all__ = ["Facts", "Kept", "PartialRun", "code_sha256", "folder_sha256", "partial_run"]
+
+LOCK_NAME: Final = "lock"
+RUN_NAME: Final = "run.json"
+FIT_NAME: Final = "fit"
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What is to be said of one prediction.
+
+    Parameters
+    ----------
+    seconds
+        Wall time.
+    mass_native_g, model, fallbacks, device
+        As in :class:`xden1k.predictor.Prediction`.
+    """
+
+    seconds: float
+    mass_native_g: float | None = None
+    model: str = ""
+    fallbacks: int = 0
+    device: str = "cpu"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Kept:
+    """A prediction as it is kept.
+
+    Parameters
+    ----------
+    values, sd
+        What the method gave; the standard deviation or None.
+    facts
+        What is to be said of it.
+    """
+
+    values: Any
+    sd: Any
+    facts: Facts
+
+
+@dataclass(frozen=True, slots=True)
+class PartialRun:
+    """The predictions of a run that is not finished.
+
+    Parameters
+    ----------
+    folder
+        Where they lie.
+    """
+
+    folder: Path
+
+    @property
+    def fit_folder(self) -> Path:
+        """Where the fit is kept."""
+        return self.folder / FIT_NAME
+
+    @property
+    def submission(self) -> Path:
+        """Where the submission is made."""
+        return self.folder / "submission"
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is kept that took time."""
+        return not self.fit_folder.exists() and not self.count
+
+    @property
+    def count(self) -> int:
+        """How many objects are done, the first ones of the split."""
+        return len(list(self.folder.glob("*.npz")))
+
+    def keep(self, place: int, kept: Kept) -> None:
+        """Add the object at a place of the split: whole or not at all."""
+        arrays = {"values": kept.values} | ({} if kept.sd is None else {"sd": kept.sd})
+        new = self.folder / "object.new"
+        with new.open("wb") as file:
+            np.savez(file, facts=np.array(json.dumps(asdict(kept.facts))), **arrays)
+            file.flush()
+            os.fsync(file.fileno())
+        new.replace(self._file(place))
+
+    def read(self, place: int) -> Kept:
+        """Return an object that is done."""
+        with np.load(self._file(place)) as arrays:
+            facts = Facts(**json.loads(str(arrays["facts"])))
+            return Kept(arrays["values"], arrays.get("sd"), facts)
+
+    def _file(self, place: int) -> Path:
+        return self.folder / f"{place:06d}.npz"
+
+
+@contextmanager
+def partial_run(out: Path, run: Mapping[str, Any]) -> Iterator[PartialRun]:
+    """Take up the run that writes a submission, or begin it.
+
+    It is gone at the end; after an error or a kill it stays if there is anything to go on with.
+
+    Parameters
+    ----------
+    out
+        The submission.
+    run
+        All that its predictions depend on, of JSON's types.
+
+    Raises
+    ------
+    DataError
+        If another process is writing the same submission.
+    """
+    folder = out.with_name(f".{out.name}.partial")
+    folder.mkdir(parents=True, exist_ok=True)
+    partial = PartialRun(folder)
+    try:
+        with exclusive(folder / LOCK_NAME):
+            _begin(folder, json.dumps(run, sort_keys=True))
+            try:
+                yield partial
+            except BaseException:
+                if partial.is_empty:
+                    _remove(folder)
+                raise
+            _remove(folder)
+    except BlockingIOError as err:
+        raise DataError(f"{out}: another process is writing it") from err
+
+
+def _begin(folder: Path, run: str) -> None:
+    """Keep what the same run left, remove what another did or what is half written."""
+    stated = folder / RUN_NAME
+    same = stated.exists() and stated.read_text() == run
+    if not same:
+        stated.unlink(missing_ok=True)  # first: what is removed in part belongs to no run
+    for left in folder.iterdir():
+        is_whole = left.suffix == ".npz" or left.name in (RUN_NAME, FIT_NAME)
+        if left.name == LOCK_NAME or (same and is_whole):
+            continue
+        if left.is_dir():
+            shutil.rmtree(left)
+        else:
+            left.unlink()
+    if not same:
+        new = folder / "run.new"
+        new.write_text(run)
+        new.replace(stated)
+
+
+def _remove(folder: Path) -> None:
+    (folder / RUN_NAME).unlink()
+    shutil.rmtree(folder)
+
+
+def code_sha256(kind: type) -> str:
+    """Checksum of the source of a class's package and of the dataset's, as they lie on disk."""
+    digest = hashlib.sha256()
+    for name in sorted({kind.__module__.partition(".")[0], "xden1k"}):
+        module = sys.modules.get(name)
+        folders = [Path(place) for place in getattr(module, "__path__", [])]
+        files = [one for folder in folders for one in folder.rglob("*.py")]
+        if not files and (file := getattr(module, "__file__", None)):
+            files = [Path(file)]
+        _add_files(digest, files)
+    return digest.hexdigest()
+
+
+def folder_sha256(folder: Path) -> str:
+    """Checksum of the names and contents of all files below a folder."""
+    digest = hashlib.sha256()
+    _add_files(digest, [one for one in folder.rglob("*") if one.is_file()])
+    return digest.hexdigest()
+
+
+def _add_files(digest: hashlib._Hash, files: list[Path]) -> None:
+    for file in sorted(files):
+        content = hashlib.sha256(file.read_bytes()).hexdigest()
+        digest.update(f"{file.name} {content}\n".encode())
