@@ -44,7 +44,7 @@ def _embed(name: str) -> Float32[np.ndarray, "128"]:
     vector = np.asarray(letters) / np.linalg.norm(letters)
     if family:
         vector = vector + FAMILY_WEIGHT * _hashed(f"family {family}")
-    return (vector / np.linalg.norm(vector)).astype(np.float32)
+    return np.asarray(vector / np.linalg.norm(vector), dtype=np.float32)
 
 
 def _in_library(name: str) -> tuple[str, str]:

@@ -27,7 +27,10 @@ def patch_statistics(
     no light changes. A window without object takes the values of the next wider one, the widest
     then 0.
     """
-    sums = _summed_areas(picture, mask)
+    top, left = (pixels.min(axis=0) - PATCH_PX // 2).clip(min=0)
+    bottom, right = pixels.max(axis=0) + PATCH_PX // 2
+    sums = _summed_areas(picture[top:bottom, left:right], mask[top:bottom, left:right])
+    pixels = pixels - [top, left]
     found = np.zeros((len(pixels), STATISTICS), dtype=np.float64)
     mean = deviation = np.zeros((len(pixels), 3))
     for which, window in enumerate(WINDOWS_PX):

@@ -1,0 +1,1 @@
+"""NeRF2Physics-style prediction: surface features, candidate materials, kernel regression."""
