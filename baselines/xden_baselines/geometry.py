@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from xden1k.arrays import Points
 from xden1k.errors import DataError
-from xden1k.predictor import SampleView
+from xden1k.samples import SampleView
 from xden1k.types import FIELD_SIZE
 
 __all__ = ["nearest_filled", "voxel_centres_cm"]

@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from xden1k.arrays import Image, Points
 from xden1k.errors import DataError
-from xden1k.predictor import SampleView
+from xden1k.samples import SampleView
 from xden1k.rays import path_lengths
 from xden1k.views import ViewGeometry, XRayView
 from xden_baselines.geometry import nearest_filled, voxel_centres_cm
@@ -92,7 +92,8 @@ def lac_along_rays_per_cm(
     )
     known = way > SHORTEST * blur_cm * np.maximum(share, 1e-3)
     lac = np.divide(total, way, out=np.full_like(way, np.nan), where=known)
-    return np.maximum(lac, 0, out=lac, where=known).astype(np.float32)
+    lac[known] = lac[known].clip(0, None)
+    return np.asarray(lac, dtype=np.float32)
 
 
 def _lengths_cm(outer: trimesh.Trimesh, geometry: ViewGeometry) -> Image:

@@ -1,0 +1,9 @@
+"""Pixie style and its relatives: 3D networks trained on the training split.
+
+torch is imported by what needs it, not here.
+"""
+
+from xden_baselines.pixie.predictor import GeometryUNet, Pixie, PixieFull, XRayUNet
+from xden_baselines.pixie.settings import Settings
+
+__all__ = ["GeometryUNet", "Pixie", "PixieFull", "Settings", "XRayUNet"]

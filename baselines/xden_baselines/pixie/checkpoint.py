@@ -1,0 +1,57 @@
+"""Reading what a trained method was saved as, with every damage a DataError."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from safetensors import SafetensorError
+
+from xden1k.errors import DataError
+from xden1k.modality import Modality
+from xden_baselines.pixie.channels import channel_names
+from xden_baselines.pixie.model import VoxelModel
+from xden_baselines.pixie.training import FitReport
+
+__all__ = ["load_model", "load_report"]
+
+FILES = ("config.json", "model.safetensors")
+
+
+def load_model(folder: Path, reads: Modality) -> VoxelModel:
+    """Read a checkpoint, whatever device it was trained on, to the CPU.
+
+    Raises
+    ------
+    DataError
+        If files are missing or damaged, or its network sees other channels.
+    """
+    # a folder that is not there would be taken for the name of a repository on the Hub
+    if missing := [name for name in FILES if not (folder / name).is_file()]:
+        raise DataError(f"{folder}: no checkpoint there, {' and '.join(missing)} missing")
+    try:
+        model = VoxelModel.from_pretrained(folder, map_location="cpu", strict=True)
+    except (SafetensorError, RuntimeError, TypeError, ValueError) as err:
+        raise DataError(f"{folder}: the checkpoint cannot be read: {err}") from err
+    if model.channels != channel_names(reads):
+        raise DataError(
+            f"{folder}: its network sees {list(model.channels)}, "
+            f"expected {list(channel_names(reads))}"
+        )
+    return model.eval()
+
+
+def load_report(path: Path) -> FitReport:
+    """Read how the training went.
+
+    Raises
+    ------
+    DataError
+        If the file is missing or damaged.
+    """
+    try:
+        values = json.loads(path.read_text())
+        curve = tuple(values.pop("held_out_mae_g_cm3"))
+        return FitReport(**values, held_out_mae_g_cm3=curve)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as err:
+        raise DataError(f"{path}: no training report: {err}") from err

@@ -1,0 +1,136 @@
+"""The methods that train a 3D network: Pixie style on pictures, and relatives on other inputs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xden1k.arrays import Grid
+from xden1k.modality import Modality
+from xden1k.predictor import Budget, Prediction
+from xden1k.samples import Examples, SampleView
+from xden_baselines.pixie.settings import Settings
+
+if TYPE_CHECKING:
+    from xden_baselines.pixie.model import VoxelModel
+    from xden_baselines.pixie.training import FitReport
+
+__all__ = ["GeometryUNet", "Pixie", "PixieFull", "XRayUNet"]
+
+REPORT_FILE = "training.json"
+FULL = Settings(size="full", resolution=64, epochs=100, learning_rate=1e-4, device="cuda")
+
+
+class _Trained:
+    """A network on voxels: what the methods have in common.
+
+    Parameters
+    ----------
+    settings
+        Fields of :class:`Settings`.
+
+    Raises
+    ------
+    DataError
+        If a setting is out of its range.
+    """
+
+    version = "1"
+    trainable = True
+    external_data = False
+    reads = Modality.GEOMETRY
+    default = Settings()
+
+    _model: VoxelModel
+    _report: FitReport
+
+    def __init__(self, **settings: Any) -> None:
+        self.settings = replace(self.default, **settings)
+
+    @property
+    def notes(self) -> str:
+        """How the training went and what was trained."""
+        if not hasattr(self, "_report"):
+            return ""
+        return f"{self._report.summary}; {self._model.summary}, trained on the training split"
+
+    @property
+    def fingerprint(self) -> str:
+        """Checksum of the settings."""
+        text = json.dumps(asdict(self.settings), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def fit(self, train: Examples, *, seed: int, budget: Budget | None = None) -> None:
+        """Prepare the channels of every object, then train."""
+        from xden_baselines.pixie.channels import channel_names
+        from xden_baselines.pixie.store import stored
+        from xden_baselines.pixie.training import train as train_network
+
+        objects = [stored(example, self.settings.resolution) for example in train]
+        names = channel_names(self.reads)
+        self._model, self._report = train_network(
+            objects, names, self.settings, seed=seed, budget=budget
+        )
+
+    def predict(self, sample: SampleView) -> Prediction:
+        """Predict at the network's resolution, then between its voxels, inside the envelope."""
+        from xden_baselines.pixie.channels import channels
+        from xden_baselines.pixie.inference import predicted_g_cm3
+
+        density = predicted_g_cm3(
+            self._model, channels(sample), self.settings.threads, self.settings.device
+        )
+        filled: Grid = density * sample.envelope.astype(np.float32)
+        return Prediction(filled, device=self.settings.device)
+
+    def save(self, folder: Path) -> None:
+        """Write the checkpoint (``model.safetensors``, ``config.json``) and the report."""
+        self._model.save_pretrained(folder)
+        (folder / REPORT_FILE).write_text(json.dumps(asdict(self._report), indent=2) + "\n")
+
+    def load(self, folder: Path) -> None:
+        """Take up a checkpoint; only the settings ``threads`` and ``device`` still count.
+
+        Raises
+        ------
+        DataError
+            If the folder does not hold one of this method.
+        """
+        from xden_baselines.pixie.checkpoint import load_model, load_report
+        from xden_baselines.pixie.training import check_device
+
+        check_device(self.settings.device)
+        self._model = load_model(folder, self.reads).to(self.settings.device)
+        self._report = load_report(folder / REPORT_FILE)
+
+
+class GeometryUNet(_Trained):
+    """3D U-Net on shape alone, trained on the training split: what colours and X-rays add to."""
+
+    name = "geometry-unet"
+
+
+class Pixie(_Trained):
+    """Pixie style: 3D U-Net on shape and the pictures' colours, trained on the training split."""
+
+    name = "pixie"
+    reads = Modality.GEOMETRY | Modality.RGB
+
+
+class PixieFull(Pixie):
+    """Pixie style at the published size, 53 million weights with a material head; for GPUs."""
+
+    name = "pixie-full"
+    default = FULL
+
+
+class XRayUNet(_Trained):
+    """3D U-Net on shape and back-projected radiographs, trained on the training split."""
+
+    name = "xray-unet"
+    reads = Modality.GEOMETRY | Modality.XRAY

@@ -1,0 +1,341 @@
+"""The training loop: held-out objects choose the epoch, and constants have to be beaten on them."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from statistics import median
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from xden1k.errors import DataError
+from xden1k.materials import families
+from xden1k.predictor import Budget
+from xden_baselines.pixie.channels import ENVELOPE
+from xden_baselines.pixie.losses import Batch, density_mae_g_cm3, gathered, loss, mirrored
+from xden_baselines.pixie.model import VoxelModel
+from xden_baselines.pixie.scaling import LogScale
+from xden_baselines.pixie.settings import Settings
+from xden_baselines.pixie.store import Stored
+
+logger = logging.getLogger(__name__)
+
+__all__ = ["FitReport", "check_device", "split_off", "torch_threads", "train"]
+
+LAC_PREFIX = "log10_lac"
+"""Channels that are calibrated rather than standardised."""
+
+
+@dataclass(frozen=True, slots=True)
+class FitReport:
+    """How a training run went.
+
+    Parameters
+    ----------
+    learned_from, held_out
+        Objects.
+    epochs, best_epoch
+        How many there were, and which one's weights were kept, from 1.
+    seconds
+        Of the loop, preparation apart.
+    held_out_mae_g_cm3
+        Density error after each epoch on the held-out objects, at the network's resolution.
+    train_median_mae_g_cm3, category_median_mae_g_cm3
+        The same of the two constants, fitted on the objects learned from.
+    """
+
+    learned_from: int
+    held_out: int
+    epochs: int
+    best_epoch: int
+    seconds: float
+    held_out_mae_g_cm3: tuple[float, ...]
+    train_median_mae_g_cm3: float
+    category_median_mae_g_cm3: float
+
+    @property
+    def best_mae_g_cm3(self) -> float:
+        """Error of the weights that were kept."""
+        return self.held_out_mae_g_cm3[self.best_epoch - 1]
+
+    @property
+    def failed(self) -> bool:
+        """Whether a constant does as well on the held-out objects."""
+        constants = min(self.train_median_mae_g_cm3, self.category_median_mae_g_cm3)
+        return not self.best_mae_g_cm3 < constants
+
+    @property
+    def summary(self) -> str:
+        """One line for the row of the method."""
+        verdict = "FAILED TO BEAT A CONSTANT: " if self.failed else ""
+        return (
+            f"{verdict}density MAE on {self.held_out} held-out training objects "
+            f"{self.best_mae_g_cm3:.3f} g/cm³ (train median {self.train_median_mae_g_cm3:.3f}, "
+            f"category median {self.category_median_mae_g_cm3:.3f}), "
+            f"epoch {self.best_epoch} of {self.epochs}"
+        )
+
+
+def check_device(device: str) -> None:
+    """Refuse a device that torch cannot use here.
+
+    Raises
+    ------
+    DataError
+        If it is neither the CPU nor a GPU that is at hand.
+    """
+    if device != "cpu" and not (device.startswith("cuda") and torch.cuda.is_available()):
+        raise DataError(f"torch has no device {device!r} here: set device=cpu, or find a GPU")
+
+
+@contextmanager
+def torch_threads(number: int) -> Iterator[None]:
+    """Set how many threads torch uses, for a while."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(number)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def split_off(
+    objects: Sequence[Stored], share: float, rng: np.random.Generator
+) -> tuple[list[Stored], list[Stored]]:
+    """Draw the held-out objects: their share, at least one.
+
+    Raises
+    ------
+    DataError
+        If there are fewer than two objects.
+    """
+    if len(objects) < 2:
+        raise DataError(f"training needs at least 2 objects, one held out; got {len(objects)}")
+    count = min(max(1, round(share * len(objects))), len(objects) - 1)
+    chosen = set(rng.permutation(len(objects))[:count].tolist())
+    learned = [one for index, one in enumerate(objects) if index not in chosen]
+    return learned, [one for index, one in enumerate(objects) if index in chosen]
+
+
+def train(
+    objects: Sequence[Stored],
+    names: Sequence[str],
+    settings: Settings,
+    *,
+    seed: int,
+    budget: Budget | None = None,
+) -> tuple[VoxelModel, FitReport]:
+    """Train a network.
+
+    The same seed, objects and number of threads give the same weights on the same machine, unless
+    the budget is in seconds or the device a GPU.
+
+    Parameters
+    ----------
+    objects
+        To learn from; a share of them is held out.
+    names
+        Of their channels.
+    settings
+        How.
+    seed
+        Of the held-out objects, the first weights, the order and the mirroring.
+    budget
+        When to stop; seconds are those of the loop. None = the epochs of the settings.
+
+    Returns
+    -------
+    VoxelModel
+        With the weights of the best epoch.
+    FitReport
+        How it went.
+
+    Raises
+    ------
+    DataError
+        If there are fewer than two objects, or no such device.
+    """
+    check_device(settings.device)
+    rng = np.random.default_rng(seed)
+    learned, held_out = split_off(objects, settings.held_out, rng)
+    with torch_threads(settings.threads), torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        model = _fresh(learned, names, settings).to(settings.device)
+        curve, best, seconds = _loop(model, learned, held_out, settings, budget, rng)
+    median_mae, category_mae = _constants(learned, held_out)
+    report = FitReport(
+        learned_from=len(learned),
+        held_out=len(held_out),
+        epochs=len(curve),
+        best_epoch=best,
+        seconds=seconds,
+        held_out_mae_g_cm3=tuple(curve),
+        train_median_mae_g_cm3=median_mae,
+        category_median_mae_g_cm3=category_mae,
+    )
+    return model.eval(), report
+
+
+def _fresh(objects: Sequence[Stored], names: Sequence[str], settings: Settings) -> VoxelModel:
+    """Make a network whose inputs and outputs are scaled to the training objects."""
+    stuff = np.concatenate([one.stuff_g_cm3 for one in objects])
+    if not (stuff > 0).any():
+        raise DataError("the training objects hold no material: every density is 0")
+    scale = LogScale.of(stuff[stuff > 0])
+    model = VoxelModel(
+        size=settings.size,
+        channels=list(names),
+        resolution=settings.resolution,
+        log10_density=[scale.low, scale.high],
+        families=list(families()) if settings.size == "full" else [],
+    )
+    model.normalise(*_normalisation(objects, names, scale))
+    return model
+
+
+def _normalisation(
+    objects: Sequence[Stored], names: Sequence[str], scale: LogScale
+) -> tuple[Float[Tensor, "channels"], Float[Tensor, "channels"]]:
+    """Mean 0 and deviation 1 over all voxels; radiographs as the density they speak of.
+
+    A line through log10 attenuation and log10 mean density, by least squares, takes the former
+    into the unit of the network's output.
+    """
+    values = np.concatenate([one.channels for one in objects], axis=1).astype(np.float64)
+    offset, gain = values.mean(axis=1), 1 / values.std(axis=1).clip(1e-3, None)
+    offset[ENVELOPE], gain[ENVELOPE] = 0, 1
+    mean = np.concatenate([one.mean_g_cm3 for one in objects]).astype(np.float64)
+    for index in (i for i, name in enumerate(names) if name.startswith(LAC_PREFIX)):
+        slope, constant = _line(values[index, mean > 0], np.log10(mean[mean > 0]))
+        gain[index] = slope * 2 / (scale.high - scale.low)
+        offset[index] = ((scale.low + scale.high) / 2 - constant) / slope
+    return torch.from_numpy(offset).float(), torch.from_numpy(gain).float()
+
+
+def _line(known: Float[np.ndarray, "n"], wanted: Float[np.ndarray, "n"]) -> tuple[float, float]:
+    """Slope and constant by least squares; slope 1 where nothing varies or it would fall."""
+    spread = known.var()
+    slope = float(np.mean((known - known.mean()) * (wanted - wanted.mean())) / max(spread, 1e-12))
+    if spread < 1e-6 or slope < 1e-2:
+        slope = 1.0
+    return slope, float(wanted.mean() - slope * known.mean())
+
+
+def _loop(
+    model: VoxelModel,
+    learned: Sequence[Stored],
+    held_out: Sequence[Stored],
+    settings: Settings,
+    budget: Budget | None,
+    rng: np.random.Generator,
+) -> tuple[list[float], int, float]:
+    """Train until the budget or the patience ends; keep the best epoch's weights."""
+    optimiser = torch.optim.Adam(model.parameters(), lr=settings.learning_rate)
+    clock = _Clock(settings, budget)
+    curve: list[float] = []
+    best, kept = 0, model.state_dict()
+    while clock.left(len(curve)) and len(curve) - best < settings.patience:
+        for group in optimiser.param_groups:
+            group["lr"] = settings.learning_rate * clock.rate(len(curve))
+        _epoch(model, optimiser, learned, settings, rng)
+        curve.append(_error(model, held_out, settings))
+        logger.info("epoch %d: %.4f g/cm³ after %.0f s", len(curve), curve[-1], clock.seconds)
+        if len(curve) == 1 or curve[-1] < curve[best - 1]:
+            best = len(curve)
+            kept = {name: value.clone() for name, value in model.state_dict().items()}
+    model.load_state_dict(kept)
+    return curve, best, clock.seconds
+
+
+class _Clock:
+    """How far training has come in its budget."""
+
+    def __init__(self, settings: Settings, budget: Budget | None) -> None:
+        given = asdict(budget) if budget else {"epochs": settings.epochs, "seconds": None}
+        self._epochs, self._seconds = given["epochs"] or math.inf, given["seconds"] or math.inf
+        self._start = time.monotonic()
+
+    @property
+    def seconds(self) -> float:
+        return time.monotonic() - self._start
+
+    def left(self, epochs: int) -> bool:
+        """At least one epoch is always run."""
+        return epochs == 0 or (epochs < self._epochs and self.seconds < self._seconds)
+
+    def rate(self, epochs: int) -> float:
+        """Half a cosine from 1 to 0 over whichever part of the budget is further gone."""
+        # without a limit in seconds the clock must not touch the result
+        timed = self.seconds / self._seconds if self._seconds < math.inf else 0.0
+        return (1 + math.cos(math.pi * min(1.0, max(timed, epochs / self._epochs)))) / 2
+
+
+def _epoch(
+    model: VoxelModel,
+    optimiser: torch.optim.Optimizer,
+    objects: Sequence[Stored],
+    settings: Settings,
+    rng: np.random.Generator,
+) -> None:
+    model.train()
+    order = rng.permutation(len(objects))
+    for start in range(0, len(order), settings.batch):
+        chosen = [objects[index] for index in order[start : start + settings.batch]]
+        batch = gathered(chosen, settings.resolution)
+        if settings.mirrored:
+            batch = mirrored(
+                batch, model.channels, np.flatnonzero(rng.integers(2, size=2)).tolist()
+            )
+        batch = batch.to(settings.device)
+        optimiser.zero_grad(set_to_none=True)
+        torch.autograd.backward(_loss(model, batch, settings))
+        torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
+        optimiser.step()
+
+
+def _loss(model: VoxelModel, batch: Batch, settings: Settings) -> Float[Tensor, ""]:
+    gpu = settings.device != "cpu"
+    with torch.autocast(settings.device.split(":")[0], dtype=torch.bfloat16, enabled=gpu):
+        outputs = model(batch.channels, batch.inside)
+    return loss(outputs, batch, model.scale)
+
+
+def _error(model: VoxelModel, objects: Sequence[Stored], settings: Settings) -> float:
+    """Mean density error over objects."""
+    model.eval()
+    errors: list[float] = []
+    with torch.inference_mode():
+        for one in objects:
+            batch = gathered([one], settings.resolution).to(settings.device)
+            guess = model(batch.channels, batch.inside).density_g_cm3
+            errors += density_mae_g_cm3(guess, batch).tolist()
+    return float(np.mean(errors))
+
+
+def _constants(learned: Sequence[Stored], held_out: Sequence[Stored]) -> tuple[float, float]:
+    """Mean density error of the train median and of the category median on held-out objects."""
+    by_category: dict[str, list[float]] = defaultdict(list)
+    for one in learned:
+        by_category[one.category].append(one.overall_g_cm3)
+    overall = median([value for values in by_category.values() for value in values])
+    medians = {category: median(values) for category, values in by_category.items()}
+    return (
+        float(np.mean([_constant_error(one, overall) for one in held_out])),
+        float(
+            np.mean([_constant_error(one, medians.get(one.category, overall)) for one in held_out])
+        ),
+    )
+
+
+def _constant_error(one: Stored, density_g_cm3: float) -> float:
+    """Density error of one value everywhere."""
+    error = np.abs(one.mean_g_cm3.astype(np.float64) - density_g_cm3)
+    return float((error * np.square(one.envelope)).sum() / one.envelope.sum(dtype=np.float64))
