@@ -107,7 +107,6 @@ class NeRF2Physics:
         return Prediction(
             field,
             mass_native_g=mass_g,
-            model=f"{self._encoder.source}; {self._proposer.source}",
             fallbacks=self._proposer.fallbacks - before,
         )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from xden_baselines.views.pictures import Pictures
 from xden_baselines.views.rendering import Rendered, Surface, render
 from xden_baselines.views.scenes import read_scene
 
-__all__ = ["RenderedPhantoms", "SceneFolders", "open_pictures", "render_object"]
+__all__ = ["RenderedPhantoms", "SceneFolders", "render_object"]
 
 DEFAULT_RIG = Rig()
 """24 views of 320 by 320 pixels."""
@@ -32,6 +33,17 @@ class RenderedPhantoms:
     """
 
     rig: Rig = DEFAULT_RIG
+
+    @property
+    def description(self) -> str:
+        """How many views there are, and of what size."""
+        views, size = len(self.rig.elevations_deg) * self.rig.per_ring, self.rig.size_px
+        return f"{views} views of {size} x {size} px rendered in part colours"
+
+    @property
+    def fingerprint(self) -> str:
+        """Where the cameras are."""
+        return repr(self.rig)
 
     def __call__(self, folder: DatasetFolder, object_id: str) -> Pictures:
         """Draw an object.
@@ -58,9 +70,34 @@ class SceneFolders:
     ----------
     root
         Where they are.
+
+    Raises
+    ------
+    DataError
+        If that is no folder.
     """
 
     root: Path
+
+    def __post_init__(self) -> None:
+        if not self.root.is_dir():
+            raise DataError(f"{self.root}: no folder of scenes")
+
+    @property
+    def description(self) -> str:
+        """Say that they are files."""
+        return "pictures from scene folders"
+
+    @property
+    def fingerprint(self) -> str:
+        """Checksum of the cameras, and of names and sizes of all files."""
+        digest = hashlib.sha256()
+        for path in sorted(self.root.rglob("*")):
+            if path.is_file():
+                digest.update(f"{path.relative_to(self.root)} {path.stat().st_size}\n".encode())
+            if path.name == "transforms.json":
+                digest.update(path.read_bytes())
+        return digest.hexdigest()
 
     def __call__(self, folder: DatasetFolder, object_id: str) -> Pictures:
         """Read the pictures of an object.
@@ -77,21 +114,6 @@ class SceneFolders:
         # the first surface a ray meets is the outer one
         triangles = np.concatenate([np.asarray(part.mesh.triangles) for part in parts])
         return read_scene(scene, Surface(triangles))
-
-
-def open_pictures(views: Path | None = None) -> RenderedPhantoms | SceneFolders:
-    """Return the source of pictures: scene folders if a place is given, else the renderer.
-
-    Raises
-    ------
-    DataError
-        If the place is no folder.
-    """
-    if views is None:
-        return RenderedPhantoms()
-    if not views.is_dir():
-        raise DataError(f"{views}: no folder of scenes")
-    return SceneFolders(views)
 
 
 def render_object(obj: DensityObject, rig: Rig = DEFAULT_RIG) -> Rendered:
