@@ -14,12 +14,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--update-golden", action="store_true", help="Rewrite tests/golden.")
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    config.addinivalue_line(
-        "markers", "browser: drives the web app in headless Chromium; skipped without"
-    )
-
-
 @pytest.fixture
 def shared_data() -> Path:
     """The folder of real and independent test data, which is not in the repository."""
