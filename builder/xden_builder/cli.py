@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import logging
-import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +13,7 @@ from click.core import ParameterSource
 
 from xden1k.commands import DONE_IN_PART, Group, json_option, print_json
 from xden_builder.evaluate_command import evaluate
+from xden_builder.options import progress_bar, workers_option
 
 if TYPE_CHECKING:
     from xden_builder.audit_run import AuditReport
@@ -27,14 +26,6 @@ if TYPE_CHECKING:
 __all__ = ["cli"]
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
-
-workers_option = click.option(
-    "--workers",
-    type=click.IntRange(min=1),
-    default=lambda: len(os.sched_getaffinity(0)),
-    show_default="one per core",
-    help="Processes.",
-)
 
 
 @click.group(cls=Group)
@@ -99,7 +90,7 @@ def phantoms(
         raise click.UsageError("--check is for captures, not for --as-dataset")
     made = Scanner.monochromatic() if ideal else Scanner.realistic()
     write = write_truth_dataset if as_dataset else write_captures
-    with _bar(count) as bar:
+    with progress_bar(count) as bar:
         write(
             out,
             count,
@@ -166,7 +157,7 @@ def run(
     told = click.get_current_context().get_parameter_source("workers")
     if cluster and told is ParameterSource.COMMANDLINE:
         raise click.UsageError("--workers has no meaning with --cluster: Ray knows its cores")
-    with _bar() as bar, redirect_stdout(sys.stderr):  # where Ray tells of lost machines
+    with progress_bar() as bar, redirect_stdout(sys.stderr):  # where Ray tells of lost machines
 
         def on_done(outcome: Outcome) -> None:
             bar.update()
@@ -205,7 +196,7 @@ def audit(root: Path, captures: Path, workers: int, as_json: bool) -> None:
     from xden1k.folder import open_folder
     from xden_builder.audit_run import audit_folder
 
-    with _bar(len(open_folder(root).ids())) as bar:
+    with progress_bar(len(open_folder(root).ids())) as bar:
         report = audit_folder(root, captures, workers=workers, on_done=lambda _: bar.update())
     if as_json:
         print_json(report.to_dict())
@@ -269,7 +260,7 @@ def _growth(out: Path | None, as_json: bool) -> None:
     from xden_builder.growth import cases, costs, draw_growth
 
     chosen, rows = cases(), []
-    with _bar(len(chosen), "case") as bar:
+    with progress_bar(len(chosen), "case") as bar:
         for row in costs(chosen):
             rows.append(row)
             bar.update()
@@ -315,20 +306,10 @@ def _echo_comparisons(rows: list[Comparison]) -> None:
         click.echo(tabulate(table, [row.task, "s", row.error], disable_numparse=True))
 
 
-@contextmanager
-def _bar(total: int | None = None, unit: str = "object") -> Iterator[Any]:
-    """Progress bar with the rate and what is left, on a terminal only."""
-    from tqdm import tqdm
-
-    told = "{l_bar}{bar}| {n_fmt} of {total_fmt}, {rate_noinv_fmt}, {remaining} left"
-    with tqdm(total=total, unit=f" {unit}s", bar_format=told, smoothing=0.1, disable=None) as bar:
-        yield bar
-
-
 def _checked(out: Path, count: int, workers: int) -> SetReport:
     from xden_builder.phantoms.check import check_set
 
-    with _bar(count) as bar:
+    with progress_bar(count) as bar:
         return check_set(out, workers=workers, progress=lambda _: bar.update())
 
 

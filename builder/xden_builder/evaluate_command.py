@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from xden1k.commands import DONE_IN_PART, json_option, print_json
+from xden_builder.options import progress_bar, workers_option
 
 if TYPE_CHECKING:
     from xden_builder.evaluate.run import Evaluation
@@ -33,7 +34,7 @@ SEED = 4711
     show_default=True,
     help="Objects to try the fit on without each of its parts.",
 )
-@click.option("--workers", type=click.IntRange(min=1), default=2, show_default=True)
+@workers_option
 @click.option(
     "-o",
     "--out",
@@ -78,13 +79,11 @@ def evaluate(
 
 
 def _simulated(out: Path, count: int, seed: int, size: int, workers: int) -> Path:
-    from tqdm import tqdm
-
     from xden_builder.phantoms import write_captures
     from xden_builder.phantoms.realism import LIFELIKE
     from xden_builder.phantoms.scanner import Scanner
 
-    with tqdm(total=count, unit=" objects simulated", disable=None) as bar:
+    with progress_bar(count) as bar:
         write_captures(
             out,
             count,
@@ -99,11 +98,9 @@ def _simulated(out: Path, count: int, seed: int, size: int, workers: int) -> Pat
 
 
 def _evaluated(captures: Path, ablated: int, workers: int) -> Evaluation:
-    from tqdm import tqdm
-
     from xden_builder.capture import CaptureFolder
     from xden_builder.evaluate.run import evaluate
 
     count = len(CaptureFolder(captures).object_ids)
-    with tqdm(total=count, unit=" objects evaluated", disable=None) as bar:
+    with progress_bar(count) as bar:
         return evaluate(captures, ablated=ablated, workers=workers, on_done=lambda _: bar.update())

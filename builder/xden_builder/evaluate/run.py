@@ -42,6 +42,10 @@ Key = tuple[str, str]
 """A method and what it was told."""
 
 
+DRAW: Final = "xden-evaluate"
+"""Goes before the ids by whose checksums objects are drawn."""
+
+
 @dataclass(frozen=True, slots=True)
 class PartCheck:
     """One density of the polychromatic fit and the truth."""
@@ -121,9 +125,6 @@ class Evaluation:
         }
 
 
-SEEDLESS: Final = "xden-evaluate"
-
-
 def evaluate(
     captures: Path,
     *,
@@ -164,7 +165,7 @@ def evaluate(
 
 def _draw(object_id: str) -> bytes:
     """Order of the objects that has nothing to do with their names."""
-    return hashlib.sha256(f"{SEEDLESS}/{object_id}".encode()).digest()
+    return hashlib.sha256(f"{DRAW}/{object_id}".encode()).digest()
 
 
 def _evaluate_object(captures: Path, drawn: frozenset[str], object_id: str) -> ObjectResult:

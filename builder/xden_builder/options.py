@@ -1,0 +1,30 @@
+"""What the commands of ``xden-build`` share: how many processes, and a progress bar."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import click
+
+__all__ = ["progress_bar", "workers_option"]
+
+workers_option = click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    default=lambda: len(os.sched_getaffinity(0)),
+    show_default="one per core",
+    help="Processes.",
+)
+
+
+@contextmanager
+def progress_bar(total: int | None = None, unit: str = "object") -> Iterator[Any]:
+    """Show a bar with the rate and what is left, on a terminal only."""
+    from tqdm import tqdm
+
+    told = "{l_bar}{bar}| {n_fmt} of {total_fmt}, {rate_noinv_fmt}, {remaining} left"
+    with tqdm(total=total, unit=f" {unit}s", bar_format=told, smoothing=0.1, disable=None) as bar:
+        yield bar
