@@ -54,7 +54,7 @@ class FittedEncoder:
     deviation: Float32[np.ndarray, "statistics"]
     frequencies: Float32[np.ndarray, "statistics waves"]
     phases: Float32[np.ndarray, "waves"]
-    weights: Float32[np.ndarray, "waves+1 features"]
+    weights: Float32[np.ndarray, "terms features"]
 
     source = "fitted encoder"
     stride_px = 2
@@ -104,7 +104,7 @@ class FittedEncoder:
 
     def _waves(
         self, statistics: Float32[np.ndarray, "patches statistics"]
-    ) -> Float32[np.ndarray, "patches waves+1"]:
+    ) -> Float32[np.ndarray, "patches terms"]:
         standard = (statistics - self.mean) / self.deviation
         return _waves(standard, self.frequencies, self.phases)
 
@@ -173,7 +173,7 @@ def _waves(
     standard: Float32[np.ndarray, "patches statistics"],
     frequencies: Float32[np.ndarray, "statistics waves"],
     phases: Float32[np.ndarray, "waves"],
-) -> Float32[np.ndarray, "patches waves+1"]:
+) -> Float32[np.ndarray, "patches terms"]:
     """Random Fourier features (Rahimi and Recht, NIPS 2007), and a constant."""
     waves = np.cos(standard @ frequencies + phases) * np.float32(np.sqrt(2 / len(phases)))
     return np.concatenate([waves, np.ones((len(waves), 1), dtype=np.float32)], axis=1)
@@ -184,7 +184,7 @@ def _ridge(
     frequencies: Float32[np.ndarray, "statistics waves"],
     phases: Float32[np.ndarray, "waves"],
     targets: Float32[np.ndarray, "patches features"],
-) -> Float32[np.ndarray, "waves+1 features"]:
+) -> Float32[np.ndarray, "terms features"]:
     """Solve the normal equations, added up in blocks to keep memory small."""
     size = len(phases) + 1
     gram, right = np.zeros((size, size)), np.zeros((size, targets.shape[1]))

@@ -1,0 +1,126 @@
+"""CLIP from a folder: a tiny model with random weights, in the format of the real ones."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from transformers import CLIPConfig, CLIPModel, CLIPTokenizer
+
+from xden1k.errors import DataError
+from xden_baselines.features.clip import ClipEncoder
+from xden_baselines.features.encoder import PATCH_PX, PatchEncoder
+
+FEATURES = 12
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A CLIP of two layers that knows the letters, saved as ``save_pretrained`` does."""
+    folder = tmp_path_factory.mktemp("clip") / "tiny"
+    letters = [chr(code) for code in range(ord("a"), ord("z") + 1)]
+    words = [*letters, *(f"{letter}</w>" for letter in letters)]
+    words += ["<|startoftext|>", "<|endoftext|>"]
+    (folder / "words").mkdir(parents=True)
+    vocabulary, merges = folder / "words" / "vocab.json", folder / "words" / "merges.txt"
+    vocabulary.write_text(json.dumps({word: number for number, word in enumerate(words)}))
+    merges.write_text("#version: 0.2\n")
+    tower = {
+        "hidden_size": 16,
+        "intermediate_size": 32,
+        "num_hidden_layers": 2,
+        "num_attention_heads": 2,
+    }
+    ends = {"bos_token_id": len(words) - 2, "eos_token_id": len(words) - 1}
+    config = CLIPConfig(
+        text_config={**tower, **ends, "vocab_size": len(words)},
+        vision_config={**tower, "image_size": 32, "patch_size": 8},
+        projection_dim=FEATURES,
+    )
+    torch.manual_seed(0)
+    CLIPModel(config).save_pretrained(folder)
+    CLIPTokenizer(str(vocabulary), str(merges)).save_pretrained(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def encoder(weights: Path) -> ClipEncoder:
+    return ClipEncoder(weights, batch=2)
+
+
+def picture(seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, (120, 100, 3), dtype=np.uint8)
+
+
+MASK = np.ones((120, 100), dtype=bool)
+PIXELS = np.array([[28, 28], [60, 50], [92, 72], [60, 50], [40, 40]])
+
+
+def test_patches_are_encoded_one_row_each(encoder: ClipEncoder) -> None:
+    assert isinstance(encoder, PatchEncoder)
+    found = encoder.patches(picture(), MASK, PIXELS)
+    assert found.shape == (5, FEATURES)
+    np.testing.assert_allclose(found[1], found[3], rtol=1e-5)
+    assert np.abs(found[0] - found[2]).max() > 1e-4
+
+
+def test_a_patch_is_its_56_pixels_and_nothing_else(encoder: ClipEncoder) -> None:
+    at = np.array([[60, 50]])
+    one, other = picture(0), picture(1)
+    half = PATCH_PX // 2
+    inside = np.s_[60 - half : 60 + half, 50 - half : 50 + half]
+    mixed = other.copy()
+    mixed[inside] = one[inside]
+    expected = encoder.patches(one, MASK, at)
+    np.testing.assert_array_equal(encoder.patches(mixed, MASK, at), expected)
+    mixed[60 - half, 50 - half] ^= 255
+    assert not np.array_equal(encoder.patches(mixed, MASK, at), expected)
+
+
+def test_patches_are_scaled_and_standardised_as_clip_was_trained(
+    weights: Path, encoder: ClipEncoder
+) -> None:
+    """A patch of one colour stays one colour whatever the enlargement."""
+    color = np.array([200, 100, 50], dtype=np.uint8)
+    plain = np.broadcast_to(color, (60, 60, 3)).copy()
+    found = encoder.patches(plain, np.ones((60, 60), dtype=bool), np.array([[30, 30]]))
+    mean = [0.48145466, 0.4578275, 0.40821073]
+    deviation = [0.26862954, 0.26130258, 0.27577711]
+    standard = torch.tensor((color / 255 - mean) / deviation, dtype=torch.float32)
+    pixels = standard[None, :, None, None].expand(1, 3, 32, 32)
+    model = CLIPModel.from_pretrained(weights).eval()
+    with torch.inference_mode():
+        expected = model.visual_projection(model.vision_model(pixel_values=pixels).pooler_output)
+    np.testing.assert_allclose(found, expected.numpy(), rtol=1e-4, atol=1e-6)
+
+
+def test_a_name_has_the_same_features_beside_longer_ones(encoder: ClipEncoder) -> None:
+    both = encoder.texts(["steel", "stainlesssteelsheet"])
+    assert both.shape == (2, FEATURES)
+    np.testing.assert_allclose(encoder.texts(["steel"])[0], both[0], rtol=1e-4, atol=1e-6)
+    assert np.abs(both[0] - both[1]).max() > 1e-4
+
+
+def test_the_row_tells_the_weights_apart(weights: Path, encoder: ClipEncoder) -> None:
+    assert encoder.source.startswith("CLIP tiny ")
+    config = weights / "config.json"
+    before = config.read_text()
+    try:
+        config.write_text(before + "\n")
+        assert ClipEncoder(weights).source != encoder.source
+    finally:
+        config.write_text(before)
+
+
+def test_a_folder_without_clip_is_named(weights: Path, tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"config\.json of a CLIP is expected"):
+        ClipEncoder(tmp_path)
+    (tmp_path / "config.json").write_text('{"model_type": "bert"}')
+    with pytest.raises(DataError, match="model_type 'clip' is expected, got 'bert'"):
+        ClipEncoder(tmp_path)
+    (tmp_path / "config.json").write_text((weights / "config.json").read_text())
+    with pytest.raises(DataError, match=r"no CLIP of transformers"):
+        ClipEncoder(tmp_path)
