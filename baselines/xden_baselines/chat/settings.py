@@ -65,6 +65,19 @@ class ChatSettings:
                 "live, record or replay"
             )
 
+    @property
+    def fingerprint(self) -> str:
+        """What answers depend on: mode, model, and host or recorded answers; no secrets.
+
+        Raises
+        ------
+        DataError
+            If recorded answers cannot be read.
+        """
+        model = open_chat(self) if self.mode == "replay" else None
+        host = Endpoint(self.base_url, self.model).host if self.base_url else ""
+        return f"{self.mode} {model.source if model else self.model} {host}".strip()
+
 
 def chat_settings(environment: Mapping[str, str] = os.environ) -> ChatSettings:
     """Read ``XDEN_VLM_MODE``, ``_BASE_URL``, ``_MODEL``, ``_API_KEY`` and ``_CASSETTE``.

@@ -1,0 +1,241 @@
+"""The methods ``gaussian-property``, ``-weighted`` and ``-parts``.
+
+After Xu et al., GaussianProperty: Integrating Physical Properties to 3D Gaussians with LMMs,
+arXiv:2412.11258: its text, for the published code lifts nothing to 3D. The given geometry stands
+in for the reconstruction, :mod:`.regions` for Segment Anything, and for GPT-4V the chat model that
+is configured, or else a classifier fitted on the training split.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from scipy import ndimage
+
+from xden1k.arrays import Grid
+from xden1k.errors import DataError
+from xden1k.modality import Modality
+from xden1k.predictor import Examples, Prediction, SampleView
+from xden_baselines.chat.endpoint import ChatModel
+from xden_baselines.chat.settings import chat_settings, open_chat
+from xden_baselines.gaussian_property.appearance import NearestCentroid, fit_centroids
+from xden_baselines.gaussian_property.library import ClosedList, closed_list
+from xden_baselines.gaussian_property.lifting import (
+    Judged,
+    chosen_views,
+    judge,
+    vote_of_parts,
+    vote_of_points,
+    with_hidden,
+)
+from xden_baselines.gaussian_property.regions import color_regions, kept_regions, part_numbers
+from xden_baselines.gaussian_property.voters import CentroidVoter, ChatVoter, Voter
+from xden_baselines.gaussian_property.voting import (
+    Ballots,
+    expected_density_g_cm3,
+    middle_density_g_cm3,
+    winners,
+)
+from xden_baselines.geometry import nearest_filled, voxel_centres_cm
+from xden_baselines.views.pictures import Pictures
+
+__all__ = ["GaussianProperty", "GaussianPropertyParts", "GaussianPropertyWeighted"]
+
+FILE = "materials.json"
+SKIN = 2.0
+"""How deep a voxel at the surface may lie, and how far behind what a view sees, in voxels."""
+
+
+class _Voting:
+    """What the three have in common: a closed list, centroids of looks, and who answers."""
+
+    version = "1"
+    trainable = True
+    masks: str
+
+    def __init__(self) -> None:
+        self._chat = chat_settings()
+        self.external_data = self._chat.mode != "off"
+
+    @property
+    def notes(self) -> str:
+        """Who answered, about what."""
+        return f"{self._voter.source}; {self.masks}; {len(self._materials)} materials"
+
+    @property
+    def fingerprint(self) -> str:
+        """The chat model's settings, or its recorded answers."""
+        return self._chat.fingerprint
+
+    def fit(self, train: Examples, *, seed: int) -> None:
+        """List the materials of the training split, and learn what they look like.
+
+        Raises
+        ------
+        DataError
+            If targets are no true densities, or no picture shows a part of known material.
+        """
+        materials = closed_list(train)
+        self._take_up(materials, fit_centroids(train, materials, seed=seed))
+
+    def save(self, folder: Path) -> None:
+        """Write the list of materials and the centroids."""
+        centroids = self._centroids
+        values = {
+            "names": self._materials.names,
+            "objects": self._materials.objects,
+            "centroids": centroids.centroids.tolist(),
+            "materials": centroids.materials.tolist(),
+            "deviation": centroids.deviation.tolist(),
+            "spread": centroids.spread,
+        }
+        (folder / FILE).write_text(json.dumps(values, indent=1) + "\n", encoding="utf-8")
+
+    def load(self, folder: Path) -> None:
+        """Take up what :meth:`save` wrote.
+
+        Raises
+        ------
+        DataError
+            If the folder does not hold it.
+        """
+        try:
+            values = json.loads((folder / FILE).read_text(encoding="utf-8"))
+            materials = ClosedList(tuple(values["names"]), tuple(values["objects"]))
+            centroids = NearestCentroid(
+                np.array(values["centroids"], dtype=np.float64),
+                np.array(values["materials"], dtype=np.int64),
+                np.array(values["deviation"], dtype=np.float64),
+                float(values["spread"]),
+            )
+        except (OSError, ValueError, TypeError, KeyError) as err:
+            raise DataError(f"{folder / FILE}: no fit of such a method: {err}") from err
+        self._take_up(materials, centroids)
+
+    def _take_up(self, materials: ClosedList, centroids: NearestCentroid) -> None:
+        self._materials, self._centroids = materials, centroids
+        own = CentroidVoter(centroids)
+        self._voter: Voter = ChatVoter(self._model, materials, own) if self._model else own
+
+    @cached_property
+    def _model(self) -> ChatModel | None:
+        return open_chat(self._chat)
+
+    def _told(
+        self, density: np.ndarray, mass_g: float, judged: Sequence[Judged], sd: Grid | None = None
+    ) -> Prediction:
+        return Prediction(
+            density,
+            sd,
+            mass_native_g=mass_g,
+            model=self._model.source if self._model else "",
+            fallbacks=sum(answer.fallback for one in judged for answer in one.answers),
+        )
+
+
+class GaussianProperty(_Voting):
+    """GaussianProperty style: a material for each colour region of ten views, then a vote in 3D.
+
+    Without a chat model a classifier fitted on the training split answers. Its row says so.
+    """
+
+    name = "gaussian-property"
+    reads = Modality.GEOMETRY | Modality.RGB
+    masks = "colour regions for masks"
+    weighted = False
+
+    def predict(self, sample: SampleView) -> Prediction:
+        """Let the views vote on the voxels at the surface; the others follow the nearest of them.
+
+        Raises
+        ------
+        DataError
+            If no view shows any of the object.
+        """
+        pictures = chosen_views(sample.pictures)
+        cuts = [color_regions(*pair) for pair in zip(pictures.colors, pictures.masks, strict=True)]
+        judged = judge(sample.object_id, pictures, cuts, self._voter)
+        surface, ballots = self._ballots(sample, pictures, judged)
+        mean, sd = self._filled(surface, ballots, sample.envelope)
+        mass_g = float(mean.sum(dtype=np.float64)) * sample.voxel_size_cm**3
+        return self._told(mean, mass_g, judged, sd if self.weighted else None)
+
+    def _ballots(
+        self, sample: SampleView, pictures: Pictures, judged: Sequence[Judged]
+    ) -> tuple[np.ndarray, Ballots]:
+        """Voxels at the surface that got a vote, as a mask, and their votes in C order."""
+        inside = sample.envelope > 0
+        surface = inside & (ndimage.distance_transform_edt(inside) <= SKIN)
+        ballots = vote_of_points(
+            voxel_centres_cm(sample, surface),
+            pictures,
+            judged,
+            self._materials,
+            tolerance_cm=SKIN * sample.voxel_size_cm,
+            weighted=self.weighted,
+        )
+        voted = ballots.any(axis=1)
+        if not voted.any():
+            raise DataError(f"{sample.object_id}: no view shows any of its surface")
+        surface[surface] = voted
+        return surface, ballots[voted]
+
+    def _filled(self, surface: np.ndarray, ballots: Ballots, envelope: Grid) -> tuple[Grid, Grid]:
+        """Density and its deviation, voxel means, each voxel after the nearest that voted."""
+        if self.weighted:
+            mean, sd = expected_density_g_cm3(ballots, self._materials)
+        else:
+            mean = middle_density_g_cm3(winners(ballots), self._materials)
+            sd = np.zeros(len(mean))
+        grids = np.zeros((2, *surface.shape), dtype=np.float32)
+        grids[:, surface] = mean, sd
+        density, deviation = nearest_filled(grids, surface) * envelope
+        return density, deviation
+
+
+class GaussianPropertyWeighted(GaussianProperty):
+    """The same, votes weighted by confidence: mean and deviation of Dirichlet counts."""
+
+    name = "gaussian-property-weighted"
+    weighted = True
+
+
+class GaussianPropertyParts(_Voting):
+    """GaussianProperty style with the true parts for masks: each takes the material voted for.
+
+    A part that no view shows takes the material of the parts nearest to it.
+    """
+
+    name = "gaussian-property-parts"
+    reads = Modality.GEOMETRY | Modality.RGB | Modality.PARTS
+    masks = "true parts for masks"
+
+    def predict(self, sample: SampleView) -> Prediction:
+        """Let the views vote on the parts they show.
+
+        Raises
+        ------
+        DataError
+            If no view shows any of the object.
+        """
+        pictures, meshes = chosen_views(sample.pictures), sample.part_meshes
+        numbers = part_numbers(meshes, pictures.cameras)
+        found = [
+            kept_regions(number, mask & (number > 0))
+            for number, mask in zip(numbers, pictures.masks, strict=True)
+        ]
+        judged = judge(sample.object_id, pictures, [cut for cut, _ in found], self._voter)
+        shown = [kept.astype(np.int64) - 1 for _, kept in found]
+        ballots = vote_of_parts(len(meshes), shown, judged, self._materials)
+        if not ballots.any():
+            raise DataError(f"{sample.object_id}: no view shows any of its parts")
+        chosen = winners(with_hidden(ballots, meshes))
+        density = middle_density_g_cm3(chosen, self._materials)
+        mass_g = float(
+            sum(value * mesh.volume for value, mesh in zip(density, meshes, strict=True))
+        )
+        return self._told(np.concatenate([[0.0], density]).astype(np.float32), mass_g, judged)
