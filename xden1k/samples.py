@@ -65,12 +65,15 @@ class SampleView:
         What the method declared.
     pictures_of
         Where colour pictures come from, if there are any.
+    target
+        What is to be predicted: ``density`` or ``apparent_density``.
     """
 
     folder: DatasetFolder
     object_id: str
     reads: Modality
     pictures_of: PictureSource | None = None
+    target: Target = "density"
 
     @cached_property
     def origin_cm(self) -> Vec3:
@@ -225,5 +228,5 @@ class Examples:
     def __iter__(self) -> Iterator[Example]:
         for object_id in self.folder.ids(self.split):
             row = self.folder.row(object_id, [self.target])
-            sample = SampleView(self.folder, object_id, self.reads, self.pictures_of)
+            sample = SampleView(self.folder, object_id, self.reads, self.pictures_of, self.target)
             yield Example(sample, decode_target(row, object_id, self.target))

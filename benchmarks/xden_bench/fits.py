@@ -97,21 +97,27 @@ def fit_or_take_up(
     predictor.load(folder / STATE_NAME)
 
 
-def load_fit(predictor: Predictor, folder: Path, target: Target) -> Fit:
-    """Take up what a method learned in another run.
+def load_fit(predictor: Storable, wanted: Fit, folder: Path) -> Fit:
+    """Take up what a method learned in another run, perhaps on another dataset.
+
+    Parameters
+    ----------
+    predictor
+        The method.
+    wanted
+        What a fit made here and now would be.
+    folder
+        Where the other is kept.
 
     Raises
     ------
     DataError
-        If the folder holds no fit, or one of another method, version or target.
+        If the folder holds no fit, or one of another method, version, inputs or target.
     """
-    if not isinstance(predictor, Storable):
-        raise DataError(f"the method {predictor.name} cannot load what it learned")
     fit = read_fit(folder)
-    found = fit.method, fit.version, fit.target, fit.inputs
-    wanted = predictor.name, predictor.version, target, predictor.reads.inputs
-    if found != wanted:
-        raise DataError(f"{folder} holds the fit of {found}, expected {wanted}")
+    found, expected = ((one.method, one.version, one.inputs, one.target) for one in (fit, wanted))
+    if found != expected:
+        raise DataError(f"{folder} holds the fit of {found}, expected {expected}")
     predictor.load(folder / STATE_NAME)
     return fit
 

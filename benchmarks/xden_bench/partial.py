@@ -16,6 +16,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Final
 
 import numpy as np
@@ -181,14 +182,22 @@ def _remove(folder: Path) -> None:
 def code_sha256(kind: type) -> str:
     """Checksum of the source of a class's package and of the dataset's, as they lie on disk."""
     digest = hashlib.sha256()
-    for name in sorted({kind.__module__.partition(".")[0], "xden1k"}):
-        module = sys.modules.get(name)
-        folders = [Path(place) for place in getattr(module, "__path__", [])]
-        files = [one for folder in folders for one in folder.rglob("*.py")]
-        if not files and (file := getattr(module, "__file__", None)):
-            files = [Path(file)]
-        _add_files(digest, files)
+    for module in (kind.__module__, "xden1k"):
+        _add_files(digest, _sources(sys.modules.get(module)))
     return digest.hexdigest()
+
+
+def _sources(module: ModuleType | None) -> list[Path]:
+    """Every source file of the outermost package of a module, or the module's alone."""
+    file = getattr(module, "__file__", None)
+    if file is None:
+        return []
+    outermost = None
+    for folder in Path(file).parents:
+        if not (folder / "__init__.py").exists():
+            break
+        outermost = folder
+    return [Path(file)] if outermost is None else list(outermost.rglob("*.py"))
 
 
 def folder_sha256(folder: Path) -> str:

@@ -24,6 +24,7 @@ from xden1k.predictor import (
     Prediction,
     Predictor,
     SampleView,
+    Storable,
 )
 from xden_bench.fits import Fit, fit_or_take_up, load_fit
 from xden_bench.partial import Facts, Kept, PartialRun, code_sha256, folder_sha256, partial_run
@@ -68,12 +69,16 @@ class Options:
         Raises
         ------
         DataError
-            If it is told how to learn but learns nothing, or is to learn and not to learn.
+            If it is told how to learn but learns nothing, is to learn and not to learn, or cannot
+            store what it learned.
         """
         if not predictor.trainable and (self.budget or self.model or self.save):
             raise DataError(f"the method {predictor.name} learns nothing: no budget, model or save")
         if self.model and (self.budget or self.save):
             raise DataError("a method that is loaded does not learn: model without budget and save")
+        if (self.model or self.save) and not isinstance(predictor, Storable):
+            verb = "load" if self.model else "store"
+            raise DataError(f"the method {predictor.name} cannot {verb} what it learned")
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,8 +193,8 @@ class _Run:
         options = self.options
         if not self.predictor.trainable:
             return None
-        if options.model:
-            return load_fit(self.predictor, options.model, options.target)
+        if options.model and isinstance(self.predictor, Storable):
+            return load_fit(self.predictor, self.fit, options.model)
         source = (self.folder, "train", self.predictor.reads, options.target, options.pictures)
         train = Examples(*source)
         fit_or_take_up(self.predictor, train, self.fit, options.budget, options.save or folder)
@@ -212,8 +217,8 @@ class _Run:
             yield object_id, kept.facts
 
     def _predict(self, object_id: str) -> Kept:
-        reads = self.predictor.reads
-        sample = SampleView(self.folder, object_id, reads, self.options.pictures)
+        reads, options = self.predictor.reads, self.options
+        sample = SampleView(self.folder, object_id, reads, options.pictures, options.target)
         start = time.perf_counter()
         found = self.predictor.predict(sample)
         seconds = time.perf_counter() - start

@@ -153,6 +153,7 @@ def test_nothing_else_is_within_reach_of_a_sample() -> None:
         "part_names",
         "pictures",
         "pictures_of",
+        "target",
         "truth",
         "views",
         "voxel_size_cm",

@@ -1,0 +1,235 @@
+"""What the truth, the material table or the X-rays alone would give: rows to read others by.
+
+The first three are oracles: they are told what no method knows and have no rank. The last two need
+the extra ``build``.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import fmean, median
+
+import numpy as np
+from jaxtyping import Float32
+
+from xden1k.arrays import Grid
+from xden1k.errors import DataError
+from xden1k.materials import load_materials
+from xden1k.modality import Modality
+from xden1k.predictor import Examples, SampleView
+from xden1k.rays import path_lengths
+from xden1k.types import Part
+from xden1k.views import XRayView
+from xden_baselines.geometry import nearest_filled, voxel_centres_cm
+from xden_baselines.xray import OPAQUE, back_projected_lac_per_cm
+
+__all__ = [
+    "LabelNominal",
+    "PartOracle",
+    "TrueMassUniform",
+    "XrayMean",
+    "XrayUniform",
+    "shadow_lac_per_cm",
+]
+
+CONSTANT_NAME = "constant.json"
+SUBRAYS = 2
+
+PartValues = Float32[np.ndarray, "parts"]
+
+
+class _Oracle:
+    """What the three have in common."""
+
+    version = "1"
+    trainable = False
+    external_data = False
+
+    @property
+    def notes(self) -> str:
+        """Nothing."""
+        return ""
+
+    def fit(self, train: Examples, *, seed: int) -> None:
+        """Learn nothing."""
+
+
+class TrueMassUniform(_Oracle):
+    """Oracle of the mass, spread evenly over the envelope: what knowing the mass alone is worth."""
+
+    name = "true-mass-uniform"
+    reads = Modality.GEOMETRY | Modality.TRUTH
+
+    def predict(self, sample: SampleView) -> Grid:
+        """Predict the true mass over the volume inside the outer surface.
+
+        Raises
+        ------
+        DataError
+            If it is not known.
+        """
+        truth = sample.truth
+        field = truth.density if sample.target == "density" else truth.apparent_density
+        if field is None:
+            raise DataError(f"{sample.object_id} has no known {sample.target}")
+        matter = field.density_g_cm3.sum(dtype=np.float64)
+        density: Grid = np.float32(matter / sample.envelope.sum(dtype=np.float64)) * sample.envelope
+        return density
+
+
+class PartOracle(_Oracle):
+    """Oracle of each part's mean density: what no method that works by parts can pass."""
+
+    name = "part-oracle"
+    reads = Modality.PARTS | Modality.TRUTH
+
+    def predict(self, sample: SampleView) -> PartValues:
+        """Predict the true part densities.
+
+        Raises
+        ------
+        DataError
+            If a part has none.
+        """
+        name = f"{sample.target}_g_cm3"
+        return _part_values(sample, [getattr(part, name) for part in sample.truth.parts])
+
+
+class LabelNominal(_Oracle):
+    """Oracle of each part's material, with the density the material table calls usual."""
+
+    name = "label-nominal"
+    reads = Modality.PARTS | Modality.TRUTH
+
+    def __init__(self) -> None:
+        self._vague: set[str] = set()
+
+    @property
+    def notes(self) -> str:
+        """On how many objects a label is only that of a family."""
+        if not self._vague:
+            return ""
+        return f"a family's median stands for its members on {len(self._vague)} objects"
+
+    def predict(self, sample: SampleView) -> PartValues:
+        """Predict the nominal density of each part's label.
+
+        Raises
+        ------
+        DataError
+            If a part has no label, or the target is not the density.
+        """
+        if sample.target != "density":
+            raise DataError("label-nominal knows true densities, not apparent ones")
+        return _part_values(sample, [self._nominal(sample, part) for part in sample.truth.parts])
+
+    def _nominal(self, sample: SampleView, part: Part) -> float:
+        library = load_materials()
+        if part.material.lower() in library.labels:
+            return library[part.material].density_nominal_g_cm3
+        family = [one for one in library.values() if one.family == part.material.lower()]
+        if not family:
+            raise DataError(f"{sample.object_id}: the material of part {part.name} is not known")
+        self._vague.add(sample.object_id)
+        return median(one.density_nominal_g_cm3 for one in family)
+
+
+class _Calibrated(ABC):
+    """A map of attenuation, times one constant: the median over the training objects."""
+
+    name: str
+    version = "1"
+    reads = Modality.GEOMETRY | Modality.XRAY
+    trainable = True
+    external_data = False
+
+    def __init__(self) -> None:
+        self._g_cm2 = math.nan
+
+    @property
+    def notes(self) -> str:
+        """The constant."""
+        return f"density / attenuation {self._g_cm2:.4g} g/cm²"
+
+    def fit(self, train: Examples, *, seed: int) -> None:
+        """Find the constant that gives half of the training objects too much mass."""
+        self._g_cm2 = median(
+            float(one.density_g_cm3.sum(dtype=np.float64) / self._lac(one.sample).sum())
+            for one in train
+        )
+
+    def predict(self, sample: SampleView) -> Grid:
+        """Predict the attenuation times the constant."""
+        density: Grid = np.float32(self._g_cm2) * self._lac(sample)
+        return density
+
+    def save(self, folder: Path) -> None:
+        """Write the constant."""
+        (folder / CONSTANT_NAME).write_text(json.dumps({"g_cm2": self._g_cm2}))
+
+    def load(self, folder: Path) -> None:
+        """Read the constant."""
+        self._g_cm2 = float(json.loads((folder / CONSTANT_NAME).read_text())["g_cm2"])
+
+    @abstractmethod
+    def _lac(self, sample: SampleView) -> Grid:
+        """Voxel means of the attenuation, 1/cm, 0 outside the envelope."""
+
+
+class XrayUniform(_Calibrated):
+    """Attenuation of the whole shadow over the volume inside the outer surface, everywhere."""
+
+    name = "xray-uniform"
+
+    def _lac(self, sample: SampleView) -> Grid:
+        mean = fmean(shadow_lac_per_cm(sample, view) for view in sample.views)
+        lac: Grid = np.float32(mean) * sample.envelope
+        return lac
+
+
+class XrayMean(_Calibrated):
+    """Mean of the attenuation along the two rays through each voxel."""
+
+    name = "xray-mean"
+
+    def _lac(self, sample: SampleView) -> Grid:
+        lac: Grid = back_projected_lac_per_cm(sample).mean(axis=0) * sample.envelope
+        return lac
+
+
+def shadow_lac_per_cm(sample: SampleView, view: XRayView) -> float:
+    """Mean attenuation inside the outer surface, from the sum of a radiograph's shadow.
+
+    With p the line integral at a pixel of solid angle dΩ and r the distance from the source,
+    ``Σ p dΩ = ∫ LAC / r² dV``: over ``∫ 1 / r² dV`` of the envelope it is exact for a homogeneous
+    body, however deep in the cone. For a parallel beam dΩ is an area and r is 1.
+
+    Parameters
+    ----------
+    sample
+        Needs ``GEOMETRY``.
+    view
+        A radiograph that shows all of it.
+    """
+    geometry, inside = view.geometry, sample.envelope > 0
+    pixels = path_lengths([sample.outer_mesh], [0], geometry, SUBRAYS).pixels
+    integral = -np.log(np.where(view.valid, view.transmission, 1).clip(OPAQUE, None))
+    known = nearest_filled(integral[..., None], view.valid[..., None]).ravel()[pixels]
+    rows, columns = (one.astype(np.float64) for one in np.divmod(pixels, geometry.shape[1]))
+    solid_angle = abs(np.linalg.det(geometry.matrix)) / geometry.cm_per_depth(rows, columns) ** 3
+    weight = sample.envelope[inside].astype(np.float64) * sample.voxel_size_cm**3
+    if geometry.source_cm is not None:
+        centres = voxel_centres_cm(sample, inside)
+        weight /= ((centres - geometry.source_cm) ** 2).sum(axis=1)
+    return float((known * solid_angle).sum() / weight.sum())
+
+
+def _part_values(sample: SampleView, densities: Sequence[float]) -> PartValues:
+    """Air, then each part."""
+    if not np.isfinite(densities).all():
+        raise DataError(f"{sample.object_id}: a part has no known {sample.target}")
+    return np.array([0.0, *densities], dtype=np.float32)
