@@ -29,6 +29,7 @@ __all__ = [
     "Example",
     "Examples",
     "Fingerprinted",
+    "Illustrated",
     "PictureSource",
     "Prediction",
     "Predictor",
@@ -189,6 +190,16 @@ class Fingerprinted(Protocol):
 
         An interrupted run is continued only where it is the same.
         """
+        ...
+
+
+@runtime_checkable
+class Illustrated(Protocol):
+    """A method that reads ``RGB`` and brings its own pictures."""
+
+    @property
+    def pictures_of(self) -> PictureSource:
+        """Where they come from."""
         ...
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from xden1k.errors import DataError
 from xden1k.modality import Modality, track_of
 from xden1k.predictions import open_predictions
-from xden1k.predictor import PictureSource, Predictor
+from xden1k.predictor import Illustrated, PictureSource, Predictor
 from xden_bench.protocol import Protocol, is_trivial
 from xden_bench.reference import Reference
 from xden_bench.running import Options, Report, run_predictor
@@ -99,19 +99,29 @@ def find_predictor(name: str, settings: Mapping[str, Any] | None = None) -> Pred
     return predictor
 
 
-def find_pictures(views: Path | None) -> PictureSource:
-    """Return where colour pictures come from.
+def find_pictures(predictor: Predictor, views: Path | None) -> PictureSource | None:
+    """Return where a method's colour pictures come from; None if it reads none.
 
     Parameters
     ----------
+    predictor
+        The method.
     views
-        A folder of scenes; None renders the part meshes in their stored colours.
+        A folder of scenes; None takes the method's own source, or renders the part meshes in
+        their stored colours.
 
     Raises
     ------
     DataError
-        If no package that knows how is installed, or the folder holds no scenes.
+        If there are scenes but the method reads none, the folder holds none, or no package that
+        knows how is installed.
     """
+    if Modality.RGB not in predictor.reads:
+        if views is not None:
+            raise DataError(f"the method {predictor.name} reads no pictures: no views")
+        return None
+    if views is None and isinstance(predictor, Illustrated):
+        return predictor.pictures_of
     name = "rendered" if views is None else "scenes"
     entries = _entries(PICTURES)
     if name not in entries:

@@ -105,3 +105,51 @@ def test_a_constructor_that_fails_is_named(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(baseline, "_entries", lambda group: {"theirs": Entry})
     with pytest.raises(DataError, match="does not load: no weights at ~/weights"):
         find_predictor("theirs")
+
+
+class Album:
+    """Pictures that are words."""
+
+    def __init__(self, root: Path = Path("drawn")) -> None:
+        self.description = f"pictures of {root}"
+
+    def __call__(self, folder: DatasetFolder, object_id: str) -> str:
+        return object_id
+
+
+class Looks(Gives):
+    name, reads = "looks", Modality.RGB
+
+
+class Illustrates(Looks):
+    pictures_of = Album(Path("mine"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "views", "description"),
+    [
+        (Looks, None, "pictures of drawn"),
+        (Looks, Path("there"), "pictures of there"),
+        (Illustrates, None, "pictures of mine"),
+        (Illustrates, Path("there"), "pictures of there"),
+    ],
+)
+def test_pictures_are_drawn_or_read_or_the_methods_own(
+    monkeypatch: pytest.MonkeyPatch, kind: type, views: Path | None, description: str
+) -> None:
+    class Entry:
+        load = staticmethod(lambda: Album)
+
+    monkeypatch.setattr(baseline, "_entries", lambda group: {"rendered": Entry, "scenes": Entry})
+    source = baseline.find_pictures(kind(None), views)
+    assert source is not None
+    assert source.description == description
+
+
+def test_who_reads_no_pictures_gets_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(baseline, "_entries", lambda group: {})
+    assert baseline.find_pictures(Gives(None), None) is None
+    with pytest.raises(DataError, match="the method gives reads no pictures: no views"):
+        baseline.find_pictures(Gives(None), Path("there"))
+    with pytest.raises(DataError, match="no source of pictures 'rendered' is installed"):
+        baseline.find_pictures(Looks(None), None)

@@ -122,7 +122,6 @@ def _check(asked: Mapping[str, Any]) -> None:
 def _run(asked: Mapping[str, Any], folder: DatasetFolder, out: Path, command: str) -> Report:
     """Run the method that was asked for."""
     from xden1k.folder import open_folder
-    from xden1k.modality import Modality
     from xden1k.predictor import Budget
     from xden_bench.baseline import find_pictures, find_predictor
     from xden_bench.rebuilt import Rebuilt
@@ -140,7 +139,7 @@ def _run(asked: Mapping[str, Any], folder: DatasetFolder, out: Path, command: st
         budget=Budget.parse(budget) if budget else None,
         model=asked["model"],
         save=asked["save"],
-        pictures=find_pictures(asked["views"]) if Modality.RGB in method.reads else None,
+        pictures=find_pictures(method, asked["views"]),
         command=command,
     )
     return run_predictor(method, folder, asked["split"], out, options, progress_bar)
