@@ -1,4 +1,8 @@
-"""What a region looks like, and which material of the training split looks most like it."""
+"""What a region looks like, and which material of the training split most likely looks like that.
+
+The classifier is a mixture of Gaussians of one width around centroids of each material, weighted
+by how common they are: many materials come in the same grey, and then the commonest must win.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +22,14 @@ from xden_baselines.gaussian_property.library import ClosedList
 from xden_baselines.gaussian_property.regions import Segmentation, kept_regions, part_numbers
 from xden_baselines.views.pictures import Pictures
 
-__all__ = ["LOOKS", "NearestCentroid", "fit_centroids", "looks"]
+__all__ = ["LOOKS", "Centroids", "fit_centroids", "looks"]
 
 LOOKS = 6
 """Figures for each region."""
-CENTROIDS = 4
+CENTROIDS = 8
 """Of each material, at most: a plastic comes in several colours."""
+NARROWEST = 0.1
+"""Least spread, in deviations of the looks: a few alike objects must not make it certain."""
 TRAINING_OBJECTS, TRAINING_VIEWS = 200, 4
 """Drawn by the seed: colours repeat, and drawing pictures is what learning costs."""
 
@@ -31,52 +37,53 @@ Looks = Float64[np.ndarray, "regions 6"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NearestCentroid:
-    """The centroids of a training split, in looks of deviation 1.
+class Centroids:
+    """What the materials of a training split look like.
 
     Parameters
     ----------
-    centroids
-        Shape (centroids, 6).
+    places
+        Shape (centroids, 6), in looks of deviation 1.
     materials
-        Shape (centroids,): whose they are, as an index into the closed list, ascending.
+        Shape (centroids,): whose they are, as an index into the closed list.
+    sizes
+        Shape (centroids,): how many training regions are around each, at least 1.
     deviation
         Shape (6,): of each figure over the training regions.
     spread
-        Typical distance of a training region from the nearest centroid of its material.
+        Typical distance of a training region from the centroid it belongs to.
 
     Raises
     ------
     DataError
-        If there is no centroid, or shapes differ.
+        If there is no centroid, or a size, a deviation or the spread is not positive.
     """
 
-    centroids: Float64[np.ndarray, "centroids 6"]
+    places: Float64[np.ndarray, "centroids 6"]
     materials: Int64[np.ndarray, "centroids"]
+    sizes: Int64[np.ndarray, "centroids"]
     deviation: Float64[np.ndarray, "6"]
     spread: float
 
     def __post_init__(self) -> None:
-        if not len(self.centroids) or len(self.centroids) != len(self.materials):
-            raise DataError(
-                "expected a material for each of at least one centroid, "
-                f"got {len(self.materials)} for {len(self.centroids)}"
-            )
+        shapes = {len(self.places), len(self.materials), len(self.sizes)}
+        if len(shapes) > 1 or not len(self.places):
+            raise DataError(f"expected places, materials and sizes of centroids, got {shapes}")
+        if not (self.sizes.min() > 0 and self.deviation.min() > 0 and self.spread > 0):
+            raise DataError("sizes, deviations and the spread of centroids must be positive")
 
     def classify(
         self, seen: Looks
     ) -> tuple[Int64[np.ndarray, "regions"], Float64[np.ndarray, "regions"]]:
-        """Return the material of the nearest centroid, and its share of all likelihood.
-
-        Of centroids as near, the first counts, so the first of the closed list. The likelihood of
-        a centroid is a Gaussian in its distance, of the training regions' spread.
-        """
-        apart = seen[:, None] / self.deviation - self.centroids
-        square = (apart**2).sum(axis=-1)
-        chosen = self.materials[square.argmin(axis=1)]
-        likely = np.exp((square.min(axis=1, keepdims=True) - square) / (2 * self.spread**2))
-        own = np.where(self.materials == chosen[:, None], likely, 0)
-        return chosen, own.sum(axis=1) / likely.sum(axis=1)
+        """Return the likeliest material, of several the first of the list, and how likely it is."""
+        apart = seen[:, None] / self.deviation - self.places
+        log_likely = np.log(self.sizes) - (apart**2).sum(axis=-1) / (2 * self.spread**2)
+        likely = np.exp(log_likely - log_likely.max(axis=1, keepdims=True))
+        materials = np.zeros((len(seen), self.materials.max() + 1))
+        for material in np.unique(self.materials):
+            materials[:, material] = likely[:, self.materials == material].sum(axis=1)
+        materials /= materials.sum(axis=1, keepdims=True)
+        return materials.argmax(axis=1), materials.max(axis=1)
 
 
 def looks(picture: Picture, segmentation: Segmentation) -> Looks:
@@ -98,7 +105,7 @@ def looks(picture: Picture, segmentation: Segmentation) -> Looks:
     return np.concatenate([mean, shares, deviation], axis=1)
 
 
-def fit_centroids(train: Examples, materials: ClosedList, *, seed: int) -> NearestCentroid:
+def fit_centroids(train: Examples, materials: ClosedList, *, seed: int) -> Centroids:
     """Learn what materials look like from the visible parts of training objects.
 
     Parameters
@@ -155,21 +162,26 @@ def _cluster(
     labels: Int64[np.ndarray, "regions"],
     deviation: Float64[np.ndarray, "6"],
     rng: np.random.Generator,
-) -> NearestCentroid:
-    """Give each material up to four centroids by k-means."""
-    centroids, owners, squares = [], [], []
+) -> Centroids:
+    """Give each material up to eight centroids by k-means."""
+    places, owners, sizes, squares = [], [], [], []
     for material in np.unique(labels):
         own = scaled[labels == material]
         different = np.unique(own, axis=0)
         start = rng.choice(different, size=min(CENTROIDS, len(different)), replace=False)
-        places, which = _kmeans(own, start)
-        used = np.unique(which)
-        centroids.append(places[used])
+        found, which = _kmeans(own, start)
+        used, count = np.unique(which, return_counts=True)
+        places.append(found[used])
         owners.append(np.full(len(used), material))
-        squares.append(((own - places[which]) ** 2).sum(axis=1))
+        sizes.append(count)
+        squares.append(((own - found[which]) ** 2).sum(axis=1))
     spread = float(np.sqrt(np.concatenate(squares).mean()))
-    return NearestCentroid(
-        np.concatenate(centroids), np.concatenate(owners), deviation, max(spread, 1e-3)
+    return Centroids(
+        np.concatenate(places),
+        np.concatenate(owners),
+        np.concatenate(sizes),
+        deviation,
+        max(spread, NARROWEST),
     )
 
 

@@ -22,7 +22,7 @@ from xden1k.modality import Modality
 from xden1k.predictor import Examples, Prediction, SampleView
 from xden_baselines.chat.endpoint import ChatModel
 from xden_baselines.chat.settings import chat_settings, open_chat
-from xden_baselines.gaussian_property.appearance import NearestCentroid, fit_centroids
+from xden_baselines.gaussian_property.appearance import Centroids, fit_centroids
 from xden_baselines.gaussian_property.library import ClosedList, closed_list
 from xden_baselines.gaussian_property.lifting import (
     Judged,
@@ -33,7 +33,7 @@ from xden_baselines.gaussian_property.lifting import (
     with_hidden,
 )
 from xden_baselines.gaussian_property.regions import color_regions, kept_regions, part_numbers
-from xden_baselines.gaussian_property.voters import CentroidVoter, ChatVoter, Voter
+from xden_baselines.gaussian_property.voters import ChatVoter, LooksVoter, Voter
 from xden_baselines.gaussian_property.voting import (
     Ballots,
     expected_density_g_cm3,
@@ -88,8 +88,9 @@ class _Voting:
         values = {
             "names": self._materials.names,
             "objects": self._materials.objects,
-            "centroids": centroids.centroids.tolist(),
+            "places": centroids.places.tolist(),
             "materials": centroids.materials.tolist(),
+            "sizes": centroids.sizes.tolist(),
             "deviation": centroids.deviation.tolist(),
             "spread": centroids.spread,
         }
@@ -106,9 +107,10 @@ class _Voting:
         try:
             values = json.loads((folder / FILE).read_text(encoding="utf-8"))
             materials = ClosedList(tuple(values["names"]), tuple(values["objects"]))
-            centroids = NearestCentroid(
-                np.array(values["centroids"], dtype=np.float64),
+            centroids = Centroids(
+                np.array(values["places"], dtype=np.float64),
                 np.array(values["materials"], dtype=np.int64),
+                np.array(values["sizes"], dtype=np.int64),
                 np.array(values["deviation"], dtype=np.float64),
                 float(values["spread"]),
             )
@@ -116,9 +118,9 @@ class _Voting:
             raise DataError(f"{folder / FILE}: no fit of such a method: {err}") from err
         self._take_up(materials, centroids)
 
-    def _take_up(self, materials: ClosedList, centroids: NearestCentroid) -> None:
+    def _take_up(self, materials: ClosedList, centroids: Centroids) -> None:
         self._materials, self._centroids = materials, centroids
-        own = CentroidVoter(centroids)
+        own = LooksVoter(centroids)
         self._voter: Voter = ChatVoter(self._model, materials, own) if self._model else own
 
     @cached_property

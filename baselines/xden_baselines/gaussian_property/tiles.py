@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import PIL.Image
-from jaxtyping import Bool
+from jaxtyping import Bool, UInt8
 from scipy import ndimage
 
 from xden1k.arrays import Mask
@@ -19,7 +19,7 @@ OVERLAY = 0.4
 RED = np.array([255.0, 0.0, 0.0])
 
 
-def three_tiles(picture: Picture, region: Mask) -> Picture:
+def three_tiles(picture: Picture, region: Mask) -> UInt8[np.ndarray, "224 672 3"]:
     """Put three tiles side by side: the picture; the region in red; its largest piece, cut out.
 
     Tiles keep their proportions on black. The original's prompt calls the overlay red, its code
@@ -42,7 +42,9 @@ def three_tiles(picture: Picture, region: Mask) -> Picture:
     return np.concatenate([_tile(picture), _tile(red), _tile(_cut_out(picture, region))], axis=1)
 
 
-def _cut_out(picture: Picture, region: Bool[np.ndarray, "rows columns"]) -> Picture:
+def _cut_out(
+    picture: Picture, region: Bool[np.ndarray, "rows columns"]
+) -> UInt8[np.ndarray, "height width 3"]:
     """Return the region's largest connected piece in its box, all else black."""
     pieces, _ = ndimage.label(region)
     largest = 1 + int(np.argmax(np.bincount(pieces.ravel())[1:]))
@@ -50,7 +52,7 @@ def _cut_out(picture: Picture, region: Bool[np.ndarray, "rows columns"]) -> Pict
     return np.where((pieces[box] == largest)[..., None], picture[box], 0).astype(np.uint8)
 
 
-def _tile(picture: Picture) -> Picture:
+def _tile(picture: Picture) -> UInt8[np.ndarray, "224 224 3"]:
     edge = max(picture.shape[:2])
     square = np.zeros((edge, edge, 3), dtype=np.uint8)
     top, left = (edge - picture.shape[0]) // 2, (edge - picture.shape[1]) // 2

@@ -1,22 +1,22 @@
-"""Who says what a region is made of: the nearest centroid, or a chat model that is shown tiles."""
+"""Who says what a region is made of: a classifier of looks, or a chat model that is shown tiles."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from xden1k.errors import DataError
 from xden_baselines.chat.asking import RETRIES, ask
 from xden_baselines.chat.candidates import Picture
 from xden_baselines.chat.endpoint import ChatModel
 from xden_baselines.chat.request import ChatRequest, png
-from xden_baselines.gaussian_property.appearance import NearestCentroid, looks
+from xden_baselines.gaussian_property.appearance import Centroids, looks
 from xden_baselines.gaussian_property.library import ClosedList
 from xden_baselines.gaussian_property.regions import Segmentation
 from xden_baselines.gaussian_property.tiles import three_tiles
 
-__all__ = ["Answer", "CentroidVoter", "ChatVoter", "Voter", "parse_answer"]
+__all__ = ["Answer", "ChatVoter", "LooksVoter", "Voter", "parse_answer"]
 
 _PROMPT = """The picture has three tiles. Left: an object. Middle: the same picture with one part \
 of the object painted red. Right: that part alone, enlarged.
@@ -45,6 +45,7 @@ class Answer:
     fallback: bool = False
 
 
+@runtime_checkable
 class Voter(Protocol):
     """Says what the regions of a picture are made of."""
 
@@ -61,8 +62,8 @@ class Voter(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class CentroidVoter:
-    """Takes the training material that looks most alike.
+class LooksVoter:
+    """Takes the training material that most likely looks like that.
 
     Parameters
     ----------
@@ -70,9 +71,9 @@ class CentroidVoter:
         What was learned.
     """
 
-    centroids: NearestCentroid
+    centroids: Centroids
 
-    source = "nearest-centroid classifier fitted on the training split"
+    source = "classifier of colours fitted on the training split"
 
     def vote(
         self, object_id: str, picture: Picture, segmentation: Segmentation
