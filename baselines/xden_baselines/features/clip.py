@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float32, Int64, UInt8
 from xden1k.errors import DataError, require
 from xden_baselines.features.encoder import PATCH_PX
 
-__all__ = ["ClipEncoder"]
+__all__ = ["ClipEncoder", "weights_sha256"]
 
 CLIP_MEAN = (0.48145466, 0.4578275, 0.40821073)
 CLIP_DEVIATION = (0.26862954, 0.26130258, 0.27577711)
@@ -53,7 +53,7 @@ class ClipEncoder:
         self, folder: Path, *, device: str = "cpu", stride_px: int = 16, batch: int = 64
     ) -> None:
         transformers = require("transformers", "clip")
-        self._check(folder)
+        _check(folder)
         try:
             model = transformers.CLIPModel.from_pretrained(folder, local_files_only=True)
             self._tokenizer = transformers.CLIPTokenizer.from_pretrained(
@@ -63,7 +63,7 @@ class ClipEncoder:
             raise DataError(f"{folder}: no CLIP of transformers: {err}") from err
         self._model = model.eval().to(device)
         self._device, self._batch, self.stride_px = device, batch, stride_px
-        self.source = f"CLIP {folder.name} {_checksum(folder)[:12]}"
+        self.source = f"CLIP {folder.name} {weights_sha256(folder)[:12]}"
         self._norm = torch.tensor([CLIP_MEAN, CLIP_DEVIATION], device=device)[..., None, None]
 
     def patches(
@@ -104,15 +104,6 @@ class ClipEncoder:
             standard = (scaled - self._norm[0]) / self._norm[1]
             return _array(self._model.get_image_features(pixel_values=standard))
 
-    @staticmethod
-    def _check(folder: Path) -> None:
-        try:
-            kind = json.loads((folder / "config.json").read_text(encoding="utf-8"))["model_type"]
-        except (OSError, ValueError, KeyError, TypeError) as err:
-            raise DataError(f"{folder}: config.json of a CLIP is expected: {err}") from err
-        if kind != "clip":
-            raise DataError(f"{folder}: model_type 'clip' is expected, got {kind!r}")
-
 
 def _array(found: Any) -> Float32[np.ndarray, "rows features"]:
     # older versions give the tensor itself
@@ -120,10 +111,28 @@ def _array(found: Any) -> Float32[np.ndarray, "rows features"]:
     return np.asarray(features.float().cpu().numpy())
 
 
-def _checksum(folder: Path) -> str:
-    """SHA-256 of the configuration and the weights."""
+def weights_sha256(folder: Path) -> str:
+    """SHA-256 of the configuration and the weights.
+
+    Raises
+    ------
+    DataError
+        If the folder holds no CLIP.
+    """
+    _check(folder)
     digest = hashlib.sha256()
-    for path in sorted([folder / "config.json", *folder.glob("*.safetensors")]):
+    for path in sorted(
+        [folder / "config.json", *folder.glob("*.safetensors"), *folder.glob("*.bin")]
+    ):
         with path.open("rb") as file:
             digest.update(hashlib.file_digest(file, "sha256").digest())
     return digest.hexdigest()
+
+
+def _check(folder: Path) -> None:
+    try:
+        kind = json.loads((folder / "config.json").read_text(encoding="utf-8"))["model_type"]
+    except (OSError, ValueError, KeyError, TypeError) as err:
+        raise DataError(f"{folder}: config.json of a CLIP is expected: {err}") from err
+    if kind != "clip":
+        raise DataError(f"{folder}: model_type 'clip' is expected, got {kind!r}")

@@ -7,22 +7,25 @@ After Zhai et al., Physical Property Understanding from Language-Embedded Featur
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from xden1k.errors import DataError
 from xden1k.modality import Modality
 from xden1k.predictor import Examples, Prediction, SampleView
-from xden_baselines.chat.candidates import MaterialProposer, Picture
+from xden_baselines.chat.candidates import Candidate, MaterialProposer, Picture
 from xden_baselines.chat.prior import PriorProposer
 from xden_baselines.chat.proposer import ChatProposer
 from xden_baselines.chat.settings import chat_settings, open_chat
 from xden_baselines.features.encoder import PatchEncoder, cosines
-from xden_baselines.features.fitted import fit_encoder
+from xden_baselines.features.fitted import FittedEncoder, fit_encoder
 from xden_baselines.features.fusion import fused_features
 from xden_baselines.nerf2physics.kernel import mixture
-from xden_baselines.nerf2physics.surface import surface_cloud
+from xden_baselines.nerf2physics.prior import Proposals, tabulate
+from xden_baselines.nerf2physics.surface import SurfaceCloud, surface_cloud
 from xden_baselines.nerf2physics.volume import Rule, carved_mass_g, density_field, shell_mass_g
 from xden_baselines.views.pictures import Pictures
 
@@ -30,6 +33,7 @@ __all__ = ["NeRF2Physics", "NeRF2PhysicsThickness"]
 
 CLIP_VARIABLE = "XDEN_CLIP"
 """Environment variable that names a folder with CLIP's weights."""
+PRIOR_FILE, SEED_FILE = "proposals.json", "seed.txt"
 CAPTION_QUANTILE = 0.75
 """Of the mask areas, at the view that is described."""
 
@@ -50,6 +54,7 @@ class NeRF2Physics:
     version = "1"
     reads = Modality.GEOMETRY | Modality.RGB | Modality.CATEGORY
     trainable = True
+    notes = ""
     rule: Rule = "solid"
 
     def __init__(self, *, clip: str | None = None) -> None:
@@ -58,18 +63,42 @@ class NeRF2Physics:
         self.external_data = bool(self._clip) or self._chat.mode != "off"
 
     @property
-    def notes(self) -> str:
-        """What saw and what proposed."""
-        return f"{self._encoder.source}; {self._proposer.source}; volume rule {self.rule}"
+    def fingerprint(self) -> str:
+        """The chat model's settings or recorded answers, and the weights."""
+        return f"{self._chat.fingerprint} {_weights_sha256(self._clip)}".strip()
 
     def fit(self, train: Examples, *, seed: int) -> None:
-        """Survey the materials of the training split and, without CLIP, fit the encoder to it."""
-        self._seed = seed
-        prior, chat = PriorProposer(train), open_chat(self._chat)
-        self._proposer: MaterialProposer = prior if chat is None else ChatProposer(chat, prior)
-        self._encoder: PatchEncoder = (
-            _clip(Path(self._clip)) if self._clip else fit_encoder(train, seed=seed)
-        )
+        """Survey the materials of the training split and, without CLIP, fit the encoder to it.
+
+        Raises
+        ------
+        DataError
+            If targets are no true densities, or no picture shows a part of known material.
+        """
+        prior = tabulate(PriorProposer(train), (example.sample.category for example in train))
+        self._take_up(seed, prior, None if self._clip else fit_encoder(train, seed=seed))
+
+    def save(self, folder: Path) -> None:
+        """Write the encoder, the training split's proposals and the seed."""
+        self._prior.save(folder / PRIOR_FILE)
+        (folder / SEED_FILE).write_text(f"{self._seed}\n", encoding="utf-8")
+        if isinstance(self._encoder, FittedEncoder):
+            self._encoder.save(folder)
+
+    def load(self, folder: Path) -> None:
+        """Take up what :meth:`save` wrote.
+
+        Raises
+        ------
+        DataError
+            If the folder does not hold it.
+        """
+        try:
+            seed = int((folder / SEED_FILE).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as err:
+            raise DataError(f"{folder / SEED_FILE}: no seed: {err}") from err
+        encoder = None if self._clip else FittedEncoder.load(folder)
+        self._take_up(seed, Proposals.load(folder / PRIOR_FILE), encoder)
 
     def predict(self, sample: SampleView) -> Prediction:
         """Mix the candidates' densities at the surface, and fill the object from there.
@@ -82,14 +111,7 @@ class NeRF2Physics:
         pictures: Pictures = sample.pictures
         before = self._proposer.fallbacks
         candidates = self._proposer.propose(sample.object_id, sample.category, described(pictures))
-        cloud = surface_cloud(sample.outer_mesh, seed=self._seed)
-        features, views = fused_features(
-            cloud.points_cm, pictures, self._encoder, tolerance_cm=cloud.cell_cm
-        )
-        if not views.any():
-            raise DataError(f"{sample.object_id}: no view shows a point with its whole patch")
-        seen, texts = views > 0, self._encoder.texts([one.name for one in candidates])
-        cloud, shares = cloud.take(seen), mixture(cosines(features[seen], texts))
+        cloud, shares = self._seen(sample, pictures, candidates)
         field = density_field(
             cloud,
             shares,
@@ -102,13 +124,31 @@ class NeRF2Physics:
         if self.rule == "solid":
             mass_g = carved_mass_g(field, sample.voxel_size_cm)
         else:
-            volume = float(sample.envelope.sum(dtype=np.float64)) * sample.voxel_size_cm**3
-            mass_g = shell_mass_g(cloud, shares, candidates, volume_cm3=volume)
-        return Prediction(
-            field,
-            mass_native_g=mass_g,
-            fallbacks=self._proposer.fallbacks - before,
+            volume_cm3 = float(sample.envelope.sum(dtype=np.float64)) * sample.voxel_size_cm**3
+            mass_g = shell_mass_g(cloud, shares, candidates, volume_cm3=volume_cm3)
+        fallbacks = self._proposer.fallbacks - before
+        return Prediction(field, mass_native_g=mass_g, fallbacks=fallbacks)
+
+    def _seen(
+        self, sample: SampleView, pictures: Pictures, candidates: Sequence[Candidate]
+    ) -> tuple[SurfaceCloud, Float[np.ndarray, "points materials"]]:
+        """Surface points that a view shows, and how much of each candidate they are."""
+        cloud = surface_cloud(sample.outer_mesh, seed=self._seed)
+        features, views = fused_features(
+            cloud.points_cm, pictures, self._encoder, tolerance_cm=cloud.cell_cm
         )
+        seen = views > 0
+        if not seen.any():
+            raise DataError(f"{sample.object_id}: no view shows a point with its whole patch")
+        texts = self._encoder.texts([one.name for one in candidates])
+        return cloud.take(seen), mixture(cosines(features[seen], texts))
+
+    def _take_up(self, seed: int, prior: Proposals, fitted: FittedEncoder | None) -> None:
+        self._seed, self._prior = seed, prior
+        chat = open_chat(self._chat)
+        self._proposer: MaterialProposer = prior if chat is None else ChatProposer(chat, prior)
+        self._encoder: PatchEncoder = fitted or _clip(Path(self._clip))
+        self.notes = f"{self._encoder.source}; {self._proposer.source}; volume rule {self.rule}"
 
 
 class NeRF2PhysicsThickness(NeRF2Physics):
@@ -130,3 +170,11 @@ def _clip(folder: Path) -> PatchEncoder:
     from xden_baselines.features.clip import ClipEncoder
 
     return ClipEncoder(folder)
+
+
+def _weights_sha256(folder: str) -> str:
+    if not folder:
+        return ""
+    from xden_baselines.features.clip import weights_sha256
+
+    return weights_sha256(Path(folder))
