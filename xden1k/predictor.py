@@ -99,6 +99,8 @@ class Prediction:
         How often a substitute stood in for a model's answer.
     device
         Where it was computed.
+    remark
+        What else is to be said of this object, in words that others may share: the row counts them.
     """
 
     density_g_cm3: Grid | Float[np.ndarray, "parts"]
@@ -107,6 +109,7 @@ class Prediction:
     model: str = ""
     fallbacks: int = 0
     device: str = "cpu"
+    remark: str = ""
 
 
 @runtime_checkable
@@ -135,7 +138,11 @@ class Predictor(Protocol):
 
     @property
     def notes(self) -> str:
-        """What a reader of its row must know, on one line; read after the last prediction."""
+        """What a reader of its row must know, on one line; read after the last prediction.
+
+        It follows from the fit alone: a run that goes on after an interruption does not predict
+        every object again. What depends on the object is a :class:`Prediction`'s.
+        """
         ...
 
     def fit(self, train: Examples, *, seed: int) -> None:

@@ -12,10 +12,12 @@ import numpy as np
 
 from xden1k.arrays import Grid
 from xden1k.modality import Modality
-from xden1k.predictor import Example, Examples, SampleView
+from xden1k.predictor import Example, Examples, Prediction, SampleView
 from xden1k.types import FIELD_SIZE
 
 __all__ = ["CategoryMedian", "TrainMedian", "Water", "Zero", "mean_density_g_cm3"]
+
+UNSEEN = "a category unseen in training got the median of all training objects"
 
 
 class _Constant:
@@ -76,9 +78,6 @@ class CategoryMedian(_Constant):
     reads = Modality.GEOMETRY | Modality.CATEGORY
     trainable = True
 
-    def __init__(self) -> None:
-        self._unseen: set[str] = set()
-
     def fit(self, train: Examples, *, seed: int) -> None:
         """Find the medians."""
         means: dict[str, list[float]] = defaultdict(list)
@@ -87,17 +86,11 @@ class CategoryMedian(_Constant):
         self._by_category = {category: median(values) for category, values in means.items()}
         self._overall = median([value for values in means.values() for value in values])
 
-    def predict(self, sample: SampleView) -> Grid:
+    def predict(self, sample: SampleView) -> Prediction:
         """Predict the category's median."""
-        if sample.category not in self._by_category:
-            self._unseen.add(sample.object_id)
-            self.notes = (
-                f"{len(self._unseen)} objects are of a category unseen in training and got the "
-                "median of all training objects"
-            )
         value = self._by_category.get(sample.category, self._overall)
-        density: Grid = np.float32(value) * sample.envelope
-        return density
+        remark = "" if sample.category in self._by_category else UNSEEN
+        return Prediction(np.float32(value) * sample.envelope, remark=remark)
 
 
 def mean_density_g_cm3(example: Example) -> float:

@@ -18,11 +18,10 @@ from jaxtyping import Float32
 
 from xden1k.arrays import Grid
 from xden1k.errors import DataError
-from xden1k.materials import load_materials
+from xden1k.materials import families, load_materials
 from xden1k.modality import Modality
-from xden1k.predictor import Examples, SampleView
+from xden1k.predictor import Examples, Prediction, SampleView
 from xden1k.rays import path_lengths
-from xden1k.types import Part
 from xden1k.views import XRayView
 from xden_baselines.geometry import nearest_filled, voxel_centres_cm
 from xden_baselines.xray import OPAQUE, back_projected_lac_per_cm
@@ -38,6 +37,7 @@ __all__ = [
 
 CONSTANT_NAME = "constant.json"
 SUBRAYS = 2
+VAGUE = "the median of a family stands for its members"
 
 PartValues = Float32[np.ndarray, "parts"]
 
@@ -105,17 +105,7 @@ class LabelNominal(_Oracle):
     name = "label-nominal"
     reads = Modality.PARTS | Modality.TRUTH
 
-    def __init__(self) -> None:
-        self._vague: set[str] = set()
-
-    @property
-    def notes(self) -> str:
-        """On how many objects a label is only that of a family."""
-        if not self._vague:
-            return ""
-        return f"a family's median stands for its members on {len(self._vague)} objects"
-
-    def predict(self, sample: SampleView) -> PartValues:
+    def predict(self, sample: SampleView) -> Prediction:
         """Predict the nominal density of each part's label.
 
         Raises
@@ -125,17 +115,18 @@ class LabelNominal(_Oracle):
         """
         if sample.target != "density":
             raise DataError("label-nominal knows true densities, not apparent ones")
-        return _part_values(sample, [self._nominal(sample, part) for part in sample.truth.parts])
+        labels = [part.material.lower() for part in sample.truth.parts]
+        if unknown := sorted({*labels} - {*load_materials().labels, *families()}):
+            raise DataError(f"{sample.object_id}: the material table has no {unknown}")
+        remark = VAGUE if {*labels} & {*families()} else ""
+        return Prediction(_part_values(sample, list(map(_nominal_g_cm3, labels))), remark=remark)
 
-    def _nominal(self, sample: SampleView, part: Part) -> float:
-        library = load_materials()
-        if part.material.lower() in library.labels:
-            return library[part.material].density_nominal_g_cm3
-        family = [one for one in library.values() if one.family == part.material.lower()]
-        if not family:
-            raise DataError(f"{sample.object_id}: the material of part {part.name} is not known")
-        self._vague.add(sample.object_id)
-        return median(one.density_nominal_g_cm3 for one in family)
+
+def _nominal_g_cm3(label: str) -> float:
+    library = load_materials()
+    if label in library.labels:
+        return library[label].density_nominal_g_cm3
+    return median(one.density_nominal_g_cm3 for one in library.values() if one.family == label)
 
 
 class _Calibrated(ABC):

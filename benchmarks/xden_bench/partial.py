@@ -39,7 +39,7 @@ class Facts:
     ----------
     seconds
         Wall time.
-    mass_native_g, model, fallbacks, device
+    mass_native_g, model, fallbacks, device, remark
         As in :class:`xden1k.predictor.Prediction`.
     """
 
@@ -48,6 +48,7 @@ class Facts:
     model: str = ""
     fallbacks: int = 0
     device: str = "cpu"
+    remark: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

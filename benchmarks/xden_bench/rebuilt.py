@@ -10,18 +10,18 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from xden1k.arrays import Grid
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.modality import Modality
 from xden1k.predictions import Target
-from xden1k.predictor import Examples, SampleView
+from xden1k.predictor import Examples, Prediction, SampleView
 from xden1k.records import decode_array
 
 __all__ = ["Rebuilt"]
 
 SAME_PLACE = 0.01
 """Grids further apart than this share of a voxel are not the same."""
+CIRCULAR = "circular: the truth of scans is the builder's own"
 
 
 class Rebuilt:
@@ -44,17 +44,15 @@ class Rebuilt:
     def __init__(self, built: DatasetFolder, target: Target) -> None:
         self._built = built
         self._target = target
-        self._circular = False
 
     @property
     def notes(self) -> str:
-        """By what it was made, from which folder and settings, and whether that is circular."""
+        """By what it was made, from which folder and settings."""
         made, settings = self._built.manifest.builder, self._built.manifest.config_sha256
         facts = [
             f"reconstructed by {made}",
             f"manifest {self._built.manifest_sha256[:12]}",
             f"settings {settings[:12] or 'unknown'}",
-            *(["circular: the truth of scans is the builder's own"] if self._circular else []),
         ]
         return ", ".join(facts)
 
@@ -66,7 +64,7 @@ class Rebuilt:
     def fit(self, train: Examples, *, seed: int) -> None:
         """Learn nothing."""
 
-    def predict(self, sample: SampleView) -> Grid | Float[np.ndarray, "parts"]:
+    def predict(self, sample: SampleView) -> Prediction:
         """Look up an object's density: its grid, or that of each part if its grid lies elsewhere.
 
         A rebuilt object lies where its annotated meshes do, which on phantoms are a little off the
@@ -81,14 +79,14 @@ class Rebuilt:
         """
         columns = ["source", self._target, "grid_origin_cm", "voxel_size_cm"]
         row = self._built.row(sample.object_id, columns)
-        self._circular |= row["source"] == "scan"
+        remark = CIRCULAR if row["source"] == "scan" else ""
         if row[self._target] is None:
             raise DataError(f"{sample.object_id}: {self._built.root} has no {self._target} of it")
         apart = np.abs(np.array(row["grid_origin_cm"]) - sample.origin_cm).max()
         stretched = abs(row["voxel_size_cm"] / sample.voxel_size_cm - 1)
         if apart < SAME_PLACE * sample.voxel_size_cm and stretched < SAME_PLACE / 64:
-            return decode_array(row, self._target)
-        return self._by_part(sample)
+            return Prediction(decode_array(row, self._target), remark=remark)
+        return Prediction(self._by_part(sample), remark=remark)
 
     def _by_part(self, sample: SampleView) -> Float[np.ndarray, "parts"]:
         """Density of air and of each part, in the order of the dataset's parts."""

@@ -224,7 +224,14 @@ class _Run:
         seconds = time.perf_counter() - start
         if not isinstance(found, Prediction):
             return Kept(found, None, Facts(seconds))
-        facts = Facts(seconds, found.mass_native_g, found.model, found.fallbacks, found.device)
+        facts = Facts(
+            seconds,
+            found.mass_native_g,
+            found.model,
+            found.fallbacks,
+            found.device,
+            found.remark,
+        )
         return Kept(found.density_g_cm3, found.density_sd_g_cm3, facts)
 
     def meta(self, fit: Fit | None, facts: Sequence[Facts]) -> SubmissionMeta:
@@ -251,12 +258,18 @@ class _Run:
             yield f"trained on the dataset of manifest {fit.manifest_sha256[:12]}"
         if self.options.pictures:
             yield self.options.pictures.description
-        for model, count in sorted(Counter(one.model for one in facts if one.model).items()):
-            yield f"model {model}" + (f" ({count} objects)" if count < len(facts) else "")
+        yield from _counted([f"model {one.model}" if one.model else "" for one in facts])
+        yield from _counted([one.remark for one in facts])
         if fallbacks := sum(one.fallbacks for one in facts):
             yield f"{fallbacks} fallbacks on {sum(one.fallbacks > 0 for one in facts)} objects"
         if devices := sorted({one.device for one in facts} - {"cpu"}):
             yield f"computed on {', '.join(devices)}"
+
+
+def _counted(texts: Sequence[str]) -> Iterator[str]:
+    """Each text once, and of how many objects it is unless it is of all."""
+    for text, count in sorted(Counter(filter(None, texts)).items()):
+        yield text if count == len(texts) else f"{text} ({count} of {len(texts)} objects)"
 
 
 def _fingerprint(value: object) -> str:

@@ -16,7 +16,7 @@ from xden1k.folder import DatasetFolder, open_folder, write_folder
 from xden1k.materials import load_materials
 from xden1k.modality import Modality, ModalityError
 from xden1k.physics import PAPER_MAC_CM2_G
-from xden1k.predictor import Examples, Predictor, SampleView, Storable
+from xden1k.predictor import Examples, Prediction, Predictor, SampleView, Storable
 from xden1k.types import DensityField, DensityObject
 from xden_baselines.references import (
     LabelNominal,
@@ -57,9 +57,8 @@ def fitted(kind: type, folder: DatasetFolder) -> Predictor:
 
 
 def predicted(predictor: Predictor, folder: DatasetFolder, object_id: str) -> np.ndarray:
-    values = predictor.predict(SampleView(folder, object_id, predictor.reads))
-    assert isinstance(values, np.ndarray)
-    return values
+    found = predictor.predict(SampleView(folder, object_id, predictor.reads))
+    return found.density_g_cm3 if isinstance(found, Prediction) else found
 
 
 @pytest.mark.parametrize("kind", [*ORACLES, *XRAY])
@@ -109,23 +108,23 @@ def test_oracles_answer_in_the_target_that_is_asked_for(folder: DatasetFolder) -
 def test_a_label_stands_for_what_the_table_calls_usual(folder: DatasetFolder) -> None:
     library = load_materials()
     nominal = [library[name].density_nominal_g_cm3 for name in ("polypropylene", "steel")]
-    method = LabelNominal()
-    values = predicted(method, folder, "bar-0001")
-    np.testing.assert_allclose(values, [0, *nominal])
-    assert method.notes == ""
+    found = LabelNominal().predict(SampleView(folder, "bar-0001", LabelNominal.reads))
+    np.testing.assert_allclose(found.density_g_cm3, [0, *nominal])
+    assert found.remark == ""
 
 
-def test_the_label_of_a_family_is_told_in_the_notes(tmp_path: Path) -> None:
+def test_the_label_of_a_family_is_remarked(tmp_path: Path) -> None:
     boxes = (replace(BAR[0], material="metal"), BAR[1])
     metals = [one for one in load_materials().values() if one.family == "metal"]
-    method = LabelNominal()
-    values = predicted(method, folder_of([box_object("x", boxes)], tmp_path / "d"), "x")
-    assert values[1] == pytest.approx(np.median([one.density_nominal_g_cm3 for one in metals]))
-    assert method.notes == "a family's median stands for its members on 1 objects"
+    folder = folder_of([box_object("x", boxes)], tmp_path / "d")
+    found = LabelNominal().predict(SampleView(folder, "x", LabelNominal.reads))
+    expected = np.median([one.density_nominal_g_cm3 for one in metals])
+    assert found.density_g_cm3[1] == pytest.approx(expected)
+    assert found.remark == "the median of a family stands for its members"
 
 
 def test_a_part_without_label_is_named(folder: DatasetFolder) -> None:
-    with pytest.raises(DataError, match="hollow-0001: the material of part shell is not known"):
+    with pytest.raises(DataError, match="hollow-0001: the material table has no"):
         predicted(LabelNominal(), folder, "hollow-0001")
 
 

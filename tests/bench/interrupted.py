@@ -72,6 +72,7 @@ class Talking(Counting):
             model="replay:12ab" if first else "replay:34cd",
             fallbacks=2 if first else 0,
             device="cuda",
+            remark="remembered",
         )
 
 

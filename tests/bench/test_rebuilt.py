@@ -61,7 +61,7 @@ def test_an_object_on_another_grid_is_told_part_by_part_whatever_their_order(tmp
     obj = box_object("bar-0001", BAR, split="test")
     other = moved(replace(obj, parts=obj.parts[::-1]))
     truth, built = folder_of(obj, tmp_path / "truth"), folder_of(other, tmp_path / "built")
-    values = Rebuilt(built, "density").predict(sample_of(truth, obj))
+    values = Rebuilt(built, "density").predict(sample_of(truth, obj)).density_g_cm3
     np.testing.assert_allclose(values, [0.0, *(part.density_g_cm3 for part in obj.parts)])
 
 
@@ -80,7 +80,7 @@ def test_an_object_of_unknown_density_is_refused(tmp_path):
     unknown = folder_of(replace(obj, density=None), tmp_path / "built")
     with pytest.raises(DataError, match="has no density of it"):
         Rebuilt(unknown, "density").predict(sample_of(truth, obj))
-    apparent = Rebuilt(unknown, "apparent_density").predict(sample_of(truth, obj))
+    apparent = Rebuilt(unknown, "apparent_density").predict(sample_of(truth, obj)).density_g_cm3
     assert isinstance(obj.apparent_density, DensityField)
     np.testing.assert_allclose(apparent, obj.apparent_density.density_g_cm3, rtol=1e-3)
 

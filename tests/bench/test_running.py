@@ -178,7 +178,8 @@ def test_a_budget_is_a_positive_number_of_epochs_or_seconds(text: str) -> None:
 def test_the_file_says_what_the_predictions_said(folder: DatasetFolder, tmp_path: Path) -> None:
     report = run_predictor(Talking(), folder, "test", tmp_path / "out.npz")
     assert report.meta.notes == (
-        "by heart; model replay:12ab (1 objects); model replay:34cd (3 objects); "
+        "by heart; model replay:12ab (1 of 4 objects); model replay:34cd (3 of 4 objects); "
+        "remembered; "
         "2 fallbacks on 1 objects; computed on cuda"
     )
     assert report.meta.seconds_per_object is not None
