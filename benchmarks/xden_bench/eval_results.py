@@ -10,9 +10,10 @@ import yaml  # type: ignore[import-untyped]
 from huggingface_hub import EvalResultEntry, eval_result_entries_to_yaml
 
 from xden1k.errors import DataError
+from xden_bench.durable import write_text
 from xden_bench.protocol import load_protocol
 from xden_bench.ranking import Entry, unranked_because
-from xden_bench.result import entry_path, write_text
+from xden_bench.result import entry_path
 
 __all__ = ["TASKS", "eval_results", "left_out_because", "write_eval_results"]
 

@@ -11,10 +11,10 @@ from tabulate import tabulate
 
 from xden1k.errors import DataError
 from xden1k.modality import TRACKS
+from xden_bench.durable import write_text
 from xden_bench.metrics import METRICS
 from xden_bench.protocol import load_protocol
 from xden_bench.ranking import TRIVIAL, Entry, rank_labels, ranks, unranked_because
-from xden_bench.result import write_text
 
 __all__ = [
     "check_leaderboard",

@@ -14,6 +14,7 @@ from typing import Any, Final, Literal
 
 from xden1k.errors import DataError
 from xden_bench.provenance import code_commit, package_version
+from xden_bench.untrusted import read_json
 
 __all__ = ["SUFFIX", "How", "read_recomputed", "write_recomputed"]
 
@@ -79,10 +80,10 @@ def read_recomputed(entry: Path) -> dict[str, Any] | None:
         If it is no such note, or one for other contents of the entry.
     """
     path = entry.with_suffix(SUFFIX)
-    if not path.is_file():
+    if not path.exists():
         return None
     try:
-        values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        values: dict[str, Any] = read_json(path)
         if values["schema"] != SCHEMA or values["how"] not in ("remade", "rescored"):
             raise ValueError(f"schema {values['schema']!r}, how {values['how']!r}")
         values["date"] = datetime.date.fromisoformat(values["date"]).isoformat()

@@ -6,7 +6,6 @@ import datetime
 import hashlib
 import json
 import math
-import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -17,6 +16,7 @@ import pyarrow.parquet as pq
 
 from xden1k.errors import DataError
 from xden_bench.bootstrap import Estimate
+from xden_bench.durable import results_lock, sync_folder, write_whole
 from xden_bench.metrics import METRICS
 from xden_bench.protocol import Protocol, load_protocol
 from xden_bench.provenance import code_commit, package_version
@@ -27,6 +27,7 @@ from xden_bench.untrusted import read_json, read_table
 
 __all__ = [
     "SCHEMA",
+    "EnteredError",
     "entry_of",
     "entry_path",
     "figures",
@@ -34,11 +35,14 @@ __all__ = [
     "read_entries",
     "read_entry",
     "write_entry",
-    "write_text",
 ]
 
 SCHEMA: Final = "xden-result/1"
 _OBJECT_COLUMNS: Final = ("object_id", "category", "source", "extent_cm")
+
+
+class EnteredError(DataError):
+    """A submission is among the results already."""
 
 
 def entry_of(
@@ -93,7 +97,9 @@ def entry_of(
 
 
 def write_entry(entry: Mapping[str, Any], score: Score, results: Path) -> Path:
-    """Add an entry: the objects first, then, all at once, the JSON file that makes it count.
+    """Add an entry, under the lock of the results: the objects, then the JSON file that counts.
+
+    It is on the disk when this returns; after an error neither file is there.
 
     Parameters
     ----------
@@ -111,40 +117,41 @@ def write_entry(entry: Mapping[str, Any], score: Score, results: Path) -> Path:
 
     Raises
     ------
-    DataError
+    EnteredError
         If this submission is entered already.
+    OSError
+        If the disk does not take it.
     """
     path = results / entry_path(entry)
-    taken = DataError(f"this submission is entered already: {path}; entries are never changed")
-    if path.exists():
-        raise taken
+    objects, table = path.with_suffix(".parquet"), _parquet(object_columns(score))
+    digest = hashlib.sha256(table).hexdigest()
+    stored = {**entry, "objects": {"file": objects.name, "sha256": digest}}
+    text = json.dumps(stored, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    objects = path.with_suffix(".parquet")
-    try:
-        pq.write_table(pa.table(object_columns(score)), partial, compression="zstd")
-        digest = hashlib.sha256(partial.read_bytes()).hexdigest()
-        partial.replace(objects)
-        stored = {**entry, "objects": {"file": objects.name, "sha256": digest}}
-        text = json.dumps(stored, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-        partial.write_text(text, encoding="utf-8", newline="\n")
-        path.hardlink_to(partial)  # unlike a rename, it fails if another process was faster
-    except FileExistsError as err:
-        raise taken from err
-    finally:
-        partial.unlink(missing_ok=True)
+    with results_lock(results):
+        if path.exists():
+            raise EnteredError(
+                f"this submission is entered already: {path}; entries are never changed"
+            )
+        for left in path.parent.glob(f".{path.stem}.*.partial"):  # by one that was killed
+            left.unlink()
+        try:
+            write_whole(objects, table)
+            write_whole(path, text.encode("utf-8"))
+        except BaseException:
+            for one in (path, objects):
+                one.unlink(missing_ok=True)
+            raise
+        for folder in path.parents[: len(path.parents) - len(results.parents)]:
+            sync_folder(folder)
     return path
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text file, all at once."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        partial.write_text(text, encoding="utf-8", newline="\n")
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+def _parquet(columns: Mapping[str, Sequence[Any]]) -> bytes:
+    stream = pa.BufferOutputStream()
+    pq.write_table(pa.table(columns), stream, compression="zstd")
+    data: bytes = stream.getvalue().to_pybytes()
+    return data
 
 
 def entry_path(entry: Mapping[str, Any]) -> Path:

@@ -7,6 +7,7 @@ import datetime
 import hashlib
 import json
 import re
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from xden1k.errors import DataError
+from xden_bench.durable import results_lock
 from xden_bench.leaderboard import (
     BEGIN,
     END,
@@ -103,6 +105,27 @@ def test_an_entry_is_never_changed(entry: dict[str, Any], scored: Score, tmp_pat
         write_entry({**stored(entry), "date": "2026-01-01"}, scored, tmp_path)
     assert path.read_bytes() == before
     assert sorted(one.suffix for one in path.parent.iterdir()) == [".json", ".parquet"]
+
+
+def test_an_entry_that_is_no_json_leaves_nothing(
+    entry: dict[str, Any], scored: Score, tmp_path: Path
+) -> None:
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_entry({**stored(entry), "n_objects": float("nan")}, scored, tmp_path / "results")
+    assert not (tmp_path / "results").exists()
+
+
+def test_an_entry_waits_for_another_writer(
+    entry: dict[str, Any], scored: Score, tmp_path: Path
+) -> None:
+    writer = threading.Thread(target=write_entry, args=(stored(entry), scored, tmp_path))
+    with results_lock(tmp_path):
+        writer.start()
+        writer.join(0.3)
+        assert writer.is_alive()
+        assert read_entries(tmp_path) == ()
+    writer.join(20)
+    assert len(read_entries(tmp_path)) == 1
 
 
 def test_an_entry_lies_where_its_content_says(
@@ -309,6 +332,9 @@ def test_a_maintainers_note_makes_a_row_recomputed_and_holds_for_that_entry_alon
         read_entries(tmp_path)
     edited(note, lambda one: one.update(how="believed"))
     with pytest.raises(DataError, match="not a note of schema xden-recomputed/1"):
+        read_entries(tmp_path)
+    note.write_text("[" * 200_000)
+    with pytest.raises(DataError, match=r"recomputed\.json: not JSON: maximum recursion"):
         read_entries(tmp_path)
     path.unlink()
     with pytest.raises(DataError, match=r"recomputed\.json: there is no entry beside it"):

@@ -131,8 +131,8 @@ def template(
 def validate(asked: Asked, out: Path | None, as_json: bool) -> None:
     """List everything that is wrong with a submission."""
     from xden1k.predictions import raise_errors
+    from xden_bench.durable import write_text
     from xden_bench.protocol import load_protocol
-    from xden_bench.result import write_text
     from xden_bench.submission import validate as find_problems
 
     rules, reference = load_protocol(asked.protocol), asked.reference(scoring=False)
@@ -155,7 +155,7 @@ def validate(asked: Asked, out: Path | None, as_json: bool) -> None:
 @submission_command("Also write the result to this JSON file.")
 def score(asked: Asked, out: Path | None, as_json: bool) -> None:
     """Score a submission without entering it."""
-    from xden_bench.result import write_text
+    from xden_bench.durable import write_text
 
     scored, entry = _scored(asked, asked.reference())
     if out:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from xden1k.errors import DataError
-from xden_bench.serve.disk import replace_whole
+from xden_bench.durable import write_whole
 
 __all__ = ["AuditLog", "Pseudonyms"]
 
@@ -94,7 +94,7 @@ class Pseudonyms:
 
     def __init__(self, path: Path) -> None:
         if not path.exists():
-            replace_whole(path, secrets.token_bytes(32))
+            write_whole(path, secrets.token_bytes(32), mode=0o600)
         self._key = path.read_bytes()
 
     def __call__(self, user: str) -> str:

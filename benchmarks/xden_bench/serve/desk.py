@@ -30,11 +30,12 @@ from typing import Any, Final
 from filelock import FileLock, Timeout
 
 from xden1k.errors import DataError
+from xden_bench.durable import sync_folder
 from xden_bench.protocol import Protocol
 from xden_bench.reference import Reference
 from xden_bench.result import read_entries
 from xden_bench.serve.audit_log import AuditLog, Pseudonyms
-from xden_bench.serve.disk import Copy, copy_upload, is_full, sync
+from xden_bench.serve.disk import Copy, copy_upload, is_full
 from xden_bench.serve.limits import Limits
 from xden_bench.serve.outcome import Outcome, find_entered
 from xden_bench.serve.runner import Runner
@@ -215,7 +216,7 @@ class Desk:
             said = f"this very file is entered already: {found.entry}"
             raise TurnedAwayError("entered", said)
         partial.replace(self._upload(ticket.ticket_id))
-        sync(self._uploads)
+        sync_folder(self._uploads)
 
     def _ticket(self, ticket_id: str, filename: str, copy: Copy) -> Ticket:
         sent = datetime.datetime.fromtimestamp(self._clock(), tz=datetime.UTC)

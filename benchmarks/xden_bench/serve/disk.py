@@ -1,4 +1,4 @@
-"""Files that are whole after a power cut, or not there; and what a full disk is called."""
+"""Uploads on the disk: copied whole or not at all; and what a full disk is called."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from xden_bench.serve.limits import Limits
 from xden_bench.serve.tickets import TurnedAwayError
 
-__all__ = ["Copy", "copy_upload", "is_full", "replace_whole", "sync"]
+__all__ = ["Copy", "copy_upload", "is_full"]
 
 _CHUNK = 1 << 20
 
@@ -60,26 +60,6 @@ def copy_upload(upload: Path, to: Path, limits: Limits) -> Copy:
 def is_full(error: OSError) -> bool:
     """Whether an error says that the disk, or what one may use of it, is full."""
     return error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-
-
-def replace_whole(path: Path, data: bytes) -> None:
-    """Write a file that only its owner may read, all at once, and wait until the disk has it."""
-    partial = path.with_name(f".{path.name}.partial")
-    file = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-    with os.fdopen(file, "wb") as stream:
-        stream.write(data)
-    sync(partial)
-    partial.replace(path)
-    sync(path.parent)
-
-
-def sync(path: Path) -> None:
-    """Wait until the disk has a file, or the names in a folder."""
-    file = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(file)
-    finally:
-        os.close(file)
 
 
 def _copy(upload: Path, to: Path, limits: Limits) -> Copy:

@@ -30,10 +30,7 @@ if TYPE_CHECKING:
     from xden_bench.reference import Reference
     from xden_bench.scoring import Score
 
-__all__ = ["LOCK_NAME", "Setting", "score_upload"]
-
-LOCK_NAME: Final = ".lock"
-"""In the folder of results: held while an entry is written."""
+__all__ = ["Setting", "score_upload"]
 
 _PROGRESS_S: Final = 0.2
 _NICENESS: Final = 5
@@ -107,25 +104,18 @@ def score_upload(
 
 
 def _enter(scored: Score, reference: Reference, results: Path) -> Outcome:
-    """Write the entry, under the lock of the results; one that is there is left as it is."""
-    from filelock import FileLock
+    """Write the entry; one that is there is left as it is."""
+    from xden_bench.result import EnteredError, entry_of, write_entry
 
-    from xden_bench.result import entry_of, entry_path, write_entry
-    from xden_bench.serve.disk import sync
-
-    rules, today = scored.protocol, datetime.datetime.now(tz=datetime.UTC).date()
-    command = _command(reference.split, rules.name)
+    today = datetime.datetime.now(tz=datetime.UTC).date()
+    command = _command(reference.split, scored.protocol.name)
     entry = entry_of(scored, reference, command=command, date=today)
-    with FileLock(results / LOCK_NAME):
+    try:
+        write_entry(entry, scored, results)
+    except EnteredError:
         if found := _entered(scored, reference, results):
             return found
-        path = results / entry_path(entry)
-        for left in path.parent.glob(f".{path.name}.*.partial"):  # by one that was killed
-            left.unlink()
-        write_entry(entry, scored, results)
-        folders = (one for one in path.parents if one.is_relative_to(results))
-        for written in (path.with_suffix(".parquet"), path, *folders):
-            sync(written)
+        raise
     found = _entered(scored, reference, results)
     assert found is not None
     return found
