@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,24 +16,32 @@ from xden1k.types import FIELD_SIZE
 if TYPE_CHECKING:
     from xden1k.rays import CubeGrid, PartFill
 
-__all__ = ["grid_of_parts", "sd_grid_of_parts"]
+__all__ = ["PartShares", "grid_of_parts", "part_shares", "sd_grid_of_parts"]
 
 
-def grid_of_parts(
-    part_density_g_cm3: Float[np.ndarray, "parts"],
-    meshes: Sequence[trimesh.Trimesh],
-    origin_cm: Vec3,
-    voxel_size_cm: float,
-) -> Grid:
-    """Spread part densities over the field grid, by the share of each voxel that each part fills.
-
-    The dataset's density is made in the same way, so that the true part densities give the true
-    field: to a step of float16, as which fields are stored, because meshes are stored as float32.
+@dataclass(frozen=True, slots=True, eq=False)
+class PartShares:
+    """Share of each voxel that each part fills.
 
     Parameters
     ----------
-    part_density_g_cm3
-        Shape (parts + 1,), entry 0 is air.
+    grid
+        The field grid.
+    fills
+        One for each part: where it may be, and its shares there.
+    """
+
+    grid: CubeGrid
+    fills: Sequence[PartFill]
+
+
+def part_shares(
+    meshes: Sequence[trimesh.Trimesh], origin_cm: Vec3, voxel_size_cm: float
+) -> PartShares:
+    """Cut parts into the voxels of the field grid, as the dataset's own density was made.
+
+    Parameters
+    ----------
     meshes
         One closed mesh for each part, cm.
     origin_cm
@@ -40,36 +49,50 @@ def grid_of_parts(
     voxel_size_cm
         Edge of a field voxel.
 
+    Raises
+    ------
+    MissingExtraError
+        If the extra ``build``, which cuts meshes into voxels, is not installed.
+    """
+    from xden1k.rays import CubeGrid, column_samples, part_fractions
+
+    grid = CubeGrid(origin_cm, voxel_size_cm, FIELD_SIZE)
+    columns = column_samples(meshes, grid)
+    return PartShares(grid, part_fractions(meshes, range(len(meshes)), grid, columns))
+
+
+def grid_of_parts(part_density_g_cm3: Float[np.ndarray, "parts"], shares: PartShares) -> Grid:
+    """Spread part densities over the field grid, by the share of each voxel that each part fills.
+
+    The true part densities give the true field: to a step of float16, as which fields are stored,
+    because meshes are stored as float32.
+
+    Parameters
+    ----------
+    part_density_g_cm3
+        Shape (parts + 1,), entry 0 is air.
+    shares
+        Of the parts.
+
     Returns
     -------
     Grid
         Shape (64, 64, 64), float32 of float16's values, g/cm³.
 
-    Raises
-    ------
-    MissingExtraError
-        If the extra ``build``, which cuts meshes into voxels, is not installed.
-
     Examples
     --------
-    >>> box = trimesh.creation.box((1, 1, 1))
-    >>> round(grid_of_parts(np.array([0.0, 8.0]), [box], np.zeros(3), 2.0)[0, 0, 0].item(), 1)
+    >>> shares = part_shares([trimesh.creation.box((1, 1, 1))], np.zeros(3), 2.0)
+    >>> round(grid_of_parts(np.array([0.0, 8.0]), shares)[0, 0, 0].item(), 1)
     1.0
     """
     from xden1k.rays import density_grid
 
-    grid, fills = _shares(meshes, origin_cm, voxel_size_cm)
-    values = density_grid(fills, part_density_g_cm3[1:].tolist(), grid)
+    values = density_grid(shares.fills, part_density_g_cm3[1:].tolist(), shares.grid)
     field: Grid = values.astype(np.float16).astype(np.float32)
     return field
 
 
-def sd_grid_of_parts(
-    part_sd_g_cm3: Float[np.ndarray, "parts"],
-    meshes: Sequence[trimesh.Trimesh],
-    origin_cm: Vec3,
-    voxel_size_cm: float,
-) -> Grid:
+def sd_grid_of_parts(part_sd_g_cm3: Float[np.ndarray, "parts"], shares: PartShares) -> Grid:
     """Spread the standard deviations of part densities over the field grid.
 
     The errors of two parts are taken for independent: where they share a voxel,
@@ -79,39 +102,22 @@ def sd_grid_of_parts(
     ----------
     part_sd_g_cm3
         Shape (parts + 1,), entry 0 is air.
-    meshes, origin_cm, voxel_size_cm
-        As in :func:`grid_of_parts`.
+    shares
+        Of the parts.
 
     Returns
     -------
     Grid
         Shape (64, 64, 64), g/cm³.
 
-    Raises
-    ------
-    MissingExtraError
-        If the extra ``build`` is not installed.
-
     Examples
     --------
-    >>> box = trimesh.creation.box((1, 1, 1))
-    >>> round(sd_grid_of_parts(np.array([0.0, 0.8]), [box], np.zeros(3), 2.0)[0, 0, 0].item(), 2)
+    >>> shares = part_shares([trimesh.creation.box((1, 1, 1))], np.zeros(3), 2.0)
+    >>> round(sd_grid_of_parts(np.array([0.0, 0.8]), shares)[0, 0, 0].item(), 2)
     0.1
     """
-    grid, fills = _shares(meshes, origin_cm, voxel_size_cm)
-    variance = np.zeros((grid.size,) * 3)
-    for fill, sd in zip(fills, part_sd_g_cm3[1:].tolist(), strict=True):
+    variance = np.zeros((shares.grid.size,) * 3)
+    for fill, sd in zip(shares.fills, part_sd_g_cm3[1:].tolist(), strict=True):
         variance[fill.where] += (sd * fill.share.astype(np.float64)) ** 2
     deviation: Grid = np.sqrt(variance).astype(np.float32)
     return deviation
-
-
-def _shares(
-    meshes: Sequence[trimesh.Trimesh], origin_cm: Vec3, voxel_size_cm: float
-) -> tuple[CubeGrid, list[PartFill]]:
-    """Share of each voxel that each part fills."""
-    from xden1k.rays import CubeGrid, column_samples, part_fractions
-
-    grid = CubeGrid(origin_cm, voxel_size_cm, FIELD_SIZE)
-    columns = column_samples(meshes, grid)
-    return grid, part_fractions(meshes, range(len(meshes)), grid, columns)

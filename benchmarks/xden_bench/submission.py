@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from xden1k.arrays import Grid
 from xden1k.modality import Modality, Track
 from xden1k.predictions import CODES, Predictions, Problem, SubmissionMeta, listed
-from xden_bench.expand import grid_of_parts, sd_grid_of_parts
+from xden_bench.expand import PartShares, grid_of_parts, part_shares, sd_grid_of_parts
 from xden_bench.protocol import Protocol
 from xden_bench.reference import Reference, Truth
 
@@ -69,8 +70,9 @@ class Check:
         for object_id in self.progress(self.reference.ids):
             if object_id in self.predictions:
                 truth = self.reference.truth(object_id, meta.target)
-                grid = self._grid(truth, meta)
-                sd, sound = self._sd(truth)
+                shares = cache(partial(self._shares, truth))  # cut once, if at all
+                grid = self._grid(truth, meta, shares)
+                sd, sound = self._sd(truth, shares)
                 if grid is not None and sound:
                     self._watch(truth, grid)
                     yield truth, grid, sd
@@ -80,30 +82,34 @@ class Check:
         """Every error, then every warning."""
         return (*self._found, *self._warnings())
 
-    def _grid(self, truth: Truth, meta: SubmissionMeta) -> Grid | None:
+    def _shares(self, truth: Truth) -> PartShares:
+        meshes = self.reference.part_meshes(truth.object_id)
+        return part_shares(meshes, truth.origin_cm, truth.voxel_size_cm)
+
+    def _grid(
+        self, truth: Truth, meta: SubmissionMeta, shares: Callable[[], PartShares]
+    ) -> Grid | None:
         """Return an object's predicted grid, or None if it has a problem, which is noted."""
         values, problems = self.predictions.examine(truth.object_id)
         if values is not None and values.ndim == 1:
             if problem := _part_problem(truth, len(values), meta.reads):
                 problems, values = [problem], None
             else:
-                meshes = self.reference.part_meshes(truth.object_id)
-                values = grid_of_parts(values, meshes, truth.origin_cm, truth.voxel_size_cm)
+                values = grid_of_parts(values, shares())
         if values is not None and values.any() and not values[truth.envelope > 0].any():
             message = "it has mass, but none where the object is: check axes and origin"
             problems, values = [Problem("E405", truth.object_id, message)], None
         self._found += problems
         return values
 
-    def _sd(self, truth: Truth) -> tuple[Grid | None, bool]:
+    def _sd(self, truth: Truth, shares: Callable[[], PartShares]) -> tuple[Grid | None, bool]:
         """Return the deviation of an object's grid, if there is one, and whether it is sound."""
         values, problems = self.predictions.examine_sd(truth.object_id)
         self._found += problems
         if values is not None and values.ndim == 1:
             if len(values) != truth.parts + 1:  # as is its density, and that is told
                 return None, False
-            meshes = self.reference.part_meshes(truth.object_id)
-            values = sd_grid_of_parts(values, meshes, truth.origin_cm, truth.voxel_size_cm)
+            values = sd_grid_of_parts(values, shares())
         return values, not problems
 
     def _watch(self, truth: Truth, grid: Grid) -> None:

@@ -13,7 +13,7 @@ from xden1k.errors import MissingExtraError
 from xden1k.folder import open_folder
 from xden1k.hub import SAMPLE
 from xden1k.predictions import SubmissionMeta, write_predictions
-from xden_bench.expand import grid_of_parts, sd_grid_of_parts
+from xden_bench.expand import grid_of_parts, part_shares, sd_grid_of_parts
 from xden_bench.protocol import load_protocol
 from xden_bench.reference import Reference
 from xden_bench.scoring import score
@@ -30,7 +30,7 @@ def expanded(reference: Reference, object_id: str) -> np.ndarray:
     truth = reference.truth(object_id)
     densities = np.array(DENSITIES[object_id])
     meshes = reference.part_meshes(object_id)
-    return grid_of_parts(densities, meshes, truth.origin_cm, truth.voxel_size_cm)
+    return grid_of_parts(densities, part_shares(meshes, truth.origin_cm, truth.voxel_size_cm))
 
 
 @pytest.mark.parametrize("object_id", DENSITIES)
@@ -77,15 +77,16 @@ def test_deviations_of_parts_add_as_independent_ones_where_parts_share_a_voxel()
     meshes = [trimesh.creation.box((1, 1, 1)) for _ in range(2)]
     for mesh, x in zip(meshes, (-0.5, 0.5), strict=True):
         mesh.apply_translation([x, 0, 0])
-    place = (meshes, np.full(3, -1.5), 0.3)  # the face between them halves a layer of voxels
-    both = sd_grid_of_parts(np.array([0.0, 0.3, 0.4]), *place)
-    first = sd_grid_of_parts(np.array([0.0, 0.3, 0.0]), *place)
-    second = sd_grid_of_parts(np.array([0.0, 0.0, 0.4]), *place)
+    # the face between them halves a layer of voxels
+    shares = part_shares(meshes, np.full(3, -1.5), 0.3)
+    both = sd_grid_of_parts(np.array([0.0, 0.3, 0.4]), shares)
+    first = sd_grid_of_parts(np.array([0.0, 0.3, 0.0]), shares)
+    second = sd_grid_of_parts(np.array([0.0, 0.0, 0.4]), shares)
     np.testing.assert_allclose(both**2, first**2 + second**2, atol=1e-7)
     assert both[5, 5, 5] == pytest.approx(np.hypot(0.15, 0.2), rel=0.01)
     assert both.max() == pytest.approx(0.4)
     # a single part's deviation is spread as its density is
-    np.testing.assert_allclose(first, grid_of_parts(np.array([0.0, 0.3, 0.0]), *place), rtol=1e-3)
+    np.testing.assert_allclose(first, grid_of_parts(np.array([0.0, 0.3, 0.0]), shares), rtol=1e-3)
 
 
 def test_without_the_extra_that_cuts_meshes_the_message_says_what_to_install(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import pytest
 from xden1k.errors import DataError, SubmissionError
 from xden1k.folder import DatasetFolder
 from xden_bench.baseline import find_predictor, run_predictor
+from xden_bench.expand import PartShares, part_shares
 from xden_bench.protocol import load_protocol
 from xden_bench.reference import Reference
 from xden_bench.scoring import Score, score
@@ -178,6 +180,22 @@ def test_deviations_of_parts_are_spread_over_their_voxels(
     inside = 0.5 * 0.2336949
     assert 0.6 * inside < found["density_crps_g_cm3"] <= inside * 1.01
     assert found["density_within_2sd"] > 0.95
+
+
+def test_parts_are_cut_once_for_density_and_deviation(
+    submission: Submit, reference: Reference, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cuts = []
+
+    def counted(*place: Any) -> PartShares:
+        cuts.append(place)
+        return part_shares(*place)
+
+    monkeypatch.setattr("xden_bench.submission.part_shares", counted)
+    ones = {one: [0.0] + [1.0] * reference.truth(one).parts for one in reference.ids}
+    path = submission(lambda one, _: np.array(ones[one]), inputs=("mesh", "parts"))
+    score(with_sd(path, reference, 0.5, "part_density"), reference, RULES)
+    assert len(cuts) == len(reference.ids)
 
 
 def test_the_papers_protocol_scores_its_three_metrics_of_apparent_density(
