@@ -10,7 +10,10 @@ import pytest
 from click.testing import CliRunner, Result
 
 from tests.bench.sealing import write_dataset
+from xden1k.folder import open_folder
 from xden_bench.cli import cli
+from xden_bench.result import read_entry
+from xden_bench.serve.explorer import Explorer
 
 Run = Callable[..., Result]
 PRIVATE = ("--root", "out/public", "--split", "private")
@@ -96,11 +99,50 @@ def test_an_entry_of_sealed_truth_goes_where_the_organiser_says(tmp_path: Path) 
     assert Path(json.loads(done.stdout)["file"]).is_file()
 
 
+@pytest.fixture
+def entered(tmp_path: Path) -> str:
+    """An entry of the private split."""
+    done = run("submit", "preds.npz", *OPEN, "--out", tmp_path / "results", "--json")
+    return str(json.loads(done.stdout)["file"])
+
+
+def test_the_organiser_verifies_an_entry(entered: str) -> None:
+    for words in (("--submission", "preds.npz"), ()):
+        done = run("verify", entered, *words, "--root", "out/public", *OPEN[4:], "--json")
+        assert done.exit_code == 0, done.stderr
+        assert json.loads(done.stdout)["same"]
+    done = run("verify", entered, "--root", "out/public")
+    assert done.exit_code == 1
+    assert "the answers of the split private are sealed" in done.stderr
+
+
+def test_the_organiser_compares_and_no_object_is_listed(entered: str) -> None:
+    words = ("compare", "preds.npz", entered, *OPEN, "--json")
+    for one in json.loads(run(*words).stdout)["metrics"].values():
+        assert one["difference"]["mean"] == 0.0
+    assert run("baseline", "zero", *PRIVATE, "--out", "zero.npz").exit_code == 0
+    found = json.loads(run("compare", "zero.npz", entered, *OPEN, "--json").stdout)["metrics"]
+    assert found["density_mae_g_cm3"]["difference"]["mean"] > 0.0
+    assert all(one["largest"] == [] for one in found.values())
+    refused = run("compare", "zero.npz", entered, *PRIVATE)
+    assert refused.exit_code == 1
+    assert "the answers of the split private are sealed" in refused.stderr
+
+
+def test_the_web_app_shows_neither_private_objects_nor_their_scores(
+    entered: str, tmp_path: Path
+) -> None:
+    folder = open_folder(Path("out/public"))
+    explorer = Explorer(folder, lambda _: None, tmp_path)
+    assert "private" not in explorer.splits
+    assert explorer.methods((read_entry(Path(entered)),), "private") == {}
+
+
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        ((*PRIVATE, "--key", "organiser.key"), 2, "--sealed, --key and --split private go"),
-        ((*OPEN, "--split", "test"), 2, "--sealed, --key and --split private go together"),
+        ((*PRIVATE, "--key", "organiser.key"), 2, "--sealed, --key and the split private go"),
+        ((*OPEN, "--split", "test"), 2, "--sealed, --key and the split private go together"),
         ((*OPEN, "--key", "other.key"), 1, "was sealed with the key"),
         ((*OPEN, "--key", "none.key"), 1, "none.key: No such file or directory"),
         ((*OPEN, "--sealed", "none.xden"), 1, "none.xden: No such file or directory"),

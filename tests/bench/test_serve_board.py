@@ -129,6 +129,11 @@ def test_the_groups_of_a_table_count_their_objects(rows: list[Entry]) -> None:
     assert all("[" in cell for line in table for cell in line[2:])
 
 
+def test_groups_of_the_private_split_are_not_shown(rows: list[Entry]) -> None:
+    private = [{**row, "dataset": {**row["dataset"], "split": "private"}} for row in rows]
+    assert board.group_table(private, "density_mae_g_cm3", "category")[1] == []
+
+
 def test_how_a_row_is_remade_names_its_commands_and_its_entry(
     rows: list[Entry], results: Path
 ) -> None:

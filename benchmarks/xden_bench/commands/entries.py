@@ -18,11 +18,13 @@ from xden_bench.commands.shared import (
     FILE,
     command_line,
     echo_lines,
+    key_option,
     open_reference,
     parse_command,
     progress_bar,
     protocol_option,
     root_option,
+    sealed_option,
     split_option,
 )
 from xden_bench.commands.submissions import submit
@@ -46,23 +48,26 @@ SHOWN = 10
 @click.argument("b", type=FILE)
 @root_option
 @split_option
+@sealed_option
+@key_option
 @protocol_option
 @click.option("--largest", default=5, show_default=True, help="Objects to list for each metric.")
 @json_option
-def compare(
-    a: Path, b: Path, root: Path | None, split: str, protocol: str, largest: int, as_json: bool
-) -> None:
+def compare(a: Path, b: Path, largest: int, as_json: bool, **asked: Any) -> None:
     """Compare two methods on the same objects.
 
     A and B are submissions (.npz), which are scored, or stored entries (.json). The interval of the
-    difference is a paired bootstrap's: where it excludes zero, one of them is better.
+    difference is a paired bootstrap's: where it excludes zero, one of them is better. Objects of
+    the split private are not listed.
     """
+    from xden1k.types import PRIVATE
     from xden_bench.comparison import compare as compare_scores
     from xden_bench.protocol import load_protocol
 
-    first, second = (_scored(path, root, split, protocol) for path in (a, b))
+    first, second = (_scored(path, **asked) for path in (a, b))
     rules = load_protocol(first.compared["protocol"])
-    found = compare_scores(first, second, rules, largest)
+    listed = 0 if first.compared["split"] == PRIVATE else largest
+    found = compare_scores(first, second, rules, listed)
     if as_json:
         metrics = {name: _comparison_values(one) for name, one in found.items()}
         print_json({"a": first.name, "b": second.name, **first.compared, "metrics": metrics})
@@ -76,6 +81,8 @@ def compare(
     "--submission", type=FILE, help="Score this file, the entry's, instead of running the method."
 )
 @root_option
+@sealed_option
+@key_option
 @click.option(
     "--tolerance",
     default=1e-5,
@@ -90,6 +97,8 @@ def verify(
     entry: Path,
     submission: Path | None,
     root: Path | None,
+    sealed: Path | None,
+    key: Path | None,
     tolerance: float,
     recomputed: bool,
     as_json: bool,
@@ -103,7 +112,7 @@ def verify(
     from xden_bench.result import read_entry
 
     values = read_entry(entry)
-    reference = open_reference(root, values["dataset"]["split"])
+    reference = open_reference(root, values["dataset"]["split"], sealed, key)
     how: How = "remade" if submission is None else "rescored"
     with tempfile.TemporaryDirectory() as scratch:
         found = _verified(values, submission, reference, tolerance, Path(scratch))
@@ -120,7 +129,15 @@ def verify(
         click.echo(f"noted: {note}", err=as_json)
 
 
-def _scored(path: Path, root: Path | None, split: str, protocol: str) -> Scored:
+def _scored(
+    path: Path,
+    *,
+    root: Path | None,
+    split: str,
+    sealed: Path | None,
+    key: Path | None,
+    protocol: str,
+) -> Scored:
     """Scores of a submission or of an entry, by what the file is called."""
     from xden_bench.comparison import Scored
     from xden_bench.protocol import load_protocol
@@ -130,7 +147,7 @@ def _scored(path: Path, root: Path | None, split: str, protocol: str) -> Scored:
     if path.suffix == ".json":
         entry = read_entry(path)
         return Scored.of(entry, entry["object_scores"])
-    reference = open_reference(root, split)
+    reference = open_reference(root, split, sealed, key)
     scored = score(path, reference, load_protocol(protocol), progress=progress_bar)
     entry = entry_of(scored, reference, command="", date=datetime.date.min)
     return Scored.of(entry, object_columns(scored))

@@ -44,15 +44,17 @@ root_option = click.option(
 )
 split_option = click.option("--split", default="test", show_default=True, help="Split to score.")
 protocol_option = click.option(
-    "--protocol", default="v1", show_default=True, metavar="NAME", help="Rules: v1 or paper."
+    "--protocol",
+    type=click.Choice(["v1", "paper"]),  # PROTOCOLS, whose import takes NumPy's time
+    default="v1",
+    show_default=True,
+    help="The rules.",
 )
 track_option = click.option(
     "--track",
     type=click.Choice(TRACKS),
     help="Refuse a submission whose inputs do not put it in this track.",
 )
-
-
 sealed_option = click.option(
     "--sealed", type=FILE, help="The sealed truth of the split private. Needs --key."
 )
@@ -76,7 +78,7 @@ def open_reference(
     Raises
     ------
     UsageError
-        If of ``--sealed``, ``--key`` and ``--split private`` one lacks another.
+        If of ``--sealed``, ``--key`` and the split private one lacks another.
     DataError
         If there is no such split, or its answers are sealed or do not open.
     """
@@ -88,7 +90,7 @@ def open_reference(
         kind = InputsReference if split == PRIVATE and not scoring else Reference
         return kind(open_root(root), split)
     if sealed is None or key is None or split != PRIVATE:
-        raise click.UsageError(f"--sealed, --key and --split {PRIVATE} go together.")
+        raise click.UsageError(f"--sealed, --key and the split {PRIVATE} go together.")
     folder = open_root(root)
     return SealedReference(folder, split, SealedTruth(sealed, folder, read_key(key)))
 

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from xden1k.types import PRIVATE
 from xden_bench.leaderboard import tables
 from xden_bench.metrics import METRICS
 from xden_bench.protocol import load_protocol
@@ -95,9 +96,13 @@ def entry_at(rows: Sequence[Entry], cells: Sequence[Any]) -> Entry | None:
 
 
 def group_table(rows: Sequence[Entry], metric: str, by: str) -> tuple[list[str], Rows]:
-    """Headings and rows of the table by ``category`` or ``size``: one column for each method."""
+    """Headings and rows of the table by ``category`` or ``size``: one column for each method.
+
+    No rows of the split private: a group may be a single object, whose score tells its answer.
+    """
     ordered = best_first(rows, metric)
-    groups = list(dict.fromkeys(name for row in ordered for name in row[f"by_{by}"]))
+    shown = [row for row in ordered if row["dataset"]["split"] != PRIVATE]
+    groups = list(dict.fromkeys(name for row in shown for name in row[f"by_{by}"]))
     table = []
     for group in groups:
         found = [row[f"by_{by}"].get(group) for row in ordered]

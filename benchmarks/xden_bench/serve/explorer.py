@@ -21,8 +21,8 @@ from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.predictions import Target, open_predictions
 from xden1k.radiographs import compare
-from xden1k.types import DensityField, DensityObject, Part
-from xden_bench.expand import grid_of_parts
+from xden1k.types import PRIVATE, DensityField, DensityObject, Part
+from xden_bench.expand import grid_of_parts, part_shares
 from xden_bench.metrics import METRICS
 from xden_bench.result import entry_path
 from xden_bench.serve import figures, glb
@@ -120,18 +120,22 @@ class Explorer:
 
     @property
     def splits(self) -> tuple[str, ...]:
-        """Splits that have objects, those for testing first."""
-        found = [name for name in self.folder.manifest.splits if self.folder.ids(name)]
+        """Splits that have objects with answers, those for testing first."""
+        splits = (name for name in self.folder.manifest.splits if name != PRIVATE)
+        found = [name for name in splits if self.folder.ids(name)]
         return tuple(sorted(found, key=lambda name: ("train" in name, name)))
 
     def methods(self, entries: tuple[Entry, ...], split: str) -> dict[str, Entry]:
-        """Entries on a split of this very dataset, by a label that tells them apart."""
+        """Entries on a split of this very dataset, by a label that tells them apart.
+
+        None of the split private: the score of an object tells its answer.
+        """
         return {
             f"{row['method']['name']} · {row['track']} · {row['target']} · "
             f"{row['protocol']} · {row['submission_sha256'][:8]}": row
             for row in entries
             if row["dataset"]["manifest_sha256"] == self.folder.manifest_sha256
-            and row["dataset"]["split"] == split
+            and row["dataset"]["split"] == split != PRIVATE
         }
 
     def stored(self, row: Entry) -> bool:
@@ -252,7 +256,7 @@ class Explorer:
         if values.ndim == 3:
             return values
         meshes = [part.mesh for part in obj.parts]
-        return grid_of_parts(values, meshes, obj.origin_cm, obj.voxel_size_cm)
+        return grid_of_parts(values, part_shares(meshes, obj.origin_cm, obj.voxel_size_cm))
 
     def _forget_old_models(self) -> None:
         with self._lock:
