@@ -188,6 +188,8 @@ for _ in range(300):
     _DEEP = [_DEEP]
 for _key, _value in (
     ("method", _DEEP), ("method", "a\x1b[31mred"), ("method", "a\u202eb"), ("method", "a\r\nb"),
+    ("method", "w\u0430ter"), ("method", "\uff57ater"), ("method", "w\u0251ter"),
+    ("method", "water\u200b"), ("method", "water\u3164"), ("method", "water\u0332"),
     ("method", "\ud800"), ("method", "m" * 81), ("method", {"a": 1}), ("notes", "n" * 501),
     ("notes", "\x07"), ("inputs", "xray"), ("inputs", ["lidar"]), ("inputs", [None]),
     ("inputs", {"mesh": 1}), ("training_data", ["x"] * 21), ("training_data", [["x"]]),

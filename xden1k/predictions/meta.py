@@ -32,7 +32,7 @@ class SubmissionMeta:
     Parameters
     ----------
     method
-        Display name, at most 80 characters.
+        Display name, at most 80 characters of ASCII.
     dataset_revision, config, split
         What was predicted: the manifest's version, ``default``, and one of its splits.
     inputs
@@ -152,7 +152,8 @@ def _is_text(value: object, most: int = MAX_TEXT) -> bool:
 
 
 def _is_name(value: object) -> bool:
-    return _is_text(value, MAX_NAME) and bool(str(value).strip())
+    """ASCII: beyond it lie letters that look like others, and invisible characters."""
+    return _is_text(value, MAX_NAME) and str(value).isascii() and bool(str(value).strip())
 
 
 def _is_texts(value: object, most: int = 20) -> bool:
@@ -176,7 +177,7 @@ def _is_sha256(value: object) -> bool:
     return isinstance(value, str) and bool(re.fullmatch("[0-9a-f]{64}", value))
 
 
-_NAME = ("E203", f"one printable line of 1 to {MAX_NAME} characters", _is_name)
+_NAME = ("E203", f"one printable line of 1 to {MAX_NAME} characters of ASCII", _is_name)
 _TEXT = ("E203", f"one printable line of at most {MAX_TEXT} characters", _is_text)
 _RULES: Mapping[str, tuple[str, str, Callable[[object], bool]]] = {
     "method": _NAME,
