@@ -9,7 +9,7 @@ from jaxtyping import Float, Float32
 
 from xden_baselines.chat.candidates import Candidate, Range
 
-__all__ = ["TEMPERATURE", "mixture", "ranges"]
+__all__ = ["TEMPERATURE", "areal_density_g_cm2", "mixture", "ranges"]
 
 TEMPERATURE = 0.1
 """NeRF2Physics' value."""

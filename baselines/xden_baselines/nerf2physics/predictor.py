@@ -29,7 +29,7 @@ from xden_baselines.nerf2physics.surface import SurfaceCloud, surface_cloud
 from xden_baselines.nerf2physics.volume import Rule, carved_mass_g, density_field, shell_mass_g
 from xden_baselines.views.pictures import Pictures
 
-__all__ = ["NeRF2Physics", "NeRF2PhysicsThickness"]
+__all__ = ["NeRF2Physics", "NeRF2PhysicsThickness", "described"]
 
 CLIP_VARIABLE = "XDEN_CLIP"
 """Environment variable that names a folder with CLIP's weights."""
