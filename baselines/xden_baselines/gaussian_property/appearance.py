@@ -30,6 +30,8 @@ CENTROIDS = 8
 """Of each material, at most: a plastic comes in several colours."""
 NARROWEST = 0.1
 """Least spread, in deviations of the looks: a few alike objects must not make it certain."""
+FINEST = 0.02
+"""Least deviation of a figure: colours have 8 bits, and shading moves a region's mean."""
 TRAINING_OBJECTS, TRAINING_VIEWS = 200, 4
 """Drawn by the seed: colours repeat, and drawing pictures is what learning costs."""
 
@@ -134,8 +136,7 @@ def fit_centroids(train: Examples, materials: ClosedList, *, seed: int) -> Centr
         raise DataError(f"split {train.split}: no picture shows a part of known material")
     seen = np.concatenate([one for one, _ in found])
     labels = np.concatenate([one for _, one in found])
-    deviation = seen.std(axis=0)
-    deviation = np.where(deviation > 1e-6, deviation, 1.0)
+    deviation = seen.std(axis=0).clip(FINEST, None)
     return _cluster(seen / deviation, labels, deviation, rng)
 
 
@@ -185,7 +186,9 @@ def _cluster(
     )
 
 
-def _kmeans(points: Looks, start: Looks) -> tuple[Looks, Int64[np.ndarray, "regions"]]:
+def _kmeans(
+    points: Looks, start: Float64[np.ndarray, "centroids 6"]
+) -> tuple[Float64[np.ndarray, "centroids 6"], Int64[np.ndarray, "regions"]]:
     """Return centroids, some perhaps of no point, and the one of each point."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "One of the clusters is empty")

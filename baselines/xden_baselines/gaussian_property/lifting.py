@@ -113,7 +113,7 @@ def vote_of_points(
 
 def vote_of_parts(
     parts: int,
-    shown: Sequence[Int64[np.ndarray, "regions"]],
+    shown: Sequence[Int64[np.ndarray, "_"]],
     judged: Sequence[Judged],
     materials: ClosedList,
 ) -> Ballots:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import trimesh
-from jaxtyping import Bool, Int, Int32, UInt8
+from jaxtyping import Bool, Int32, Integer, UInt8
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -63,8 +63,8 @@ def part_numbers(
 
 
 def kept_regions(
-    numbers: Int[np.ndarray, "rows columns"], mask: Bool[np.ndarray, "rows columns"]
-) -> tuple[Segmentation, Int[np.ndarray, "regions"]]:
+    numbers: Integer[np.ndarray, "rows columns"], mask: Bool[np.ndarray, "rows columns"]
+) -> tuple[Segmentation, Integer[np.ndarray, "regions"]]:
     """Return regions numbered by size, small ones dropped; the largest always stays.
 
     Parameters
