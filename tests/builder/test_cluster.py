@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.builder.folders import contents
 from xden1k.errors import DataError
 from xden_builder.capture import CaptureFolder
 from xden_builder.cluster import RETRIES, run_on_cluster
@@ -63,10 +64,6 @@ def built(captures) -> Path:
     out = captures.with_name("dataset")
     build(captures, out, BuildSettings(), workers=2)
     return out
-
-
-def contents(root: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(root)): p.read_bytes() for p in root.rglob("*") if p.is_file()}
 
 
 def wait_for(condition) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.builder.folders import contents
 from xden1k.errors import DataError
 from xden1k.folder import exclusive, place
 from xden1k.folder.place import publish, staging
@@ -60,10 +61,6 @@ def built(captures) -> Path:
     out = captures.with_name("dataset")
     build(captures, out, BuildSettings(), workers=2)
     return out
-
-
-def contents(root: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(root)): p.read_bytes() for p in root.rglob("*") if p.is_file()}
 
 
 def start(*command: object) -> subprocess.Popen[str]:

@@ -2,53 +2,27 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from xden1k.errors import DataError
+from tests.builder.scanner_scenes import BARE, TUBE, WATER, block, middle
 from xden1k.materials import load_materials
 from xden_builder.attenuation import mac_cm2_g
-from xden_builder.capture import CaptureFolder, Tube
 from xden_builder.phantoms import (
     Phantom,
-    PhantomPart,
     Plan,
     Scanner,
     make_phantom,
-    truth_object,
-    write_captures,
 )
-from xden_builder.phantoms.scanner import Signal, load_scanner
 from xden_builder.phantoms.scanner.beam import make_beam
-from xden_builder.phantoms.scanner.handover import MeshError, draw_mesh_error
 from xden_builder.phantoms.scanner.primary import Absorber, pixel_kernel, render
 from xden_builder.phantoms.scanner.scatter import MOST_REACHING, ScatterDraw, scatter_image
 from xden_builder.phantoms.scanner.spread import gaussian_spread
 from xden_builder.spectrum import absorbed_share, tube_fluence, tube_spectrum
-
-WATER = (("H2O", 1.0),)
-TUBE = Tube(kv=100.0, mas=126.0, filtration_cm={"Al": 0.25})
-BARE = Scanner.realistic(128).ideal()
-"""A tube, and nothing else that differs from the formulas."""
-
-
-def block(*size_cm: float, material: str = "water", density: float = 1.0) -> Phantom:
-    mesh = trimesh.creation.box(size_cm)
-    part = PhantomPart("block", "body", mesh, material, density, (0.5, 0.5, 0.5))
-    return Phantom(Plan(0, 0, 0), (part,))
-
-
-def middle(image: np.ndarray) -> float:
-    rows, columns = image.shape
-    return float(image[rows // 2 - 1 : rows // 2 + 1, columns // 2 - 1 : columns // 2 + 1].mean())
-
 
 # the direct beam
 
@@ -344,189 +318,3 @@ def test_flat_shows_the_heel_and_correction_removes_it() -> None:
     air[2:15] = air[-15:-2] = True
     # scatter of so small an object is what remains
     np.testing.assert_allclose(view.transmission[air & view.valid] / gain, 1.0, atol=0.012)
-
-
-# what is handed over
-
-
-def test_mesh_errors_have_the_sizes_asked_for() -> None:
-    scanner = Scanner.realistic()
-    errors = [scanner.mesh_error(Plan(0, 0, number)) for number in range(400)]
-    angles = np.linalg.norm([error.rotation_deg for error in errors], axis=1)
-    shifts = np.linalg.norm([error.shift_cm for error in errors], axis=1)
-    assert np.sqrt((angles**2).mean()) == pytest.approx(1.0, rel=0.1)
-    assert np.sqrt((shifts**2).mean()) == pytest.approx(0.1, rel=0.1)
-    assert np.std([error.scale for error in errors]) == pytest.approx(0.005, rel=0.15)
-
-
-@settings(max_examples=20, deadline=None)
-@given(st.integers(0, 1000))
-def test_moved_mesh_is_the_same_shape_elsewhere(seed: int) -> None:
-    error = draw_mesh_error(np.random.default_rng(seed), 30.0, 2.0, 0.1, 0.0)
-    mesh = trimesh.creation.box((1.0, 2.0, 3.0))
-    moved = error.applied(mesh)
-    assert moved.is_volume
-    assert float(moved.volume) == pytest.approx(6.0 * error.scale**3)
-    np.testing.assert_allclose(moved.center_mass, error.shift_cm, atol=1e-9)
-    matrix = error.matrix
-    np.testing.assert_allclose(moved.vertices, mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3])
-
-
-def test_simplified_mesh_is_closed_lighter_and_near() -> None:
-    sphere = trimesh.creation.icosphere(subdivisions=5, radius=2.0)
-    simple = MeshError((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0, 0.01).applied(sphere)
-    assert simple.is_volume
-    assert len(simple.faces) < 0.5 * len(sphere.faces)
-    assert np.abs(np.linalg.norm(simple.vertices, axis=1) - 2.0).max() < 0.011
-    assert float(simple.volume) == pytest.approx(float(sphere.volume), rel=0.02)
-
-
-def test_foil_is_not_simplified_away() -> None:
-    foil = trimesh.creation.cylinder(radius=1.0, height=0.005, sections=64)
-    error = MeshError((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0, 0.02)
-    np.testing.assert_array_equal(error.applied(foil).faces, foil.faces)
-
-
-def test_surface_that_would_be_no_solid_is_not_simplified(monkeypatch: pytest.MonkeyPatch) -> None:
-    case, cell = trimesh.creation.box((2.0, 2.0, 2.0)), trimesh.creation.box((1.0, 1.0, 1.9))
-    cell.invert()
-    whole = trimesh.util.concatenate([case, cell])
-    poking = trimesh.util.concatenate([case, cell.copy().apply_translation((0.0, 0.0, 5.0))])
-    monkeypatch.setattr(MeshError, "_simplified", lambda self, mesh: poking)
-    moved = MeshError((0.0, 0.0, 5.0), (0.1, 0.0, 0.0), 1.01, 0.01).applied(whole)
-    assert float(moved.volume) == pytest.approx(6.1 * 1.01**3)
-    np.testing.assert_allclose(moved.bounds[:, 2], [-1.01, 1.01])
-
-
-def test_without_mesh_error_the_mesh_stays_itself() -> None:
-    mesh = trimesh.creation.box((1.0, 1.0, 1.0))
-    assert Scanner().mesh_error(Plan(0, 0, 0)).applied(mesh) is mesh
-
-
-# settings and files
-
-
-def test_ideal_has_no_effect_but_the_spectrum() -> None:
-    ideal = Scanner.realistic(64).ideal()
-    phantom = make_phantom(Plan.of(0, "mug-0000"))
-    np.testing.assert_allclose(
-        ideal.radiograph(phantom, "pa"), ideal.transmission(phantom, "pa"), atol=1e-6
-    )
-    assert ideal.mesh_error(phantom.plan).is_none
-    assert ideal.exposure(phantom.plan, "pa") == 1.0
-    on = {name for name, value in ideal.settings().items() if value != getattr(Scanner(), name)}
-    assert on == {
-        "energy_kev",
-        "size_px",
-        "quantum_noise",
-        "readout_sd_counts",
-        "exposure_sd",
-        "bits",
-    }
-
-
-def test_default_scanner_is_the_monochromatic_one() -> None:
-    assert Scanner() == Scanner.monochromatic()
-    assert Scanner().energy_kev == 100.0
-
-
-def test_scanner_file_replaces_what_it_names(tmp_path: Path) -> None:
-    path = tmp_path / "scanner.toml"
-    path.write_text("size_px = 1024\nscatter_level = 0.1\nkv = 90\nfiltration_cm = { Cu = 0.01 }\n")
-    expected = replace(
-        Scanner.realistic(1024), scatter_level=0.1, kv=90, filtration_cm={"Cu": 0.01}
-    )
-    assert load_scanner(path) == expected
-    path.write_text('preset = "monochromatic"\nenergy_kev = 60.0\n')
-    assert load_scanner(path) == Scanner(energy_kev=60.0)
-
-
-EFFECTS_OFF = """
-heel = false
-focal_spot_cm = 0
-detector_blur_cm = 0
-glare_share = 0
-scatter_level = 0
-quantum_noise = false
-readout_sd_counts = 0
-dead_share = 0
-exposure_sd = 0
-bits = 0
-mesh_rotation_deg = 0
-mesh_shift_cm = 0
-mesh_scale_sd = 0
-mesh_tolerance_cm = 0
-"""
-
-
-def test_every_effect_can_be_switched_off_in_the_file(tmp_path: Path) -> None:
-    path = tmp_path / "scanner.toml"
-    path.write_text(EFFECTS_OFF)
-    assert load_scanner(path) == Scanner.realistic().ideal()
-    named = {line.split(" = ")[0] for line in EFFECTS_OFF.split("\n") if line}
-    real, off = Scanner.realistic().settings(), Scanner.realistic().ideal().settings()
-    assert named == {name for name in real if real[name] != off[name]}
-    path.write_text('preset = "monochromatic"\nenergy_kev = 0\n')
-    assert load_scanner(path).tube == TUBE
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("scater_level = 0.1", r"unknown keys \['scater_level'\]; known keys are"),
-        ('preset = "ideal"', r"preset: expected one of .*'realistic'.*, got 'ideal'"),
-        ("heel = 1", "heel: expected bool, got 1"),
-        ("size_px = 64.5", "size_px: expected int, got 64.5"),
-        ("glare_share = -0.1", "glare_share must not be negative, got -0.1"),
-        ("energy_kev = 60.0", "heel effect needs a tube"),
-        ("filtration_cm = { Al = '1 mm' }", "filtration_cm: expected Mapping"),
-    ],
-)
-def test_scanner_file_with_a_fault_is_refused(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "scanner.toml"
-    path.write_text(text)
-    with pytest.raises(DataError, match=message):
-        load_scanner(path)
-
-
-def test_realistic_captures_read_back_as_corrected_and_say_what_only_we_know(
-    tmp_path: Path,
-) -> None:
-    scanner = Scanner.realistic(96)
-    write_captures(tmp_path / "out", 2, 5, scanner=scanner, categories=["hammer", "mug"])
-    folder = CaptureFolder(tmp_path / "out")
-    for object_id in folder.object_ids:
-        capture, phantom = folder.read(object_id), make_phantom(Plan.of(5, object_id))
-        assert capture.tube == TUBE
-        for view in capture.views:
-            ours = scanner.corrected(phantom, view.name)
-            np.testing.assert_array_equal(view.valid, ours.valid)
-            np.testing.assert_allclose(view.transmission, ours.transmission, rtol=1e-6)
-        truth = json.loads((tmp_path / "out" / object_id / "truth.json").read_text())
-        assert truth["mass_g"] == phantom.mass_properties.mass_g
-        assert 0 < truth["scatter_share"]["pa"] < 0.5
-        matrix = np.array(truth["mesh_error"]["matrix"])
-        turned_back = np.linalg.inv(matrix)
-        for part, made in zip(capture.parts, phantom.parts, strict=True):
-            assert not np.allclose(part.mesh.bounds, made.mesh.bounds, atol=1e-4)
-            back = part.mesh.copy().apply_transform(turned_back)
-            np.testing.assert_allclose(back.bounds, made.mesh.bounds, atol=0.02)
-    kept = json.loads((tmp_path / "out" / "simulation.json").read_text())
-    assert Scanner(**kept["scanner"]) == scanner
-
-
-def test_truth_of_a_tube_is_taken_at_the_mean_energy_of_its_signal() -> None:
-    scanner, phantom = Scanner.realistic(48), make_phantom(Plan.of(0, "mug-0000"))
-    assert scanner.reference_kev == pytest.approx(52.07, abs=0.05)
-    obj = truth_object(phantom, scanner)
-    expected = replace(Scanner(), energy_kev=scanner.reference_kev).lac_per_cm(phantom.parts[0])
-    assert obj.parts[0].lac_per_cm == pytest.approx(expected)
-
-
-def test_signal_can_be_given_where_it_is_known() -> None:
-    scanner, phantom = Scanner.realistic(48), make_phantom(Plan.of(0, "mug-0000"))
-    signal = scanner.signal(phantom, "pa")
-    assert isinstance(signal, Signal)
-    np.testing.assert_array_equal(
-        scanner.radiograph(phantom, "pa", signal), scanner.radiograph(phantom, "pa")
-    )

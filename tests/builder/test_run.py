@@ -10,6 +10,7 @@ import pytest
 import trimesh
 from click.testing import CliRunner
 
+from tests.builder.folders import contents
 from xden1k.errors import DataError
 from xden1k.folder import open_folder, write_folder
 from xden1k.rays import path_lengths
@@ -52,10 +53,6 @@ def half_built(built, tmp_path) -> Path:
     """A result with its work files, which a test may change."""
     shutil.copytree(work_folder(built), work_folder(tmp_path / "dataset"))
     return Path(shutil.copytree(built, tmp_path / "dataset"))
-
-
-def contents(root: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(root)): p.read_bytes() for p in root.rglob("*") if p.is_file()}
 
 
 def statuses(report) -> dict[str, str]:

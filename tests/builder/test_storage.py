@@ -6,6 +6,7 @@ from pathlib import Path
 import fsspec
 import pytest
 
+from tests.builder.folders import contents
 from xden1k.errors import DataError
 from xden1k.folder import open_folder
 from xden_builder.capture import CaptureFolder
@@ -34,10 +35,6 @@ def memory():
     store = fsspec.filesystem("memory")
     yield store
     store.rm("/", recursive=True)
-
-
-def contents(root: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(root)): p.read_bytes() for p in root.rglob("*") if p.is_file()}
 
 
 def stored(store, root: str) -> dict[str, bytes]:
