@@ -6,11 +6,13 @@ Exit codes: 0 done, 1 error (one line, no traceback), 2 usage, 3 done in part.
 from __future__ import annotations
 
 import json
+import shlex
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from xden1k.errors import XDenError
 from xden1k.plain import plain
@@ -18,7 +20,7 @@ from xden1k.plain import plain
 if TYPE_CHECKING:
     from xden1k.folder import DatasetFolder
 
-__all__ = ["DONE_IN_PART", "Group", "json_option", "open_root", "print_json"]
+__all__ = ["DONE_IN_PART", "Group", "command_line", "json_option", "open_root", "print_json"]
 
 DONE_IN_PART = 3
 """Exit code of a command that finished although some objects failed."""
@@ -46,6 +48,29 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, 
 def print_json(values: Any) -> None:
     """Write values as indented JSON to stdout; nan and infinities are null."""
     click.echo(json.dumps(plain(values), indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def command_line(context: click.Context, program: str) -> str:
+    """Return the command line as it was given, without what only changes the output.
+
+    Parameters
+    ----------
+    context
+        Of the command.
+    program
+        What it is a command of.
+    """
+    words = [*program.split(), context.info_name or ""]
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE and name != "as_json":
+            given = context.params[name]
+            for value in given if isinstance(given, tuple) else (given,):
+                if isinstance(parameter, click.Option):
+                    words.append(parameter.opts[0])
+                if not (isinstance(parameter, click.Option) and parameter.is_flag):
+                    words.append(str(value))
+    return shlex.join(words)
 
 
 def open_root(root: Path | None) -> DatasetFolder:

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
+from xden1k import commands
 from xden1k.commands import open_root
 from xden1k.errors import DataError
 from xden1k.modality import TRACKS
@@ -97,17 +97,7 @@ def open_reference(
 
 def command_line(context: click.Context) -> str:
     """Return the command line as it was given, without what only changes the output."""
-    words = ["xden-bench", context.info_name or ""]
-    for parameter in context.command.params:
-        name = parameter.name or ""
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE and name != "as_json":
-            given = context.params[name]
-            for value in given if isinstance(given, tuple) else (given,):
-                if isinstance(parameter, click.Option):
-                    words.append(parameter.opts[0])
-                if not (isinstance(parameter, click.Option) and parameter.is_flag):
-                    words.append(str(value))
-    return shlex.join(words)
+    return commands.command_line(context, "xden-bench")
 
 
 def parse_command(text: str, command: click.Command) -> dict[str, Any]:
