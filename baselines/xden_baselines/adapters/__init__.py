@@ -1,0 +1,1 @@
+"""Output files of the original methods' own runs, made into submissions."""

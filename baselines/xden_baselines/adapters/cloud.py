@@ -1,0 +1,110 @@
+"""What every adapter reads out of a run: densities at points, in the run's own frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from xden1k.arrays import Points
+from xden1k.errors import DataError
+
+__all__ = ["DENSITIES_G_CM3", "Cloud", "Unit", "density_g_cm3", "middle"]
+
+Unit = Literal["kg/m3", "g/cm3"]
+KG_M3_PER_G_CM3: Final = 1000.0
+DENSITIES_G_CM3: Final = (0.001, 25.0)
+"""From thinner than any foam to denser than osmium."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cloud:
+    """Densities at points, as a run left them.
+
+    Parameters
+    ----------
+    points
+        Shape (N, 3), in the frame and unit of length of the run.
+    density
+        Shape (N,), in ``unit``.
+    unit
+        Of the densities.
+    cell
+        Edge of the voxels whose centres the points are; 0 for scattered points.
+    box
+        Shape (2, 3): what in the run's frame is the object's bounding box; None = that of the
+        points with their cells.
+    mass_native_g
+        The mass by the method's own rule, where the run has it.
+    unread
+        How many answers or voxels gave no density.
+    """
+
+    points: Points
+    density: Float[np.ndarray, "points"]
+    unit: Unit
+    cell: float = 0.0
+    box: Float[np.ndarray, "2 3"] | None = None
+    mass_native_g: float | None = None
+    unread: int = 0
+
+    @property
+    def bounds(self) -> Float[np.ndarray, "2 3"]:
+        """Lowest and highest corner of what is the object's bounding box."""
+        if self.box is not None:
+            return self.box
+        half = self.cell / 2
+        return np.stack([self.points.min(axis=0) - half, self.points.max(axis=0) + half])
+
+
+def middle(density: Float[np.ndarray, "points *range"], where: str) -> Float[np.ndarray, "points"]:
+    """Middle of [low, high]; a single value is its own.
+
+    Raises
+    ------
+    DataError
+        If a low end is above its high end.
+
+    Examples
+    --------
+    >>> middle(np.array([[400.0, 600.0]]), "wood").tolist()
+    [500.0]
+    """
+    if density.ndim == 1:
+        return density
+    if (turned := density[:, 0] > density[:, 1]).any():
+        first = int(turned.argmax())
+        raise DataError(
+            f"{where}: expected [low, high], {turned.sum()} are the other way round, first at "
+            f"{first}: {density[first].tolist()}"
+        )
+    return np.asarray(density.mean(axis=1))
+
+
+def density_g_cm3(cloud: Cloud, where: str) -> Float[np.ndarray, "points"]:
+    """Return the densities in g/cm³.
+
+    Raises
+    ------
+    DataError
+        If one is nothing that an object is made of, or all look as if given in the other unit.
+    """
+    values = cloud.density
+    low, high = DENSITIES_G_CM3
+    largest = float(values.max())
+    if cloud.unit == "kg/m3" and largest <= high:
+        raise DataError(f"{where}: the largest density is {largest:g} kg/m3: these look like g/cm3")
+    if cloud.unit == "g/cm3" and float(np.median(values)) > high:
+        raise DataError(
+            f"{where}: the median density is {np.median(values):g} g/cm3: these look like kg/m3"
+        )
+    found = values / KG_M3_PER_G_CM3 if cloud.unit == "kg/m3" else values
+    if (outside := (found < low) | (found > high)).any():
+        first = int(outside.argmax())
+        raise DataError(
+            f"{where}: densities must be within {low:g} and {high:g} g/cm3, {outside.sum()} of "
+            f"{len(found)} are not, first at {first}: {found[first]:g}"
+        )
+    return np.asarray(found)
