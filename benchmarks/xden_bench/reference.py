@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import numpy as np
 import trimesh
@@ -18,7 +18,11 @@ from xden1k.records import decode_array, decode_target, split_meshes
 from xden1k.shards import Row
 from xden1k.types import PRIVATE
 
-__all__ = ["Reference", "Truth"]
+__all__ = ["BY_ORGANISER", "SELF_REPORTED", "Reference", "Truth"]
+
+SELF_REPORTED: Final = "self-reported"
+BY_ORGANISER: Final = "by the organiser"
+"""Who made the numbers of an entry: whoever sent it, or the keeper of sealed answers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +86,7 @@ class Reference:
 
     can_be_private: ClassVar[bool] = False
     """Whether this class knows what to do without the folder's answers."""
-    status: ClassVar[str] = "self-reported"
+    status: ClassVar[str] = SELF_REPORTED
     """What an entry says of its numbers: who made them."""
 
     def __post_init__(self) -> None:

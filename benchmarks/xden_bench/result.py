@@ -7,7 +7,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,16 +17,16 @@ import pyarrow.parquet as pq
 from xden1k.errors import DataError
 from xden_bench.bootstrap import Estimate
 from xden_bench.durable import results_lock, sync_folder, write_whole
+from xden_bench.entry_form import SCHEMA, read_form
 from xden_bench.metrics import METRICS
 from xden_bench.protocol import Protocol, load_protocol
 from xden_bench.provenance import code_commit, package_version
 from xden_bench.recomputed import SUFFIX, read_recomputed
 from xden_bench.reference import Reference
 from xden_bench.scoring import ObjectScore, Score, by_category, by_size, summary
-from xden_bench.untrusted import read_json, read_table
+from xden_bench.untrusted import read_table
 
 __all__ = [
-    "SCHEMA",
     "EnteredError",
     "entry_of",
     "entry_path",
@@ -37,7 +37,6 @@ __all__ = [
     "write_entry",
 ]
 
-SCHEMA: Final = "xden-result/1"
 _OBJECT_COLUMNS: Final = ("object_id", "category", "source", "extent_cm")
 
 
@@ -209,12 +208,12 @@ def read_entry(path: Path, results: Path | None = None) -> dict[str, Any]:
     Raises
     ------
     DataError
-        If the file is no entry of this schema, lies where another belongs, or does not agree with
-        its objects, or these are missing or changed.
+        If the file is no entry of this schema, contradicts itself, lies where another belongs, or
+        does not agree with its objects, or these are missing or changed.
     OSError
         If there is no such file.
     """
-    entry = _parsed(path)
+    entry = read_form(path)
     place = entry_path(entry)
     here = path.absolute()
     root = results.absolute() if results else Path(*here.parts[: -len(place.parts)])
@@ -224,52 +223,6 @@ def read_entry(path: Path, results: Path | None = None) -> dict[str, Any]:
     if note := read_recomputed(path):
         entry |= {"status": "recomputed", "recomputed": note}
     return entry
-
-
-def _parsed(path: Path) -> dict[str, Any]:
-    entry: dict[str, Any] = read_json(path)
-    try:
-        if entry["schema"] != SCHEMA:
-            raise ValueError(f"schema is {entry['schema']!r}")
-        if misfits := list(_misfits(entry, _SHAPE)):
-            raise ValueError("; ".join(misfits))
-    except (ValueError, TypeError, KeyError) as err:
-        raise DataError(f"{path}: not a result of schema {SCHEMA}: {err!r}") from err
-    return entry
-
-
-_TEXT_OR_NULL: Final = (str, type(None))
-_NUMBER_OR_NULL: Final = (int, float, type(None))
-_SHAPE: Final[Mapping[str, Any]] = {
-    "method": {
-        **dict.fromkeys(("name", "command", "code", "paper", "notes"), str),
-        **{"inputs": [str], "training_data": [str], "external_data": bool},
-        **dict.fromkeys(("seed", "seconds_per_object"), _NUMBER_OR_NULL),
-    },
-    **dict.fromkeys(("protocol", "track", "target", "submission_sha256", "xden_version"), str),
-    **dict.fromkeys(("command", "date", "status"), str),
-    "metric_version": int,
-    "dataset": dict.fromkeys(("revision", "config", "split", "source", "manifest_sha256"), str),
-    "commit": _TEXT_OR_NULL,
-    "warnings": [str],
-    "objects": {"file": str, "sha256": str},
-}
-"""Types of what an entry must hold; the numbers are compared with the objects instead."""
-
-
-def _misfits(value: Any, shape: Any, key: str = "entry") -> Iterator[str]:
-    """Every place where a value is not of its shape: a type, several, a list of one, or keys."""
-    if isinstance(shape, Mapping) and isinstance(value, dict):
-        for name, inner in shape.items():
-            if name in value:
-                yield from _misfits(value[name], inner, name)
-            else:
-                yield f"{name} is missing from {key}"
-    elif isinstance(shape, list) and isinstance(value, list):
-        for one in value:
-            yield from _misfits(one, shape[0], key)
-    elif isinstance(shape, Mapping | list) or not isinstance(value, shape):
-        yield f"{key} is of the wrong type, {type(value).__name__}"
 
 
 def _checked_objects(path: Path, entry: Mapping[str, Any]) -> dict[str, list[Any]]:
@@ -290,6 +243,8 @@ def _checked_objects(path: Path, entry: Mapping[str, Any]) -> dict[str, list[Any
         if not _agree(entry.get(key), json.loads(json.dumps(value))):
             raise DataError(f"{path}: {key} is not what the objects in {objects.name} give")
     columns: dict[str, list[Any]] = table.to_pydict()
+    if (source := "+".join(sorted(set(columns["source"])))) != entry["dataset"]["source"]:
+        raise DataError(f"{path}: source is not that of the objects, {source}")
     return columns
 
 

@@ -132,5 +132,5 @@ def test_an_entry_that_names_another_place_is_refused(
     entry: Path, tmp_path: Path, track: str
 ) -> None:
     entry.write_text(json.dumps({**json.loads(entry.read_text()), "track": track}))
-    with pytest.raises(DataError, match="its content belongs to"):
+    with pytest.raises(DataError, match="the inputs lead to 'geometry'"):
         read_entries(tmp_path / "results")

@@ -160,6 +160,11 @@ def edited(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
         (lambda one: one["dataset"].update(split=3), "split is of the wrong type, int"),
         (lambda one: one.update(objects=None), "objects is of the wrong type, NoneType"),
         (lambda one: one["objects"].update(sha256="0" * 64), "sha256 is "),
+        (lambda one: one["method"].update(inputs=["xray"]), "the inputs lead to 'xray'"),
+        (lambda one: one["method"].update(inputs=["lidar"]), "inputs must be a list of any of"),
+        (lambda one: one["method"].update(name="w\u0430ter"), "E203: method must be one"),
+        (lambda one: one.update(status="recomputed"), "status must be 'self-reported'"),
+        (lambda one: one.update(status="by the organiser"), "status must be 'self-reported'"),
     ],
 )
 def test_an_edited_entry_is_refused_by_name(
@@ -174,6 +179,18 @@ def test_an_edited_entry_is_refused_by_name(
     with pytest.raises(DataError, match=re.escape(message)) as caught:
         read_entries(tmp_path)
     assert path.stem in str(caught.value)
+
+
+def test_simulated_objects_are_not_passed_off_as_scans(
+    entry: dict[str, Any], scored: Score, tmp_path: Path
+) -> None:
+    path = write_entry(stored(entry), scored, tmp_path)
+    edited(path, lambda one: one["dataset"].update(source="scan"))
+    scans = tmp_path / entry_path(json.loads(path.read_text())).parent
+    scans.parent.mkdir()
+    path.parent.rename(scans)
+    with pytest.raises(DataError, match="source is not that of the objects, phantom"):
+        read_entries(tmp_path)
 
 
 def test_an_entry_without_its_objects_or_with_others_is_refused(

@@ -12,7 +12,7 @@ from xden1k.codec import to_planes
 from xden1k.shards import Row
 from xden1k.types import FIELD_SIZE
 from xden1k.withheld import ANSWER_COLUMNS
-from xden_bench.reference import Reference
+from xden_bench.reference import BY_ORGANISER, Reference
 from xden_bench.sealed.container import SealedTruth
 
 __all__ = ["InputsReference", "SealedReference"]
@@ -33,7 +33,7 @@ class SealedReference(Reference):
     sealed: SealedTruth
 
     can_be_private = True
-    status = "by the organiser"
+    status = BY_ORGANISER
 
     def _row(self, object_id: str, columns: Sequence[str]) -> Row:
         answers = [name for name in columns if name in ANSWER_COLUMNS]
