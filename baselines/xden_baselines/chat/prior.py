@@ -9,12 +9,11 @@ import numpy as np
 import trimesh
 
 from xden1k.errors import DataError
-from xden1k.materials import load_materials
 from xden1k.predictor import Example, Examples
-from xden1k.types import Part
 from xden_baselines.chat.candidates import MAX_CANDIDATES, Candidate, Picture, Range
+from xden_baselines.materials import check_target, density_range_g_cm3, material_of
 
-__all__ = ["PriorProposer", "density_range_g_cm3", "material_of", "plate_thickness_cm"]
+__all__ = ["PriorProposer", "plate_thickness_cm"]
 
 QUARTILES = (0.25, 0.75)
 
@@ -42,11 +41,7 @@ class PriorProposer:
     fallbacks = 0
 
     def __init__(self, train: Examples) -> None:
-        if train.target != "density":
-            raise DataError(
-                "the densities of the material library are true ones: expected the target "
-                f"'density', got {train.target!r}"
-            )
+        check_target(train)
         self._by_category, thicknesses = _survey(train)
         self._overall = sum(self._by_category.values(), Counter[str]())
         if not self._overall:
@@ -63,43 +58,6 @@ class PriorProposer:
         common = _commonest(self._by_category.get(category, Counter()))
         names = dict.fromkeys([*common, *_commonest(self._overall)])
         return tuple(self._candidates[name] for name in list(names)[:MAX_CANDIDATES])
-
-
-def material_of(part: Part) -> str | None:
-    """Return the material of a part, or its family; None where it is unknown or a gas."""
-    if not part.material or density_range_g_cm3(part.material)[0] < GAS_G_CM3:
-        return None
-    return part.material
-
-
-GAS_G_CM3 = 0.005
-"""Nothing solid or liquid is lighter."""
-
-
-def density_range_g_cm3(material: str) -> Range:
-    """Return the library's range for a material, or that of all of a family.
-
-    Raises
-    ------
-    DataError
-        If the library has neither.
-
-    Examples
-    --------
-    >>> density_range_g_cm3("steel"), density_range_g_cm3("wood")
-    ((7.75, 7.9), (0.1, 1.0))
-    """
-    library = load_materials()
-    if material in library:
-        known = [library[material]]
-    else:
-        known = [each for each in library.values() if each.family == material]
-    if not known:
-        raise DataError(f"the material library has no {material!r}")
-    low, high = zip(
-        *((each.density_low_g_cm3, each.density_high_g_cm3) for each in known), strict=True
-    )
-    return min(low), max(high)
 
 
 def plate_thickness_cm(mesh: trimesh.Trimesh) -> float:

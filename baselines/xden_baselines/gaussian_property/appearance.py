@@ -17,9 +17,9 @@ from scipy.cluster.vq import kmeans2
 from xden1k.errors import DataError
 from xden1k.predictor import Example, Examples
 from xden_baselines.chat.candidates import Picture
-from xden_baselines.chat.prior import material_of
 from xden_baselines.gaussian_property.library import ClosedList
 from xden_baselines.gaussian_property.regions import Segmentation, kept_regions, part_numbers
+from xden_baselines.materials import material_of
 from xden_baselines.views.pictures import Pictures
 
 __all__ = ["LOOKS", "Centroids", "fit_centroids", "looks"]

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from xden1k.errors import DataError
 from xden1k.predictor import Examples
-from xden_baselines.chat.prior import density_range_g_cm3, material_of
+from xden_baselines.materials import check_target, density_range_g_cm3, material_of
 
 __all__ = ["ClosedList", "closed_list"]
 
@@ -70,11 +70,7 @@ def closed_list(train: Examples) -> ClosedList:
     DataError
         If the targets are no true densities, which the library's are, or no material is known.
     """
-    if train.target != "density":
-        raise DataError(
-            "the densities of the material library are true ones: expected the target "
-            f"'density', got {train.target!r}"
-        )
+    check_target(train)
     counts: Counter[str] = Counter()
     for example in train:
         counts.update({name for part in example.truth.parts if (name := material_of(part))})
