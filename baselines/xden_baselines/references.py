@@ -20,7 +20,7 @@ from xden1k.arrays import Grid
 from xden1k.errors import DataError
 from xden1k.materials import families, load_materials
 from xden1k.modality import Modality
-from xden1k.predictor import Examples, Prediction, SampleView
+from xden1k.predictor import Example, Examples, Prediction, SampleView
 from xden1k.rays import path_lengths
 from xden1k.views import XRayView
 from xden_baselines.geometry import nearest_filled, voxel_centres_cm
@@ -35,7 +35,11 @@ __all__ = [
     "shadow_lac_per_cm",
 ]
 
-CONSTANT_NAME = "constant.json"
+LAW_NAME = "law.json"
+FAINTEST_PER_CM = 1e-3
+"""Of foam with 0.006 g/cm³. Noise can make a shadow's sum less than nothing."""
+TOLD_APART = 1.1
+"""Training objects whose attenuation differs by less than this factor tell no exponent."""
 SUBRAYS = 2
 VAGUE = "the median of a family stands for its members"
 
@@ -130,7 +134,10 @@ def _nominal_g_cm3(label: str) -> float:
 
 
 class _Calibrated(ABC):
-    """A map of attenuation, times one constant: the median over the training objects."""
+    """A map of attenuation, turned into density by a power law fitted on the training objects.
+
+    Metals attenuate more per gram than plastics, so that one factor would be wrong for both.
+    """
 
     name: str
     version = "1"
@@ -139,36 +146,49 @@ class _Calibrated(ABC):
     external_data = False
 
     def __init__(self) -> None:
-        self._g_cm2 = math.nan
+        self._factor = self._exponent = math.nan
 
     @property
     def notes(self) -> str:
-        """The constant."""
-        return f"density / attenuation {self._g_cm2:.4g} g/cm²"
+        """The law."""
+        return f"density = {self._factor:.3g} · attenuation^{self._exponent:.3g}, g/cm³ of 1/cm"
 
     def fit(self, train: Examples, *, seed: int) -> None:
-        """Find the constant that gives half of the training objects too much mass."""
-        self._g_cm2 = median(
-            float(one.density_g_cm3.sum(dtype=np.float64) / self._lac(one.sample).sum())
-            for one in train
-        )
+        """Fit the logarithms of the objects' mean density and attenuation, by least squares."""
+        means = [_log_means(one, self._lac(one.sample)) for one in train]
+        (lac, density), centre = np.array(means).T, np.mean(means, axis=0)
+        # alike objects tell a factor only
+        is_told = np.ptp(lac) > math.log(TOLD_APART)
+        slope = np.polyfit(lac - centre[0], density - centre[1], 1)[0] if is_told else 1.0
+        self._exponent = float(slope)
+        self._factor = math.exp(centre[1] - self._exponent * centre[0])
 
     def predict(self, sample: SampleView) -> Grid:
-        """Predict the attenuation times the constant."""
-        density: Grid = np.float32(self._g_cm2) * self._lac(sample)
-        return density
+        """Predict by the law, in the envelope."""
+        lac = self._lac(sample).clip(0, None)
+        density: Grid = np.float32(self._factor) * lac ** np.float32(self._exponent)
+        return np.asarray(density * sample.envelope)
 
     def save(self, folder: Path) -> None:
-        """Write the constant."""
-        (folder / CONSTANT_NAME).write_text(json.dumps({"g_cm2": self._g_cm2}))
+        """Write the law."""
+        law = {"factor": self._factor, "exponent": self._exponent}
+        (folder / LAW_NAME).write_text(json.dumps(law))
 
     def load(self, folder: Path) -> None:
-        """Read the constant."""
-        self._g_cm2 = float(json.loads((folder / CONSTANT_NAME).read_text())["g_cm2"])
+        """Read the law."""
+        law = json.loads((folder / LAW_NAME).read_text())
+        self._factor, self._exponent = float(law["factor"]), float(law["exponent"])
 
     @abstractmethod
     def _lac(self, sample: SampleView) -> Grid:
-        """Voxel means of the attenuation, 1/cm, 0 outside the envelope."""
+        """Attenuation of what is in each voxel, 1/cm; its share of the voxel not yet counted."""
+
+
+def _log_means(one: Example, lac_per_cm: Grid) -> tuple[float, float]:
+    """Logarithms of an object's mean attenuation and mean density inside the outer surface."""
+    weight = one.sample.envelope.astype(np.float64)
+    lac, density = ((weight * lac_per_cm).sum(), one.density_g_cm3.sum(dtype=np.float64))
+    return math.log(max(lac / weight.sum(), FAINTEST_PER_CM)), math.log(density / weight.sum())
 
 
 class XrayUniform(_Calibrated):
@@ -178,8 +198,7 @@ class XrayUniform(_Calibrated):
 
     def _lac(self, sample: SampleView) -> Grid:
         mean = fmean(shadow_lac_per_cm(sample, view) for view in sample.views)
-        lac: Grid = np.float32(mean) * sample.envelope
-        return lac
+        return np.full_like(sample.envelope, mean)
 
 
 class XrayMean(_Calibrated):
@@ -188,7 +207,7 @@ class XrayMean(_Calibrated):
     name = "xray-mean"
 
     def _lac(self, sample: SampleView) -> Grid:
-        lac: Grid = back_projected_lac_per_cm(sample).mean(axis=0) * sample.envelope
+        lac: Grid = back_projected_lac_per_cm(sample).mean(axis=0)
         return lac
 
 
