@@ -106,6 +106,7 @@ def test_a_row_is_made_again_to_the_bit_by_its_printed_command(
     reference: Reference, tmp_path: Path
 ) -> None:
     command = "xden-bench baseline train-median --seed 3 --out elsewhere/x.npz --root nowhere"
+    command += " --save elsewhere/fit"
     files = [tmp_path / name for name in ("a.npz", "b.npz")]
     for path in files:
         meta = run_again(command, reference.folder, path)

@@ -88,7 +88,7 @@ def run_again(command: str, folder: DatasetFolder, out: Path) -> SubmissionMeta:
     """Run a method by the printed command of its row.
 
     The command is parsed as ``xden-bench baseline`` parses it, and no shell sees it; its ``--root``
-    and ``--out`` give way to the arguments.
+    and ``--out`` give way to the arguments, and its ``--save`` is left out: nothing else is written.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def run_again(command: str, folder: DatasetFolder, out: Path) -> SubmissionMeta:
     DataError
         If it is another command, or its options are none, or the method fails on them.
     """
-    asked = parse_command(command, baseline)
+    asked = parse_command(command, baseline) | {"save": None}
     try:
         _check(asked)
     except click.UsageError as err:
