@@ -51,7 +51,13 @@ SHOWN = 10
 @sealed_option
 @key_option
 @protocol_option
-@click.option("--largest", default=5, show_default=True, help="Objects to list for each metric.")
+@click.option(
+    "--largest",
+    type=click.IntRange(min=0),
+    default=5,
+    show_default=True,
+    help="Objects to list for each metric.",
+)
 @json_option
 def compare(a: Path, b: Path, largest: int, as_json: bool, **asked: Any) -> None:
     """Compare two methods on the same objects.
@@ -85,6 +91,7 @@ def compare(a: Path, b: Path, largest: int, as_json: bool, **asked: Any) -> None
 @key_option
 @click.option(
     "--tolerance",
+    type=click.FloatRange(min=0),
     default=1e-5,
     show_default=True,
     help="Relative difference that another machine may make.",

@@ -18,7 +18,11 @@ __all__ = ["speed"]
 @root_option
 @split_option
 @click.option(
-    "--repeats", default=5, show_default=True, help="Runs of each kind; the median holds."
+    "--repeats",
+    type=click.IntRange(min=1),
+    default=5,
+    show_default=True,
+    help="Runs of each kind; the median holds.",
 )
 @json_option
 def speed(

@@ -22,7 +22,13 @@ __all__ = ["serve"]
     help="What the desk keeps: uploads, tickets, audit log.",
 )
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
-@click.option("--port", default=7860, show_default=True, help="Port to listen at.")
+@click.option(
+    "--port",
+    type=click.IntRange(1, 65535),
+    default=7860,
+    show_default=True,
+    help="Port to listen at.",
+)
 @click.option("--settings", type=FILE, help="TOML with the limits of the desk.")
 def serve(
     root: Path | None, results: Path, state: Path, host: str, port: int, settings: Path | None
