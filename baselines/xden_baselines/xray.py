@@ -22,7 +22,8 @@ __all__ = ["OPAQUE", "back_projected_lac_per_cm", "lac_along_rays_per_cm"]
 OPAQUE = 1e-4
 """Transmission below which a pixel tells no more."""
 SHORTEST = 0.5
-"""Ways through the object shorter than this share of a voxel's edge tell nothing of it."""
+"""Ways through the object shorter than this share of a voxel's edge, or of the longest way, tell
+nothing of it."""
 SUBRAYS = 2
 
 
@@ -90,7 +91,8 @@ def lac_along_rays_per_cm(
         )
         for image in (integral * usable, lengths * usable, usable)
     )
-    known = way > SHORTEST * blur_cm * np.maximum(share, 1e-3)
+    shortest = SHORTEST * min(blur_cm, float(way.max()))  # a thin plate has only short ways
+    known = way > shortest * np.maximum(share, 1e-3)
     lac = np.divide(total, way, out=np.full_like(way, np.nan), where=known)
     lac[known] = lac[known].clip(0, None)
     return np.asarray(lac, dtype=np.float32)

@@ -26,6 +26,7 @@ from xden_baselines.references import (
     XrayUniform,
     shadow_lac_per_cm,
 )
+from xden_baselines.xray import back_projected_lac_per_cm
 
 ORACLES = [TrueMassUniform, PartOracle, LabelNominal]
 XRAY = [XrayUniform, XrayMean]
@@ -165,6 +166,15 @@ def test_the_rays_alone_tell_steel_from_plastic(folder: DatasetFolder) -> None:
     columns = np.flatnonzero(middle.any(axis=(1, 2)))
     light, heavy = columns[: len(columns) // 3], columns[-len(columns) // 3 :]
     assert grid[heavy][middle[heavy]].mean() > 1.5 * grid[light][middle[light]].mean()
+
+
+def test_a_plate_thinner_than_half_a_voxel_is_seen_through_its_face(tmp_path: Path) -> None:
+    ruler = (Box("ruler", (-8, -0.05, -2), (8, 0.05, 2), 1.0),)
+    folder = folder_of([box_object("x", ruler, shape=SHAPE)], tmp_path / "d")
+    assert folder.row("x", ["voxel_size_cm"])["voxel_size_cm"] > 0.2
+    sample = SampleView(folder, "x", XrayMean.reads)
+    lac = back_projected_lac_per_cm(sample)[0][sample.envelope > 0]
+    assert np.median(lac) == pytest.approx(APPARENT * PAPER_MAC_CM2_G, rel=0.1)
 
 
 @pytest.mark.parametrize("kind", XRAY)
