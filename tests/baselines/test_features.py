@@ -172,6 +172,7 @@ class Colors:
 
     source = "test"
     stride_px = 1
+    width = 3
 
     def patches(self, picture: np.ndarray, mask: np.ndarray, pixels: np.ndarray) -> np.ndarray:
         return picture[pixels[:, 0], pixels[:, 1]].astype(np.float32)

@@ -62,7 +62,7 @@ PIXELS = np.array([[28, 28], [60, 50], [92, 72], [60, 50], [40, 40]])
 def test_patches_are_encoded_one_row_each(encoder: ClipEncoder) -> None:
     assert isinstance(encoder, PatchEncoder)
     found = encoder.patches(picture(), MASK, PIXELS)
-    assert found.shape == (5, FEATURES)
+    assert found.shape == (5, FEATURES) == (5, encoder.width)
     np.testing.assert_allclose(found[1], found[3], rtol=1e-5)
     assert np.abs(found[0] - found[2]).max() > 1e-4
 

@@ -28,11 +28,13 @@ COLORS = {"handle": BROWN, "head": GREY}
 READS = NeRF2Physics.reads
 
 
-def mallet(object_id: str, split: str, *, size: float = 1.0, head: float = 2.0) -> DensityObject:
+def mallet(
+    object_id: str, split: str, *, size: float = 1.0, head: float = 2.0, shift: float = 0.0
+) -> DensityObject:
     """A wooden handle below a steel head."""
 
     def corner(*values: float) -> tuple[float, float, float]:
-        return tuple(size * value for value in values)
+        return tuple(size * value + shift for value in values)
 
     boxes = (
         Box("handle", corner(0, 0, 0), corner(1, 1, 3), 0.7, material="wood_oak"),
@@ -61,6 +63,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> DatasetFolder:
         mallet("mallet-0002", "train", head=1.5),
         mallet("mallet-0003", "test", head=1.8),
         mallet("mallet-0004", "test", head=1.8, size=2.0),
+        mallet("mallet-0005", "test", head=1.8, shift=7.0),
     ]
     write_folder(objects, root, version="0.1.0", builder="tests")
     return open_folder(root)
@@ -185,6 +188,36 @@ def test_an_object_twice_as_large_has_the_same_density_and_eight_times_the_mass(
     difference = np.abs(small.density_g_cm3 - large.density_g_cm3)
     assert difference.mean() < 1e-3 * small.density_g_cm3.mean()
     assert large.mass_native_g == pytest.approx(8 * small.mass_native_g, rel=1e-3)
+
+
+def test_where_an_object_stands_does_not_matter(folder: DatasetFolder, solid: Any) -> None:
+    here, there = (solid.predict(sample(folder, f"mallet-000{number}")) for number in (3, 5))
+    difference = np.abs(here.density_g_cm3 - there.density_g_cm3)
+    assert difference.mean() < 1e-3 * here.density_g_cm3.mean()
+
+
+def test_a_model_is_asked_with_a_picture_and_its_fallbacks_are_counted(
+    folder: DatasetFolder,
+) -> None:
+    class Model:
+        """Proposes one material, and says that another did."""
+
+        source = "replay:0123"
+        fallbacks = 3
+
+        def propose(self, object_id: str, category: str, picture: Any) -> tuple[Candidate, ...]:
+            self.asked = object_id, category, picture
+            self.fallbacks += 1
+            return (Candidate("stone", density_g_cm3=(2.0, 3.0), thickness_cm=(1.0, 2.0)),)
+
+    predictor = fitted(folder)
+    predictor._proposer = model = Model()
+    at = sample(folder)
+    found = predictor.predict(at)
+    assert found.fallbacks == 1
+    assert model.asked[:2] == ("mallet-0003", "mallet")
+    np.testing.assert_array_equal(model.asked[2], described(at.pictures))
+    np.testing.assert_allclose(found.density_g_cm3, 2.5 * at.envelope, rtol=1e-6)
 
 
 def test_a_shell_is_the_solid_without_its_inside(folder: DatasetFolder, solid: Any) -> None:

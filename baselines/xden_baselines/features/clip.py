@@ -62,6 +62,7 @@ class ClipEncoder:
         except (OSError, ValueError) as err:
             raise DataError(f"{folder}: no CLIP of transformers: {err}") from err
         self._model = model.eval().to(device)
+        self.width: int = model.config.projection_dim
         self._device, self._batch, self.stride_px = device, batch, stride_px
         self.source = f"CLIP {folder.name} {weights_sha256(folder)[:12]}"
         self._norm = torch.tensor([CLIP_MEAN, CLIP_DEVIATION], device=device)[..., None, None]

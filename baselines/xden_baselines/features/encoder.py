@@ -24,6 +24,11 @@ class PatchEncoder(Protocol):
         ...
 
     @property
+    def width(self) -> int:
+        """How many features there are."""
+        ...
+
+    @property
     def stride_px(self) -> int:
         """Patches are centred on every so many pixels only; those between share one."""
         ...

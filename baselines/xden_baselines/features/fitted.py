@@ -58,6 +58,7 @@ class FittedEncoder:
 
     source = "fitted encoder"
     stride_px = 2
+    width = NAME_FEATURES
 
     def patches(
         self,

@@ -34,7 +34,7 @@ def fused_features(
         How many views see each point.
     """
     views = np.zeros(len(points_cm), dtype=np.int64)
-    total = np.zeros((len(points_cm), encoder.texts(["steel"]).shape[1]))
+    total = np.zeros((len(points_cm), encoder.width))
     for view in range(len(pictures)):
         seen, pixels = visible(
             points_cm, pictures, view, tolerance_cm=tolerance_cm, margin_px=PATCH_PX // 2
