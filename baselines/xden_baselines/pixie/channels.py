@@ -82,7 +82,7 @@ def channels(sample: SampleView) -> Channels:
     if Modality.XRAY in sample.reads:
         lac = back_projected_lac_per_cm(sample).clip(FAINTEST_PER_CM, None)
         found.append(np.log10(lac))
-    return (np.concatenate(found) * inside).astype(np.float32, copy=False)
+    return np.asarray(np.concatenate(found) * inside)
 
 
 def _geometry(sample: SampleView, inside: Bool[np.ndarray, "x y z"]) -> Channels:
@@ -99,7 +99,7 @@ def _normals(depth: Grid, inside: Bool[np.ndarray, "x y z"]) -> Channels:
     signed = depth - ndimage.distance_transform_edt(~inside) / FIELD_SIZE
     slope = -np.stack(np.gradient(ndimage.gaussian_filter(signed, 1.0)))
     length = np.linalg.norm(slope, axis=0)
-    return (slope / length.clip(1e-3 / FIELD_SIZE, None)).astype(np.float32)
+    return np.asarray(slope / length.clip(1e-3 / FIELD_SIZE, None), dtype=np.float32)
 
 
 def _colours(sample: SampleView) -> Channels:

@@ -21,7 +21,8 @@ STRIDE = 8
 """How much coarser the coarsest level of either network is than its input."""
 GROUPS = 8
 
-Volume = Float[Tensor, "batch channels x y z"]
+Volume = Float[Tensor, "batch inputs x y z"]
+Answer = Float[Tensor, "batch outputs x y z"]
 
 
 def backbone(size: Size, inputs: int, outputs: int) -> nn.Module:
@@ -58,7 +59,7 @@ class Residual(nn.Module):
         same = inputs == outputs
         self.shortcut = nn.Identity() if same else nn.Conv3d(inputs, outputs, 1)
 
-    def forward(self, volume: Volume) -> Volume:
+    def forward(self, volume: Volume) -> Answer:
         """Give the same grid with other channels."""
         out: Tensor = self.shortcut(volume) + self.body(volume)
         return out
@@ -91,7 +92,7 @@ class CpuNet(nn.Module):
             nn.Conv3d(8 + inputs, 16, 1), nn.SiLU(), _zeroed(nn.Conv3d(16, outputs, 1))
         )
 
-    def forward(self, volume: Volume) -> Volume:
+    def forward(self, volume: Volume) -> Answer:
         """Give one channel for each output."""
         finest = self.down_blocks[0](self.stem(volume))
         levels = [finest]
@@ -142,7 +143,7 @@ class FullNet(nn.Module):
             _zeroed(nn.Conv3d(base, outputs, 3, padding=1)),
         )
 
-    def forward(self, volume: Volume) -> Volume:
+    def forward(self, volume: Volume) -> Answer:
         """Give one channel for each output."""
         out = self.stem(self.projector(volume))
         skips = [out]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 import torch
@@ -49,7 +48,7 @@ class LogScale:
             raise DataError(f"log10 densities must rise, got {self.low} and {self.high}")
 
     @classmethod
-    def of(cls, densities_g_cm3: Float[np.ndarray, "values"]) -> Self:
+    def of(cls, densities_g_cm3: Float[np.ndarray, "values"]) -> LogScale:
         """Percentiles 1 and 99 of positive densities, at least a tenth of a decade apart."""
         low, high = np.percentile(np.log10(densities_g_cm3), (1, 99))
         spread = max(0.0, NARROWEST - (high - low)) / 2

@@ -104,7 +104,7 @@ def stored(example: Example, resolution: int) -> Stored:
     )
 
 
-def at_resolution(values: Channels, resolution: int) -> Channels:
+def at_resolution(values: Channels, resolution: int) -> Float32[np.ndarray, "channels u v w"]:
     """Average channels over what each coarser voxel holds of the envelope; 0 in the air."""
     envelope = values[ENVELOPE]
     weight = pooled(envelope, resolution)

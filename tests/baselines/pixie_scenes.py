@@ -1,0 +1,82 @@
+"""Small objects and pictures for the tests of the trained networks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.phantoms import BAR, CUBE, HOLLOW, Box, box_object
+from xden1k.folder import DatasetFolder, open_folder, write_folder
+from xden1k.modality import Modality
+from xden1k.samples import Examples, SampleView
+from xden1k.types import DensityObject
+from xden_baselines.pixie.store import Stored, stored
+from xden_baselines.views.cameras import Rig
+from xden_baselines.views.pictures import Pictures
+from xden_baselines.views.source import RenderedPhantoms
+
+SMALL = RenderedPhantoms(Rig(elevations_deg=(-40.0, 35.0), per_ring=4, size_px=64))
+"""Eight small pictures."""
+COLORS = {"plastic": (0.9, 0.2, 0.1), "steel": (0.5, 0.5, 0.6)}
+TINY = {"resolution": 16, "epochs": 2, "batch": 2}
+"""Settings of a fit that takes a second."""
+
+
+def colored(object_id: str, boxes: Sequence[Box], **rest: Any) -> DensityObject:
+    """An object whose parts have the colours of their names, in radiographs of 48 x 48 pixels."""
+    obj = box_object(object_id, boxes, shape=(48, 48), **rest)
+    parts = [replace(part, color_rgb=COLORS.get(part.name, (0.7, 0.7, 0.7))) for part in obj.parts]
+    return replace(obj, parts=tuple(parts))
+
+
+def dataset(root: Path) -> DatasetFolder:
+    """Four objects to learn from and two to predict."""
+    objects = [
+        colored("bar-0001", BAR, split="train", category="bar"),
+        colored("bar-0002", BAR, split="train", category="bar"),
+        colored("bar-0003", BAR, split="test", category="bar"),
+        colored("cube-0001", CUBE, split="train", category="cube"),
+        colored("hollow-0001", HOLLOW, split="train", category="mug"),
+        colored("hollow-0002", HOLLOW, split="test", category="mug"),
+    ]
+    write_folder(objects, root, version="0.1.0", builder="tests")
+    return open_folder(root)
+
+
+def sample(folder: DatasetFolder, object_id: str, reads: Modality) -> SampleView:
+    return SampleView(folder, object_id, reads, SMALL)
+
+
+def examples(folder: DatasetFolder, reads: Modality) -> Examples:
+    return Examples(folder, "train", reads, "density", SMALL)
+
+
+def prepared(folder: DatasetFolder, reads: Modality, resolution: int) -> list[Stored]:
+    return [stored(example, resolution) for example in examples(folder, reads)]
+
+
+@dataclass(frozen=True)
+class Altered:
+    """Pictures of a source, changed by a function."""
+
+    change: Any
+    description: str = "altered pictures"
+
+    def __call__(self, folder: DatasetFolder, object_id: str) -> Pictures:
+        return self.change(SMALL(folder, object_id))
+
+
+def altered(folder: DatasetFolder, object_id: str, reads: Modality, change: Any) -> SampleView:
+    return SampleView(folder, object_id, reads, Altered(change))
+
+
+def same_in_black(pictures: Pictures) -> Pictures:
+    return replace(pictures, colors=np.zeros_like(pictures.colors))
+
+
+def backwards(pictures: Pictures) -> Pictures:
+    return pictures.take(range(len(pictures) - 1, -1, -1))
