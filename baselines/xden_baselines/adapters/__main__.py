@@ -141,8 +141,9 @@ def gaussianproperty(
 
 
 @cli.command(
+    "generic_points",
     epilog=f"Example: {PROGRAM} generic_points RUNS --method mine --inputs rgb --unit kg/m3 "
-    "--frame m --root DATA --out mine.npz"
+    "--frame m --root DATA --out mine.npz",
 )
 @unit_option
 @_run_options(None, None, ())

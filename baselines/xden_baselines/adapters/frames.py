@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -83,7 +83,7 @@ class Similarity:
         scale: float,
         rotation: Float[np.ndarray, "3 3"] | None = None,
         translation: Vec3 | None = None,
-    ) -> Self:
+    ) -> Similarity:
         """Put one together: x -> scale · rotation · x + translation."""
         matrix = np.eye(4)
         matrix[:3, :3] = scale * (np.eye(3) if rotation is None else rotation)
@@ -131,7 +131,7 @@ class Frames:
     where: str = "transforms"
 
     @classmethod
-    def read(cls, default: Frame | None, path: Path | None) -> Self:
+    def read(cls, default: Frame | None, path: Path | None) -> Frames:
         """Read the entries from a JSON file, if one is named.
 
         Raises

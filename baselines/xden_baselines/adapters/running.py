@@ -13,7 +13,8 @@ import numpy as np
 
 from xden1k.folder import DatasetFolder
 from xden1k.modality import Modality
-from xden1k.predictions import PredictionsWriter, SubmissionMeta
+from xden1k.predictions import PredictionsWriter, SubmissionMeta, raise_errors
+from xden1k.predictions.meta import parse_meta
 from xden1k.samples import SampleView
 from xden_baselines.adapters.cloud import Cloud
 from xden_baselines.adapters.filling import fill
@@ -139,6 +140,7 @@ def adapt(
         If the run lacks an object, or a file breaks its format, or what it says is in another
         frame, scale or unit.
     """
+    raise_errors(parse_meta(_meta(folder, split, row).to_json())[1])  # now, not after the work
     objects, digest = [], hashlib.sha256()
     with PredictionsWriter(out) as writer:
         for object_id in progress(folder.ids(split)):
@@ -152,12 +154,12 @@ def adapt(
             objects.append(Adapted(object_id, *said))
             _digest(digest, object_id, (cloud.points, cloud.density))
         report = Report(tuple(objects), digest.hexdigest())
-        meta = _meta(folder, split, row, report)
+        meta = _meta(folder, split, row, report.notes(row.adapter))
         writer.finish(meta)
     return meta, report
 
 
-def _meta(folder: DatasetFolder, split: str, row: Row, report: Report) -> SubmissionMeta:
+def _meta(folder: DatasetFolder, split: str, row: Row, notes: str = "") -> SubmissionMeta:
     return SubmissionMeta(
         method=row.method,
         dataset_revision=folder.manifest.version,
@@ -167,7 +169,7 @@ def _meta(folder: DatasetFolder, split: str, row: Row, report: Report) -> Submis
         training_data=row.training_data,
         external_data=True,
         command=row.command,
-        notes=report.notes(row.adapter),
+        notes=notes,
         seconds_per_object=row.seconds_per_object,
         manifest_sha256=folder.manifest_sha256,
     )
