@@ -189,7 +189,7 @@ def _section(rows: Sequence[Entry]) -> str:
     """One table with its title and notes."""
     metrics = [one for one in PRINTED if any(one in row["metrics"] for row in rows)]
     headings = ["rank", "method", *(METRICS[one].heading for one in metrics), "looks at"]
-    headings += ["trained on", "external data", "status", "date"]
+    headings += ["trained on", "external data", "s / object", "status", "date"]
     labels = rank_labels(rows)
     table = [_row(row, label, metrics) for row, label in zip(rows, labels, strict=True)]
     return "\n\n".join(
@@ -253,6 +253,7 @@ def _row(row: Entry, label: str, metrics: Sequence[str]) -> list[str]:
         _plain(", ".join(method["inputs"])) or "nothing",
         _plain(", ".join(method["training_data"])) or "nothing",
         "yes" if method["external_data"] else "no",
+        "" if method["seconds_per_object"] is None else f"{method['seconds_per_object']:.2g}",
         _plain(" ".join([row["status"], row.get("recomputed", {}).get("date", "")]).strip()),
         _plain(row["date"]),
     ]
