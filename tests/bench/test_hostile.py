@@ -14,6 +14,7 @@ from tests.bench.hostile import CASES, LANDMINE, Sound
 from tests.bench.watched import judge_apart
 from tests.phantoms import BAR, box_object
 from xden1k.folder import open_folder, write_folder
+from xden_bench.durable import LOCK_NAME
 from xden_bench.leaderboard import render
 from xden_bench.reference import Reference
 from xden_bench.result import read_entries
@@ -112,7 +113,8 @@ def test_memory_stays_low(verdicts: Mapping[str, dict[str, Any]]) -> None:
 def test_nothing_that_is_refused_is_entered_and_no_trap_goes_off(
     verdicts: Mapping[str, dict[str, Any]], workplace: Path
 ) -> None:
-    files = [path for path in workplace.rglob("*") if path.is_file()]
+    places = (path for path in workplace.rglob("*") if path.name != LOCK_NAME)
+    files = [path for path in places if path.is_file()]
     assert not [path for path in files if path.name == LANDMINE]
     assert {path.suffix for path in files} == {".json", ".parquet"}
     entered = sum(not case.is_refused for case in CASES.values())

@@ -66,7 +66,7 @@ def is_running(pid: int) -> bool:
         return False
 
 
-def wait_until(true: Callable[[], bool], within_s: float = 60) -> None:
+def wait_until(true: Callable[[], bool], within_s: float = 240) -> None:
     end = time.monotonic() + within_s
     while not true():
         assert time.monotonic() < end
