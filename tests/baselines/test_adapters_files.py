@@ -82,11 +82,11 @@ def test_nothing_is_unpickled(tmp_path: Path) -> None:
     np.save(tmp_path / "trap.npy", trap, allow_pickle=True)
     np.savez(tmp_path / "trap.npz", points=trap)
     (tmp_path / "bare.npy").write_bytes(pickle.dumps(Trap()))
-    with pytest.raises(DataError, match="trap.npy: an object array, which would have to be unp"):
+    with pytest.raises(DataError, match=r"trap.npy: an object array, which would have to be unp"):
         read_npy(tmp_path / "trap.npy")
-    with pytest.raises(DataError, match="trap.npz: points: an object array"):
+    with pytest.raises(DataError, match=r"trap.npz: points: an object array"):
         read_npz(tmp_path / "trap.npz", ("points",))
-    with pytest.raises(DataError, match="bare.npy: no .npy array"):
+    with pytest.raises(DataError, match=r"bare.npy: no .npy array"):
         read_npy(tmp_path / "bare.npy")
 
 
@@ -106,10 +106,10 @@ def test_a_damaged_archive_says_so(tmp_path: Path) -> None:
     data = bytearray(path.read_bytes())
     data[2000] ^= 0xFF
     path.write_bytes(data)
-    with pytest.raises(DataError, match="points.npz: expected a readable .npz file: Bad CRC-32"):
+    with pytest.raises(DataError, match=r"points.npz: expected a readable .npz file: Bad CRC-32"):
         read_points(tmp_path, NAME, "kg/m3")
     path.write_bytes(data[:5000])
-    with pytest.raises(DataError, match="points.npz: expected a readable .npz file: File is not"):
+    with pytest.raises(DataError, match=r"points.npz: expected a readable .npz file: File is not"):
         read_points(tmp_path, NAME, "kg/m3")
 
 
@@ -122,7 +122,7 @@ def test_an_encrypted_archive_says_so(tmp_path: Path) -> None:
         at = data.index(mark) + place
         data = data[:at] + b"\x01" + data[at + 1 :]
     path.write_bytes(data)
-    with pytest.raises(DataError, match="closed.npz: packed or encrypted in a way"):
+    with pytest.raises(DataError, match=r"closed.npz: packed or encrypted in a way"):
         read_npz(path, ("points",))
 
 
@@ -266,7 +266,7 @@ def test_what_pixie_lacks_is_named(pixie: Pixie) -> None:
     with pytest.raises(DataError, match="its densities are scaled: name their --ranges"):
         read_pixie(pixie.runs, NAME, pixie.renders, None)
     np.save(folder / "sample_0_mask.npy", np.zeros((64, 64, 64), bool))
-    with pytest.raises(DataError, match="sample_0_mask.npy: the mask is empty"):
+    with pytest.raises(DataError, match=r"sample_0_mask.npy: the mask is empty"):
         read_pixie(pixie.runs, NAME, pixie.renders, span)
     pixie.write(background=np.ones((64, 64, 64), bool))
     with pytest.raises(DataError, match="no voxel of the mask is of another class than backgro"):
@@ -275,10 +275,10 @@ def test_what_pixie_lacks_is_named(pixie: Pixie) -> None:
     with pytest.raises(DataError, match=r"sample_0_pred.npy: shape must be \(11, 64, 64, 64\)"):
         read_pixie(pixie.runs, NAME, pixie.renders, span)
     (folder / "sample_0_pred.npy").unlink()
-    with pytest.raises(DataError, match="expected sample_0_pred.npy or mapped_preds.ply or world"):
+    with pytest.raises(DataError, match=r"expected sample_0_pred.npy or mapped_preds.ply or world"):
         read_pixie(pixie.runs, NAME, pixie.renders, span)
     pixie.write_ply(to_world=Similarity.made(1.0, None, np.array([0.004, 0, 0])))
-    with pytest.raises(DataError, match="mapped_preds.ply: its points are no nodes of the grid"):
+    with pytest.raises(DataError, match=r"mapped_preds.ply: its points are no nodes of the grid"):
         read_pixie(pixie.runs, NAME, pixie.renders, span)
 
 
@@ -286,7 +286,7 @@ def test_a_range_that_is_none_is_named(tmp_path: Path) -> None:
     path = write_json(tmp_path / "r.yaml", {"density_p1": 3.0, "density_p99": 2.0})
     with pytest.raises(DataError, match=r"r.yaml: expected density_p1 < density_p99, got 3.0 and"):
         density_range(path)
-    with pytest.raises(DataError, match="r.yaml: density_p99: expected numbers"):
+    with pytest.raises(DataError, match=r"r.yaml: density_p99: expected numbers"):
         density_range(write_json(path, {"density_p1": 3.0}))
 
 
@@ -328,7 +328,7 @@ def test_what_is_no_similarity_is_refused(matrix: np.ndarray) -> None:
 def test_a_dataparser_that_shears_is_named(tmp_path: Path) -> None:
     shear = [[1, 1, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]
     path = write_json(tmp_path / "d.json", {"transform": shear, "scale": 1.0})
-    with pytest.raises(DataError, match="d.json: expected a rotation"):
+    with pytest.raises(DataError, match=r"d.json: expected a rotation"):
         dataparser(path)
 
 

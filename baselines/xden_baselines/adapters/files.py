@@ -222,4 +222,5 @@ def _array(data: bytes, where: str) -> Array:
 
 
 def _shown(shape: tuple[int | None, ...]) -> str:
-    return "(" + ", ".join("N" if edge is None else str(edge) for edge in shape) + ")"
+    edges = ", ".join("N" if edge is None else str(edge) for edge in shape)
+    return f"({edges},)" if len(shape) == 1 else f"({edges})"
