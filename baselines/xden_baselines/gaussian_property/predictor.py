@@ -60,11 +60,7 @@ class _Voting:
     def __init__(self) -> None:
         self._chat = chat_settings()
         self.external_data = self._chat.mode != "off"
-
-    @property
-    def notes(self) -> str:
-        """Who answered, about what."""
-        return f"{self._voter.source}; {self.masks}; {len(self._materials)} materials"
+        self.notes = ""
 
     @property
     def fingerprint(self) -> str:
@@ -122,6 +118,7 @@ class _Voting:
         self._materials, self._centroids = materials, centroids
         own = LooksVoter(centroids)
         self._voter: Voter = ChatVoter(self._model, materials, own) if self._model else own
+        self.notes = f"{self._voter.source}; {self.masks}; {len(materials)} materials"
 
     @cached_property
     def _model(self) -> ChatModel | None:
