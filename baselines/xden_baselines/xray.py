@@ -12,8 +12,8 @@ from scipy import ndimage
 
 from xden1k.arrays import Image, Points
 from xden1k.errors import DataError
-from xden1k.samples import SampleView
 from xden1k.rays import path_lengths
+from xden1k.samples import SampleView
 from xden1k.views import ViewGeometry, XRayView
 from xden_baselines.geometry import nearest_filled, voxel_centres_cm
 
