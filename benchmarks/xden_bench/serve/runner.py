@@ -102,10 +102,11 @@ class _Process:
 
     def _last_words(self) -> str:
         """Say how it died; what it wrote is for the log, and not for a stranger."""
+        code = None  # that of its own end, not of being killed here
         with suppress(subprocess.TimeoutExpired):
-            self._popen.wait(_END_S)
+            code = self._popen.wait(_END_S)
         self._popen.kill()  # if it lives on, after an answer that is none
-        code = self._popen.wait()
+        self._popen.wait()
         self._stderr.seek(0)
         said = self._stderr.read().decode(errors="replace")[-4000:]
         logger.error("scoring process, exit %s: %s", code, said)
