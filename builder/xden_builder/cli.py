@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 __all__ = ["cli"]
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
+MOST_FLAGGED = 30
+"""Objects whose flags are printed; the report has them all."""
 
 
 @click.group(cls=Group)
@@ -329,9 +331,11 @@ def _echo_report(report: BuildReport, out: Place) -> None:
     from xden_builder.run import REPORT_NAME, work_folder
     from xden_builder.storage import inside
 
-    for outcome in report.outcomes:
-        if outcome.flags:
-            click.echo(f"flagged: {outcome.object_id}: {', '.join(outcome.flags)}")
+    flagged = [outcome for outcome in report.outcomes if outcome.flags]
+    for outcome in flagged[:MOST_FLAGGED]:
+        click.echo(f"flagged: {outcome.object_id}: {', '.join(outcome.flags)}")
+    if len(flagged) > MOST_FLAGGED:
+        click.echo(f"flagged: {len(flagged) - MOST_FLAGGED} more objects, in the report")
     counts = ", ".join(f"{report.count(s)} {s}" for s in ("built", "kept", "failed"))
     click.echo(f"{out}: {counts}; report in {inside(work_folder(out), REPORT_NAME)}")
 
