@@ -15,7 +15,7 @@ import numpy as np
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.modality import Modality
-from xden1k.predictions import PredictionsWriter, SubmissionMeta, Target
+from xden1k.predictions import MAX_TEXT, PredictionsWriter, SubmissionMeta, Target
 from xden1k.predictor import (
     Budget,
     Examples,
@@ -246,7 +246,7 @@ class _Run:
             external_data=self.predictor.external_data,
             target=self.options.target,
             command=self.options.command,
-            notes="; ".join(filter(None, [self.predictor.notes, *self._notes(fit, facts)])),
+            notes=_short([self.predictor.notes, *self._notes(fit, facts)]),
             seconds_per_object=float(f"{fmean(one.seconds for one in facts):.2g}"),
             seed=fit.seed if fit else None,
             manifest_sha256=self.folder.manifest_sha256,
@@ -264,6 +264,12 @@ class _Run:
             yield f"{fallbacks} fallbacks on {sum(one.fallbacks > 0 for one in facts)} objects"
         if devices := sorted({one.device for one in facts} - {"cpu"}):
             yield f"computed on {', '.join(devices)}"
+
+
+def _short(notes: Sequence[str]) -> str:
+    """Join notes; what is over the length that a submission may have is cut off."""
+    text = "; ".join(filter(None, notes))
+    return text if len(text) <= MAX_TEXT else f"{text[: MAX_TEXT - 1]}…"
 
 
 def _counted(texts: Sequence[str]) -> Iterator[str]:

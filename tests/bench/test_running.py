@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,8 @@ from tests.bench.interrupted import Counting, Storing, Talking
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder, exclusive
 from xden1k.modality import Modality
-from xden1k.predictions import open_predictions
-from xden1k.predictor import Budget
+from xden1k.predictions import MAX_TEXT, open_predictions
+from xden1k.predictor import Budget, Prediction, SampleView
 from xden_bench.baseline import find_predictor
 from xden_bench.fits import read_fit
 from xden_bench.partial import LOCK_NAME
@@ -189,6 +190,22 @@ def test_the_file_says_what_the_predictions_said(folder: DatasetFolder, tmp_path
         assert found.meta == report.meta
         for one in found.ids:
             np.testing.assert_allclose(found.read_sd(one), 0.1 * found.read(one), rtol=1e-6)
+
+
+class Wordy(Talking):
+    """Has a long remark on every object, each time another."""
+
+    def predict(self, sample: SampleView) -> Prediction:
+        return replace(super().predict(sample), remark=f"{sample.object_id}: " + 300 * "x")
+
+
+def test_remarks_too_long_for_the_file_do_not_cost_the_run(
+    folder: DatasetFolder, tmp_path: Path
+) -> None:
+    notes = run_predictor(Wordy(), folder, "test", tmp_path / "out.npz").meta.notes
+    assert len(notes) == MAX_TEXT
+    with open_predictions(tmp_path / "out.npz") as found:
+        assert not found.problems
 
 
 class Album:

@@ -13,13 +13,14 @@ method expects, in the same units. Baselines write it and the benchmark reads it
 strangers, so the reader trusts nothing in them.
 """
 
-from xden1k.predictions.meta import SCHEMA, SubmissionMeta, Target, Units
+from xden1k.predictions.meta import MAX_TEXT, SCHEMA, SubmissionMeta, Target, Units
 from xden1k.predictions.problems import CODES, Problem, listed, raise_errors
 from xden1k.predictions.reader import Predictions, open_predictions
 from xden1k.predictions.writer import PredictionsWriter, write_predictions
 
 __all__ = [
     "CODES",
+    "MAX_TEXT",
     "SCHEMA",
     "Predictions",
     "PredictionsWriter",

@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 from xden1k.modality import INPUTS, Modality, Track, track_of
 from xden1k.predictions.problems import Problem
 
-__all__ = ["SCHEMA", "SubmissionMeta", "Target", "Units", "parse_meta"]
+__all__ = ["MAX_TEXT", "SCHEMA", "SubmissionMeta", "Target", "Units", "parse_meta"]
 
 SCHEMA = "xden-submission/1"
 """The only schema there is."""
