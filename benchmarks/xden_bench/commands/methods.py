@@ -88,7 +88,8 @@ def run_again(command: str, folder: DatasetFolder, out: Path) -> SubmissionMeta:
     """Run a method by the printed command of its row.
 
     The command is parsed as ``xden-bench baseline`` parses it, and no shell sees it; its ``--root``
-    and ``--out`` give way to the arguments, and its ``--save`` is left out: nothing else is written.
+    and ``--out`` give way to the arguments, and its ``--save`` is left out, so that nothing else
+    is written.
 
     Parameters
     ----------
