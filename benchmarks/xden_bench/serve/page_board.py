@@ -24,6 +24,7 @@ READING: Final = (
     "simulated objects, never on a scanner. The menu ⋮ of a heading sorts; click on a row to see "
     "how it was made."
 )
+NOTHING: Final = "No entries yet. The first one can be sent on the page *Submit*."
 ASK: Final = "# click on a row of the table"
 
 
@@ -48,15 +49,17 @@ def board_page(
         table = gr.Dropdown(label="Table", info="source, split, target, dataset, protocol", scale=2)
         track = gr.Dropdown(label="Track", info="what a method may look at")
         metric = gr.Dropdown(label="Metric", info="sorts the table, fills the chart")
-    gr.Markdown(READING, elem_classes="note")
-    grid = gr.Dataframe(elem_id="board", show_label=False, **GRID)
-    chart = gr.Image(elem_id="chart", **PICTURE)
-    made = gr.Code(ASK, label="How the row is remade", language="shell", elem_id="made")
-    facts = gr.Dataframe(
-        elem_id="facts", headers=["of the row", ""], show_label=False, wrap=True, **GRID
-    )
-    by_category = gr.Dataframe(label="By category", elem_id="by_category", **GRID)
-    by_size = gr.Dataframe(label="By size of the object", elem_id="by_size", **GRID)
+    nothing = gr.Markdown(NOTHING, visible=False)
+    with gr.Column() as shown:
+        gr.Markdown(READING, elem_classes="note")
+        grid = gr.Dataframe(elem_id="board", show_label=False, **GRID)
+        chart = gr.Image(elem_id="chart", **PICTURE)
+        made = gr.Code(ASK, label="How the row is remade", language="shell", elem_id="made")
+        facts = gr.Dataframe(
+            elem_id="facts", headers=["of the row", ""], show_label=False, wrap=True, **GRID
+        )
+        by_category = gr.Dataframe(label="By category", elem_id="by_category", **GRID)
+        by_size = gr.Dataframe(label="By size of the object", elem_id="by_size", **GRID)
 
     @told
     def fill(title: str | None, name: str | None, chosen: str | None) -> list[Any]:
@@ -66,7 +69,8 @@ def board_page(
         names, name = offer([(f"{one}: {TRACK_TITLES[one]}", one) for one in tracks], name)
         rows = tracks.get(name, ())
         metrics, chosen = offer(board.metric_choices(rows) if rows else [], chosen)
-        heads = [titles, names, metrics]
+        heads = [titles, names, metrics, gr.update(visible=bool(rows))]
+        heads.append(gr.update(visible=not rows))
         if not rows:
             return [*heads, frame([], []), None, frame([], []), frame([], [])]
         ordered = board.best_first(rows, chosen)
@@ -86,7 +90,7 @@ def board_page(
         return [ASK, []] if row is None else [board.how_made(row, results), board.facts(row)]
 
     inputs = [table, track, metric]
-    outputs = [*inputs, grid, chart, by_category, by_size]
+    outputs = [*inputs, shown, nothing, grid, chart, by_category, by_size]
     gr.on([one.input for one in inputs], fill, inputs, outputs, **PRIVATE)
     grid.select(pick, [table, track], [made, facts], **PRIVATE)
     return fill, inputs, outputs
