@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+from contextlib import redirect_stdout
 from pathlib import Path
 
 from safetensors import SafetensorError
@@ -30,7 +32,8 @@ def load_model(folder: Path, reads: Modality) -> VoxelModel:
     if missing := [name for name in FILES if not (folder / name).is_file()]:
         raise DataError(f"{folder}: no checkpoint there, {' and '.join(missing)} missing")
     try:
-        model = VoxelModel.from_pretrained(folder, map_location="cpu", strict=True)
+        with redirect_stdout(io.StringIO()):  # the Hub's mixin tells whence it loads
+            model = VoxelModel.from_pretrained(folder, map_location="cpu", strict=True)
     except (SafetensorError, RuntimeError, TypeError, ValueError) as err:
         raise DataError(f"{folder}: the checkpoint cannot be read: {err}") from err
     if model.channels != channel_names(reads):
