@@ -186,18 +186,22 @@ def test_the_checksum_is_that_of_the_file(tmp_path: Path) -> None:
         np.testing.assert_array_equal(predictions.read("mug-1"), GRID)
 
 
-printable = st.text(st.characters(codec="utf-8"), min_size=1, max_size=80).filter(
-    lambda text: text.isprintable() and bool(text.strip())
-)
+def lines(codec: str) -> st.SearchStrategy[str]:
+    return st.text(st.characters(codec=codec), min_size=1, max_size=80).filter(
+        lambda text: text.isprintable() and bool(text.strip())
+    )
+
+
+names, printable = lines("ascii"), lines("utf-8")
 
 
 @given(
     st.fixed_dictionaries(
         {
-            "method": printable,
-            "dataset_revision": printable,
-            "config": printable,
-            "split": printable,
+            "method": names,
+            "dataset_revision": names,
+            "config": names,
+            "split": names,
             "inputs": st.lists(st.sampled_from(INPUTS), unique=True).map(tuple),
             "training_data": st.lists(printable, max_size=3).map(tuple),
             "external_data": st.booleans(),
