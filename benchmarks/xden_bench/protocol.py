@@ -50,6 +50,9 @@ class Protocol:
         By target: a higher value gets the footnote W501.
     max_outside_share
         More of the mass outside the object gets the footnote W503.
+    max_identical_share
+        Of the objects: more that equal the reference are the warning W504. Of homogeneous objects
+        a good method hits a few.
     unranked
         Names of methods that are printed without a rank.
     open_choices
@@ -74,6 +77,7 @@ class Protocol:
     size_edges_cm: Sequence[float]
     max_density_g_cm3: Mapping[str, float]
     max_outside_share: float
+    max_identical_share: float
     unranked: Sequence[str]
     open_choices: Mapping[str, str] = field(default_factory=dict)
 

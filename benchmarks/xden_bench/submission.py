@@ -134,7 +134,8 @@ class Check:
             share = self.protocol.max_outside_share
             message = f"over {share:.0%} of the mass lies outside the object, not scored: "
             yield Problem("W503", None, message + listed(ids))
-        if ids := self._warned.get("W504"):
+        ids = self._warned.get("W504", [])
+        if len(ids) > self.protocol.max_identical_share * len(self.reference.ids):
             yield Problem("W504", None, f"{CODES['W504']}: {listed(ids)}")
 
     def _unit_warnings(self) -> Iterator[Problem]:
