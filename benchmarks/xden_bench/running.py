@@ -28,6 +28,7 @@ from xden1k.predictor import (
 )
 from xden_bench.fits import Fit, fit_or_take_up, load_fit
 from xden_bench.partial import Facts, Kept, PartialRun, code_sha256, folder_sha256, partial_run
+from xden_bench.rebuilt import Rebuilt
 from xden_bench.submission import Progress
 
 __all__ = ["Options", "Report", "run_predictor"]
@@ -247,10 +248,16 @@ class _Run:
             target=self.options.target,
             command=self.options.command,
             notes=_short([self.predictor.notes, *self._notes(fit, facts)]),
-            seconds_per_object=float(f"{fmean(one.seconds for one in facts):.2g}"),
+            seconds_per_object=self._seconds(facts),
             seed=fit.seed if fit else None,
             manifest_sha256=self.folder.manifest_sha256,
         )
+
+    def _seconds(self, facts: Sequence[Facts]) -> float | None:
+        """Time of an object; that of a rebuilt folder was spent elsewhere."""
+        if isinstance(self.predictor, Rebuilt):
+            return None
+        return float(f"{fmean(one.seconds for one in facts):.2g}")
 
     def _notes(self, fit: Fit | None, facts: Sequence[Facts]) -> Iterator[str]:
         """Tell what the run knows and a reader of the row must."""
