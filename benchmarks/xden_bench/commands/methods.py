@@ -171,10 +171,9 @@ def _echo_report(out: Path, report: Report) -> None:
 
     meta = report.meta
     notes = f" ({meta.notes})" if meta.notes else ""
-    click.echo(
-        f"{out}: {meta.method}, track {meta.track}, split {meta.split}, "
-        f"{meta.seconds_per_object:g} s an object{notes}"
-    )
+    seconds = meta.seconds_per_object
+    took = "" if seconds is None else f", {seconds:g} s an object"
+    click.echo(f"{out}: {meta.method}, track {meta.track}, split {meta.split}{took}{notes}")
     if report.continued:
         click.echo(f"continued: {report.continued} objects were predicted before")
     if masses := report.mass_native_g.values():
