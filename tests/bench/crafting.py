@@ -16,7 +16,10 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["CASES", "LANDMINE", "Case", "Sound", "npy", "raw_npy", "zipped"]
+from tests.phantoms import BAR, box_object
+from xden1k.folder import write_folder
+
+__all__ = ["CASES", "LANDMINE", "Case", "Sound", "npy", "raw_npy", "two_bars", "zipped"]
 
 LANDMINE = "xden1k-landmine"
 """The file that every payload here tries to make, in the folder that it is run in."""
@@ -60,6 +63,13 @@ class Trap:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Path.touch, (Path(LANDMINE),)
+
+
+def two_bars(root: Path) -> Path:
+    """Write a dataset of two objects: one for what is wrong, one beside it."""
+    bars = [box_object(name, BAR, split="test", category="bar") for name in ("bar-1", "bar-2")]
+    write_folder(bars, root, version="0.1.0", builder="tests")
+    return root
 
 
 @dataclass(frozen=True)

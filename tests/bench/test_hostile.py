@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.bench.crafting import two_bars
 from tests.bench.hostile import CASES, LANDMINE, Sound
 from tests.bench.watched import judge_apart
-from tests.phantoms import BAR, box_object
-from xden1k.folder import open_folder, write_folder
+from xden1k.folder import open_folder
 from xden_bench.durable import LOCK_NAME
 from xden_bench.leaderboard import render
 from xden_bench.reference import Reference
@@ -25,11 +25,7 @@ MOST_MIB = 500.0
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two objects: one for what is wrong, one beside it."""
-    root = tmp_path_factory.mktemp("hostile") / "dataset"
-    bars = [box_object(name, BAR, split="test", category="bar") for name in ("bar-1", "bar-2")]
-    write_folder(bars, root, version="0.1.0", builder="tests")
-    return root
+    return two_bars(tmp_path_factory.mktemp("hostile") / "dataset")
 
 
 @pytest.fixture(scope="module")

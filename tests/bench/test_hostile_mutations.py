@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.bench.crafting import npy, zipped
+from tests.bench.crafting import npy, two_bars, zipped
 from tests.bench.mutations import mutated
 from tests.bench.watched import fuzz_apart
-from tests.phantoms import BAR, box_object
-from xden1k.folder import open_folder, write_folder
+from xden1k.folder import open_folder
 from xden1k.predictions import CODES
 from xden_bench.protocol import load_protocol
 from xden_bench.reference import Reference
@@ -27,10 +26,7 @@ ALL = 10_000
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    root = tmp_path_factory.mktemp("mutations") / "dataset"
-    bars = [box_object(name, BAR, split="test", category="bar") for name in ("bar-1", "bar-2")]
-    write_folder(bars, root, version="0.1.0", builder="tests")
-    return root
+    return two_bars(tmp_path_factory.mktemp("mutations") / "dataset")
 
 
 @pytest.fixture(scope="module")
