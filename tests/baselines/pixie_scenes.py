@@ -14,6 +14,8 @@ from xden1k.folder import DatasetFolder, open_folder, write_folder
 from xden1k.modality import Modality
 from xden1k.samples import Examples, SampleView
 from xden1k.types import DensityObject
+from xden_baselines.pixie.categories import Categories
+from xden_baselines.pixie.losses import Batch, gathered
 from xden_baselines.pixie.store import Stored, stored
 from xden_baselines.views.cameras import Rig
 from xden_baselines.views.pictures import Pictures
@@ -22,6 +24,11 @@ from xden_baselines.views.source import RenderedPhantoms
 SMALL = RenderedPhantoms(Rig(elevations_deg=(-40.0, 35.0), per_ring=4, size_px=64))
 """Eight small pictures."""
 COLORS = {"plastic": (0.9, 0.2, 0.1), "steel": (0.5, 0.5, 0.6)}
+SWAPPED = (
+    replace(BAR[0], low=BAR[1].low, high=BAR[1].high),
+    replace(BAR[1], low=BAR[0].low, high=BAR[0].high),
+)
+"""The same shape and category: colours and radiographs alone tell which half is of steel."""
 TINY = {"resolution": 16, "epochs": 2, "batch": 2}
 """Settings of a fit that takes a second."""
 
@@ -37,13 +44,20 @@ def dataset(root: Path) -> DatasetFolder:
     """Four objects to learn from and two to predict."""
     objects = [
         colored("bar-0001", BAR, split="train", category="bar"),
-        colored("bar-0002", BAR, split="train", category="bar"),
+        colored("bar-0002", SWAPPED, split="train", category="bar"),
         colored("bar-0003", BAR, split="test", category="bar"),
         colored("cube-0001", CUBE, split="train", category="cube"),
         colored("hollow-0001", HOLLOW, split="train", category="mug"),
         colored("hollow-0002", HOLLOW, split="test", category="mug"),
     ]
     write_folder(objects, root, version="0.1.0", builder="tests")
+    return open_folder(root)
+
+
+def written(root: Path, boxes: tuple[Box, ...]) -> DatasetFolder:
+    """A dataset of one object."""
+    obj = colored("box-0001", boxes, split="train", category="box")
+    write_folder([obj], root, version="0.1.0", builder="tests")
     return open_folder(root)
 
 
@@ -57,6 +71,11 @@ def examples(folder: DatasetFolder, reads: Modality) -> Examples:
 
 def prepared(folder: DatasetFolder, reads: Modality, resolution: int) -> list[Stored]:
     return [stored(example, resolution) for example in examples(folder, reads)]
+
+
+def together(objects: Sequence[Stored], resolution: int) -> Batch:
+    """All objects as one batch, each told of the others of its category."""
+    return gathered(objects, Categories.of(objects)[1], resolution)
 
 
 @dataclass(frozen=True)

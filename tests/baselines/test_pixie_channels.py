@@ -12,20 +12,21 @@ from tests.baselines.pixie_scenes import (
     COLORS,
     altered,
     backwards,
-    colored,
     dataset,
     same_in_black,
     sample,
+    written,
 )
 from tests.phantoms import BAR, Box
 from xden1k.errors import DataError
-from xden1k.folder import DatasetFolder, open_folder, write_folder
+from xden1k.folder import DatasetFolder
 from xden1k.modality import Modality
-from xden_baselines.pixie.channels import MIRRORED, channel_names, channels
+from xden_baselines.pixie.channels import VECTORS, channel_names, channels
 
 SHAPE = Modality.GEOMETRY
 RGB = Modality.GEOMETRY | Modality.RGB
 EVERY = RGB | Modality.XRAY
+BENT = (*BAR, Box("foot", (0, 2, 0), (1, 3, 1)))
 
 
 @pytest.fixture(scope="module")
@@ -36,12 +37,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> DatasetFolder:
 def named(folder: DatasetFolder, object_id: str, reads: Modality) -> dict[str, np.ndarray]:
     found = channels(sample(folder, object_id, reads))
     return dict(zip(channel_names(reads), found, strict=True))
-
-
-def written(root: Path, boxes: tuple[Box, ...]) -> DatasetFolder:
-    obj = colored("box-0001", boxes, split="train", category="box")
-    write_folder([obj], root, version="0.1.0", builder="tests")
-    return open_folder(root)
 
 
 def scaled(boxes: tuple[Box, ...], factor: float) -> tuple[Box, ...]:
@@ -78,12 +73,13 @@ def test_depth_and_normal_of_a_cube_point_at_its_nearest_face(folder: DatasetFol
     assert found["log10_extent"][32, 32, 32] == pytest.approx(np.log10(2 * 1.06))
 
 
-def test_an_object_twice_as_large_differs_in_its_extent_alone(tmp_path: Path) -> None:
+def test_an_object_twice_as_large_differs_in_its_size_alone(tmp_path: Path) -> None:
     one = named(written(tmp_path / "one", BAR), "box-0001", SHAPE)
     two = named(written(tmp_path / "two", scaled(BAR, 2.0)), "box-0001", SHAPE)
     inside = one["envelope"] > 0
     assert np.allclose((two["log10_extent"] - one["log10_extent"])[inside], np.log10(2))
-    for name in set(one) - {"log10_extent"}:
+    assert np.allclose((two["log10_volume"] - one["log10_volume"])[inside], np.log10(8))
+    for name in set(one) - {"log10_extent", "log10_volume"}:
         assert np.allclose(one[name], two[name], atol=1e-6), name
 
 
@@ -101,16 +97,38 @@ def test_an_object_that_moved_is_seen_the_same(tmp_path: Path) -> None:
 
 
 def test_turning_an_axis_round_turns_the_channels_that_are_said_to(tmp_path: Path) -> None:
-    bent = (*BAR, Box("foot", (0, 2, 0), (1, 3, 1)))
     mirror = tuple(
         replace(box, low=(-box.high[0], *box.low[1:]), high=(-box.low[0], *box.high[1:]))
-        for box in bent
+        for box in BENT
     )
-    one = named(written(tmp_path / "one", bent), "box-0001", SHAPE)
+    one = named(written(tmp_path / "one", BENT), "box-0001", SHAPE)
     two = named(written(tmp_path / "two", mirror), "box-0001", SHAPE)
     for name, grid in one.items():
-        sign = -1 if name in MIRRORED[0] else 1
-        assert np.allclose(sign * grid[::-1], two[name], atol=1e-5), name
+        sign = -1 if name in {vector[0] for vector in VECTORS} else 1
+        assert np.allclose(sign * grid[::-1], two[name], atol=1e-4), name
+
+
+def test_own_axes_of_a_box_are_its_edges_longest_first(tmp_path: Path) -> None:
+    found = named(written(tmp_path / "one", (Box("box", (0, 0, 0), (2, 8, 4)),)), "box-0001", SHAPE)
+    inside = found["envelope"] > 0.99
+    # an edge of length L has the deviation L / 12 ** .5: along it the places rise by 12 ** .5 / L
+    size_cm = 8 * 1.06 / 64
+    for name, axis, edge_cm in (("along_1", 1, 8), ("along_2", 2, 4), ("along_3", 0, 2)):
+        both = inside & np.roll(inside, 1, axis)
+        steps = (found[name] - np.roll(found[name], 1, axis))[both]
+        assert np.abs(steps) == pytest.approx(np.sqrt(12) / edge_cm * size_cm, rel=0.02)
+        assert np.average(found[name], weights=found["envelope"]) == pytest.approx(0, abs=1e-4)
+    assert found["log_slimness_2"][inside] == pytest.approx(np.log(4 / 8), abs=0.02)
+    assert found["log_slimness_3"][inside] == pytest.approx(np.log(2 / 8), abs=0.02)
+    assert found["log10_volume"][inside] == pytest.approx(np.log10(64), abs=1e-3)
+
+
+def test_the_first_own_axis_points_to_where_the_object_tails_off(tmp_path: Path) -> None:
+    hammer = (Box("head", (0, 0, 8), (4, 2, 10)), Box("handle", (1.5, 0.5, 0), (2.5, 1.5, 8)))
+    found = named(written(tmp_path / "one", hammer), "box-0001", SHAPE)
+    handle = found["along_1"][:, :, :20][found["envelope"][:, :, :20] > 0.5]
+    assert (handle > 1).all()
+    assert found["skewness_1"].max() > 0.3
 
 
 def test_each_voxel_has_the_colour_of_the_surface_nearest_to_it(folder: DatasetFolder) -> None:

@@ -17,9 +17,13 @@ def one_thread() -> Iterator[None]:
         yield
 
 
+def everywhere(network: torch.nn.Module, volume: torch.Tensor) -> torch.Tensor:
+    return network(volume, torch.ones_like(volume[:, 0], dtype=torch.bool))
+
+
 def test_the_sizes_are_those_the_documentation_names() -> None:
     with torch.device("meta"):
-        assert count_parameters(CpuNet(9, 2)) == 386_090
+        assert count_parameters(CpuNet(43, 2)) == 399_282
         assert count_parameters(FullNet(768, 16)) == 53_438_704
 
 
@@ -27,7 +31,13 @@ def test_the_sizes_are_those_the_documentation_names() -> None:
 @pytest.mark.parametrize("edge", [STRIDE, 3 * STRIDE])
 def test_the_grid_stays_whatever_its_size(network: torch.nn.Module, edge: int) -> None:
     with torch.inference_mode():
-        assert network(torch.ones(2, 5, edge, edge, edge)).shape == (2, 3, edge, edge, edge)
+        assert everywhere(network, torch.ones(2, 5, edge, edge, edge)).shape == (
+            2,
+            3,
+            edge,
+            edge,
+            edge,
+        )
 
 
 @pytest.mark.parametrize("network", [CpuNet(5, 3), FullNet(5, 3, base=8)])
@@ -35,7 +45,8 @@ def test_no_weight_is_idle(network: torch.nn.Module) -> None:
     generator = torch.Generator().manual_seed(0)
     for weight in network.parameters():
         torch.nn.init.normal_(weight, std=0.1, generator=generator)
-    network(torch.randn(2, 5, 16, 16, 16, generator=generator)).square().mean().backward()
+    volume = torch.randn(2, 5, 16, 16, 16, generator=generator)
+    everywhere(network, volume).square().mean().backward()
     idle = [name for name, weight in network.named_parameters() if not weight.grad.abs().max() > 0]
     assert idle == []
 
@@ -43,7 +54,7 @@ def test_no_weight_is_idle(network: torch.nn.Module) -> None:
 @pytest.mark.parametrize("network", [CpuNet(5, 3), FullNet(5, 3, base=8)])
 def test_a_fresh_network_predicts_the_middle_of_the_scale(network: torch.nn.Module) -> None:
     with torch.inference_mode():
-        assert not network(torch.ones(1, 5, 16, 16, 16)).any()
+        assert not everywhere(network, torch.ones(1, 5, 16, 16, 16)).any()
 
 
 def test_far_voxels_reach_each_other_through_the_coarse_levels() -> None:
@@ -52,6 +63,19 @@ def test_far_voxels_reach_each_other_through_the_coarse_levels() -> None:
     for weight in network.parameters():
         torch.nn.init.normal_(weight, std=0.3, generator=generator)
     volume = torch.zeros(1, 1, 32, 32, 32, requires_grad=True)
-    network(volume)[0, 0, 16, 16, 16].backward()
+    everywhere(network, volume)[0, 0, 16, 16, 16].backward()
     assert volume.grad is not None
     assert volume.grad[0, 0, 4, 16, 16] != 0
+
+
+@pytest.mark.parametrize("network", [CpuNet(5, 3), FullNet(5, 3, base=8)])
+def test_the_answer_is_zero_in_the_air(network: torch.nn.Module) -> None:
+    generator = torch.Generator().manual_seed(0)
+    for weight in network.parameters():
+        torch.nn.init.normal_(weight, std=0.1, generator=generator)
+    inside = torch.zeros(1, 16, 16, 16, dtype=torch.bool)
+    inside[:, 3:9] = True
+    with torch.inference_mode():
+        answer = network(torch.ones(1, 5, 16, 16, 16), inside)
+    assert not answer[:, :, ~inside[0]].any()
+    assert answer[:, :, inside[0]].all()

@@ -34,9 +34,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> DatasetFolder:
 
 @pytest.fixture(scope="module")
 def fitted(folder: DatasetFolder) -> dict[type, Predictor]:
-    methods = {kind: kind(**TINY) for kind in EVERY}
+    methods = {kind: kind(**TINY, patience=99) for kind in EVERY}
     for method in methods.values():
-        method.fit(examples(folder, method.reads), seed=0, budget=Budget(epochs=12))
+        method.fit(examples(folder, method.reads), seed=0, budget=Budget(epochs=40))
     return methods
 
 
@@ -97,11 +97,11 @@ def test_the_xray_network_looks_at_either_radiograph(
     folder: DatasetFolder, fitted: dict[type, Predictor], view: int
 ) -> None:
     method = fitted[XRayUNet]
-    one, thin = (sample(folder, "bar-0003", method.reads) for _ in range(2))
+    one, faint = (sample(folder, "bar-0003", method.reads) for _ in range(2))
     views = list(one.views)
-    views[view] = replace(views[view], transmission=np.sqrt(views[view].transmission))
-    thin.__dict__["views"] = tuple(views)  # where a cached property keeps its value
-    found, other = (method.predict(each).density_g_cm3 for each in (one, thin))
+    views[view] = replace(views[view], transmission=np.ones_like(views[view].transmission))
+    faint.__dict__["views"] = tuple(views)  # where a cached property keeps its value
+    found, other = (method.predict(each).density_g_cm3 for each in (one, faint))
     assert np.abs(found - other).max() > 0.01
 
 
@@ -113,11 +113,24 @@ def test_without_a_declared_modality_there_is_no_prediction(
         fitted[kind].predict(sample(folder, "bar-0003", Modality.GEOMETRY))
 
 
+@pytest.mark.parametrize("kind", EVERY)
+def test_another_category_gives_another_prediction(
+    folder: DatasetFolder, fitted: dict[type, Predictor], kind: type
+) -> None:
+    method = fitted[kind]
+    one, other, unheard = (sample(folder, "bar-0003", method.reads) for _ in range(3))
+    other.__dict__["category"], unheard.__dict__["category"] = "mug", "zeppelin"
+    bar, mug, new = (method.predict(each).density_g_cm3 for each in (one, other, unheard))
+    assert np.abs(bar - mug).max() > 0.1
+    assert np.abs(bar - new).max() > 0.01
+    assert np.isfinite(new).all()
+
+
 def test_none_touches_what_it_does_not_declare(
     folder: DatasetFolder, fitted: dict[type, Predictor]
 ) -> None:
     for method in fitted.values():
-        for hidden in ("part_meshes", "labels", "occupancy", "category"):
+        for hidden in ("part_meshes", "labels", "occupancy"):
             one = sample(folder, "bar-0003", method.reads)
             with pytest.raises(ModalityError):
                 getattr(one, hidden)
@@ -128,7 +141,7 @@ def test_the_row_tells_how_the_training_went(fitted: dict[type, Predictor]) -> N
     assert GeometryUNet().notes == ""
     notes = fitted[GeometryUNet].notes
     assert "held-out training objects" in notes
-    assert "U-Net of 0.386 million weights at 16³" in notes
+    assert "U-Net of 0.399 million weights at 16³" in notes
     assert len(notes) < 500
     assert "\n" not in notes
 

@@ -8,18 +8,18 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.baselines.pixie_scenes import dataset, examples, prepared
+from tests.baselines.pixie_scenes import dataset, examples, prepared, together
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.materials import families
 from xden1k.modality import Modality
 from xden_baselines.pixie.channels import ENVELOPE, channels
-from xden_baselines.pixie.losses import density_mae_g_cm3, gathered
+from xden_baselines.pixie.losses import density_mae_g_cm3
 from xden_baselines.pixie.scaling import LogScale
 from xden_baselines.pixie.store import UNKNOWN_FAMILY, at_resolution, pooled
 from xden_bench.metrics import density_mae_g_cm3 as benchmark_mae_g_cm3
 
-GEOMETRY = Modality.GEOMETRY
+GEOMETRY = Modality.GEOMETRY | Modality.CATEGORY
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> DatasetFolder:
 @pytest.mark.parametrize("resolution", [16, 32, 64])
 def test_an_object_unpacks_to_what_it_was(folder: DatasetFolder, resolution: int) -> None:
     objects = prepared(folder, GEOMETRY, resolution)
-    batch = gathered(objects, resolution)
+    batch = together(objects, resolution)
     for index, example in enumerate(examples(folder, GEOMETRY)):
         mass = pooled(example.density_g_cm3, resolution)
         assert np.allclose((batch.mean_g_cm3 * batch.envelope)[index], mass, atol=0.02)
@@ -63,7 +63,7 @@ def test_a_voxel_has_the_family_that_fills_most_of_it(folder: DatasetFolder) -> 
 
 def test_the_error_is_the_benchmarks(folder: DatasetFolder) -> None:
     objects = prepared(folder, GEOMETRY, 64)
-    batch = gathered(objects, 64)
+    batch = together(objects, 64)
     guess = 3.0
     errors = density_mae_g_cm3(torch.full_like(batch.envelope, guess), batch)
     for found, example in zip(errors.tolist(), examples(folder, GEOMETRY), strict=True):

@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from tests.baselines.pixie_scenes import TINY, dataset, prepared
+from tests.baselines.pixie_scenes import TINY, dataset, prepared, together, written
+from tests.phantoms import BAR, Box
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.modality import Modality
 from xden1k.predictor import Budget
 from xden_baselines.pixie import model, training
-from xden_baselines.pixie.channels import channel_names
-from xden_baselines.pixie.losses import gathered, loss, mirrored
-from xden_baselines.pixie.model import Outputs
+from xden_baselines.pixie.categories import Categories
+from xden_baselines.pixie.channels import VECTORS, channel_names
+from xden_baselines.pixie.losses import loss, turned
+from xden_baselines.pixie.model import Outputs, VoxelModel
 from xden_baselines.pixie.networks import FullNet
 from xden_baselines.pixie.scaling import LogScale
 from xden_baselines.pixie.settings import Settings
 from xden_baselines.pixie.store import Stored
 from xden_baselines.pixie.training import FitReport, split_off, train
 
-XRAY = Modality.GEOMETRY | Modality.XRAY
+XRAY = Modality.GEOMETRY | Modality.XRAY | Modality.CATEGORY
 NAMES = channel_names(XRAY)
 
 
@@ -33,6 +36,10 @@ def objects(tmp_path_factory: pytest.TempPathFactory) -> list[Stored]:
     return prepared(folder, XRAY, 16)
 
 
+def fresh_model(objects: list[Stored]) -> VoxelModel:
+    return training._fresh(objects, NAMES, Categories.of(objects)[0], Settings(**TINY))
+
+
 def weights(model: torch.nn.Module) -> dict[str, np.ndarray]:
     return {name: value.numpy().copy() for name, value in model.state_dict().items()}
 
@@ -40,7 +47,7 @@ def weights(model: torch.nn.Module) -> dict[str, np.ndarray]:
 def test_a_network_learns_one_object_by_heart(objects: list[Stored]) -> None:
     bar = objects[0]
     settings = Settings(
-        resolution=16, batch=1, patience=99, mirrored=False, learning_rate=1e-2, epochs=80
+        resolution=16, batch=1, patience=99, turned="none", learning_rate=1e-2, epochs=80
     )
     _, report = train([bar, bar], NAMES, settings, seed=0)
     # 4.5 g/cm³ everywhere is 3.5 off in either half; a voxel's mean counts by the share squared
@@ -57,7 +64,7 @@ def test_the_published_architecture_learns_too(
         return FullNet(inputs, outputs, base=8)
 
     monkeypatch.setattr(model, "backbone", narrow)
-    settings = Settings(size="full", resolution=16, batch=1, mirrored=False, epochs=15)
+    settings = Settings(size="full", resolution=16, batch=1, turned="none", epochs=15)
     _, report = train([objects[0]] * 2, NAMES, settings, seed=0)
     assert report.best_mae_g_cm3 < 0.5 * report.train_median_mae_g_cm3
 
@@ -99,8 +106,8 @@ def test_patience_ends_it_and_the_best_epoch_is_kept(
     errors = iter([3.0, 1.0, 2.0, 2.0, 0.5])
     seen: list[dict[str, np.ndarray]] = []
 
-    def error(model: torch.nn.Module, *_: object) -> float:
-        seen.append(weights(model))
+    def error(school: training._School, *_: object) -> float:
+        seen.append(weights(school.model))
         return next(errors)
 
     monkeypatch.setattr(training, "_error", error)
@@ -149,7 +156,7 @@ def test_held_out_objects_are_not_learned_from(objects: list[Stored]) -> None:
 
 
 def test_radiographs_come_in_as_the_density_they_speak_of(objects: list[Stored]) -> None:
-    fresh = training._fresh(objects, NAMES, Settings(**TINY))
+    fresh = fresh_model(objects)
     lac = NAMES.index("log10_lac_pa")
     # attenuation of the test objects is in proportion to density: 1.25 * 0.17 cm²/g
     for density in (1.0, 4.0):
@@ -158,24 +165,52 @@ def test_radiographs_come_in_as_the_density_they_speak_of(objects: list[Stored])
         assert found == pytest.approx(density, rel=0.35)
 
 
-def test_turning_round_twice_changes_nothing_and_once_keeps_every_target(
-    objects: list[Stored],
+@pytest.mark.parametrize(
+    ("order", "signs"), [([0, 1, 2], [-1, -1, 1]), ([1, 2, 0], [1, -1, -1]), ([2, 1, 0], [1, 1, 1])]
+)
+def test_turning_and_turning_back_changes_nothing_and_once_keeps_every_target(
+    objects: list[Stored], order: list[int], signs: list[int]
 ) -> None:
-    batch = gathered(objects, 16)
-    once = mirrored(batch, NAMES, [0, 1])
-    twice = mirrored(once, NAMES, [0, 1])
+    batch = together(objects, 16)
+    once = turned(batch, NAMES, order, signs)
+    undo = np.argsort(order).tolist()
+    back = turned(once, NAMES, undo, [signs[axis] for axis in undo])
     for name in batch.__slots__:
-        assert torch.equal(getattr(batch, name), getattr(twice, name)), name
-    assert torch.equal(once.mean_g_cm3, batch.mean_g_cm3.flip(1, 2))
-    x = NAMES.index("x")
-    assert torch.equal(once.channels[:, x], -batch.channels[:, x].flip(1, 2))
-    z = NAMES.index("z")
-    assert torch.equal(once.channels[:, z], batch.channels[:, z].flip(1, 2))
+        assert torch.equal(getattr(batch, name), getattr(back, name)), name
+    assert torch.equal(once.mean_g_cm3.sum((1, 2, 3)), batch.mean_g_cm3.sum((1, 2, 3)))
+    # what a channel says of a voxel's place is still so
+    inside = once.inside.double()
+    for axis, name in enumerate(VECTORS[0]):
+        place = once.channels[:, NAMES.index(name)]
+        along = torch.arange(16.0).view([16 if axis == k else 1 for k in range(3)]) - 7.5
+        error = (place * 16 - along).abs() * inside
+        assert error.max() < 0.6, name
+
+
+def test_a_turned_object_is_seen_as_one_that_lies_so(tmp_path: Path) -> None:
+    bent = (*BAR, Box("foot", (0, 2, 0), (1, 3, 1)))
+    lying = tuple(
+        replace(
+            box,
+            low=(-box.high[1], box.low[2], box.low[0]),
+            high=(-box.low[1], box.high[2], box.high[0]),
+        )
+        for box in bent
+    )
+    reads = Modality.GEOMETRY | Modality.CATEGORY
+    one, two = (
+        together(prepared(written(tmp_path / name, boxes), reads, 32), 32)
+        for name, boxes in (("one", bent), ("two", lying))
+    )
+    found = turned(one, channel_names(reads), [1, 2, 0], [-1, 1, 1])
+    assert torch.allclose(found.mean_g_cm3, two.mean_g_cm3, atol=2e-3)
+    for index, name in enumerate(channel_names(reads)):
+        assert torch.allclose(found.channels[:, index], two.channels[:, index], atol=2e-3), name
 
 
 def test_the_truth_has_the_least_loss(objects: list[Stored]) -> None:
-    batch = gathered(objects, 16)
-    fresh = training._fresh(objects, NAMES, Settings(**TINY))
+    batch = together(objects, 16)
+    fresh = fresh_model(objects)
     solid = batch.solid.clamp(1e-4, 1 - 1e-4)
     scaled = fresh.scale.scaled(batch.stuff_g_cm3.clamp(min=1e-4))
     void = torch.logit(1 - solid)
@@ -191,7 +226,7 @@ def test_the_truth_has_the_least_loss(objects: list[Stored]) -> None:
 
 
 def test_the_family_head_learns_only_from_known_families(objects: list[Stored]) -> None:
-    batch = gathered([objects[3]], 16)  # its material is not known
+    batch = together([objects[3]], 16)  # its material is not known
     families = torch.randn(1, 15, 16, 16, 16, requires_grad=True)
     outputs = Outputs(batch.solid, batch.solid, families, batch.mean_g_cm3)
     loss(outputs, batch, LogScale(-1.0, 1.0)).backward()
@@ -212,6 +247,7 @@ def test_an_absent_device_is_a_plain_error(objects: list[Stored]) -> None:
         ({"size": "huge"}, "size must be cpu or full, got 'huge'"),
         ({"resolution": 48}, "resolution must be 16, 32 or 64, got 48"),
         ({"resolution": 8}, "resolution must be 16, 32 or 64, got 8"),
+        ({"turned": "twice"}, "turned must be one of .*'cube'.*, got 'twice'"),
         ({"batch": 0}, "batch must be positive, got 0"),
         ({"held_out": 1.0}, "held_out must lie between 0 and 1"),
     ],

@@ -1,7 +1,8 @@
 """What a network is shown of each voxel.
 
-All channels but ``log10_extent`` are free of scale: they are the same for an object twice as
-large. ``log10_lac`` is so too if the material is the same. None depends on the order of pictures.
+All channels but ``log10_extent`` and ``log10_volume`` are free of scale: they are the same for an
+object twice as large. ``log10_lac`` is so too if the material is the same. None depends on the
+order of pictures, and what is told of the principal axes not on how the object is turned.
 
 Needs the extra ``build``.
 """
@@ -21,7 +22,7 @@ from xden_baselines.geometry import nearest_filled, voxel_centres_cm
 from xden_baselines.views.pictures import Pictures, visible
 from xden_baselines.xray import back_projected_lac_per_cm
 
-__all__ = ["ENVELOPE", "MIRRORED", "Channels", "channel_names", "channels"]
+__all__ = ["ENVELOPE", "VECTORS", "Channels", "channel_names", "channels"]
 
 Channels = Float32[np.ndarray, "channels x y z"]
 
@@ -37,16 +38,27 @@ _GEOMETRY = (
     "normal_x",
     "normal_y",
     "normal_z",
+    "along_1",
+    "along_2",
+    "along_3",
+    "log_slimness_2",
+    "log_slimness_3",
+    "skewness_1",
+    "skewness_2",
+    "skewness_3",
+    "log10_volume",
 )
 _BY_MODALITY = {
     Modality.GEOMETRY: _GEOMETRY,
     Modality.RGB: ("red", "green", "blue", "seen"),
     Modality.XRAY: ("log10_lac_pa", "log10_lac_lat"),
 }
-MIRRORED = (("x", "normal_x"), ("y", "normal_y"), ("z", "normal_z"))
-"""The channels that change sign when an axis is turned round."""
+VECTORS = (("x", "y", "z"), ("normal_x", "normal_y", "normal_z"))
+"""The channels that turn with the object."""
 SKIN = 2.0
 """How deep below the surface a voxel's centre may lie and still be seen, in voxels."""
+THINNEST = 0.05
+"""Least deviation along an axis, in voxels."""
 FAINTEST_PER_CM = 1e-3
 """Attenuation below which nothing is told from air."""
 
@@ -86,12 +98,40 @@ def channels(sample: SampleView) -> Channels:
 
 
 def _geometry(sample: SampleView, inside: Bool[np.ndarray, "x y z"]) -> Channels:
-    """Envelope, depth and place as shares of the cube's edge, size, outward normal."""
+    """Envelope, depth and place as shares of the cube's edge, size, outward normal, own axes."""
     depth = ndimage.distance_transform_edt(inside) / FIELD_SIZE
     place = np.indices(inside.shape) / (FIELD_SIZE - 1) - 0.5
     extent = np.full(inside.shape, np.log10(FIELD_SIZE * sample.voxel_size_cm))
     grids = [sample.envelope[None], depth[None], place, extent[None], _normals(depth, inside)]
+    grids.append(_principal(sample.envelope, sample.voxel_size_cm))
     return np.concatenate(grids).astype(np.float32)
+
+
+def _principal(envelope: Grid, voxel_size_cm: float) -> Channels:
+    """Place along the three principal axes in deviations, longest first, and what sums them up.
+
+    An axis points to where the object tails off. Where it is symmetric, or two axes are as long,
+    the direction says nothing, and is what the arithmetic gives.
+    """
+    place = np.indices(envelope.shape).reshape(3, -1)
+    inside = np.flatnonzero(envelope)
+    weight = envelope.ravel()[inside].astype(np.float64)
+    points = place[:, inside] - np.average(place[:, inside], axis=1, weights=weight)[:, None]
+    variances, axes = np.linalg.eigh(np.cov(points, aweights=weight, bias=True))
+    deviations = np.sqrt(variances[::-1].clip(THINNEST**2, None))
+    along = axes[:, ::-1].T @ points / deviations[:, None]
+    skewness = np.average(along**3, axis=1, weights=weight)
+    told = [
+        *np.log(deviations[1:] / deviations[0]),
+        *np.abs(skewness),
+        np.log10(weight.sum() * voxel_size_cm**3),
+    ]
+    grids = np.zeros((3 + len(told), *envelope.shape), dtype=np.float32)
+    grids.reshape(len(grids), -1)[:, inside] = [
+        *np.where(skewness < 0, -1, 1)[:, None] * along,
+        *np.repeat(np.array(told)[:, None], len(inside), axis=1),
+    ]
+    return grids
 
 
 def _normals(depth: Grid, inside: Bool[np.ndarray, "x y z"]) -> Channels:

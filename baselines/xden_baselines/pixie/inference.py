@@ -17,7 +17,9 @@ from xden_baselines.pixie.training import torch_threads
 __all__ = ["predicted_g_cm3"]
 
 
-def predicted_g_cm3(model: VoxelModel, channels: Channels, threads: int, device: str) -> Grid:
+def predicted_g_cm3(
+    model: VoxelModel, channels: Channels, category: str, threads: int, device: str
+) -> Grid:
     """Density of what is inside the outer surface, on the field grid.
 
     Parameters
@@ -26,6 +28,8 @@ def predicted_g_cm3(model: VoxelModel, channels: Channels, threads: int, device:
         Trained.
     channels
         Shape (channels, 64, 64, 64).
+    category
+        Its name.
     threads, device
         Of torch.
 
@@ -35,10 +39,10 @@ def predicted_g_cm3(model: VoxelModel, channels: Channels, threads: int, device:
         Shape (64, 64, 64) float32; to be multiplied by the envelope's share of each voxel.
     """
     coarse = torch.from_numpy(at_resolution(channels, model.resolution))[None].to(device)
-    inside = (coarse[:, ENVELOPE] > 0).float()
+    inside = coarse[:, ENVELOPE] > 0
     with torch_threads(threads), torch.inference_mode():
-        density = model(coarse, inside).density_g_cm3
-        grid: Grid = _refined(density, inside).cpu().numpy()[0]
+        density = model(coarse, inside, *model.told_of(category)).density_g_cm3
+        grid: Grid = _refined(density, inside.float()).cpu().numpy()[0]
     return grid
 
 

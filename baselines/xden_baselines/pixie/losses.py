@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 from torch.nn import functional
 
-from xden_baselines.pixie.channels import MIRRORED
+from xden_baselines.pixie.categories import Kind
+from xden_baselines.pixie.channels import VECTORS
 from xden_baselines.pixie.model import Outputs
 from xden_baselines.pixie.scaling import LogScale
 from xden_baselines.pixie.store import UNKNOWN_FAMILY, Stored
 
-__all__ = ["DENSITY_WEIGHT", "Batch", "density_mae_g_cm3", "gathered", "loss", "mirrored"]
+__all__ = ["DENSITY_WEIGHT", "Batch", "density_mae_g_cm3", "gathered", "loss", "turned"]
 
-DENSITY_WEIGHT = 0.5
+DENSITY_WEIGHT = 2.0
 """Of the density's absolute error in g/cm³, beside the other terms' 1."""
 FAINTEST_G_CM3 = 1e-4
 
@@ -27,7 +28,7 @@ Voxels = Float[Tensor, "batch x y z"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Batch:
-    """Objects as dense grids, 0 in the air; see :class:`Stored`."""
+    """Objects as dense grids, 0 in the air; see :class:`Stored` and :class:`Kind`."""
 
     channels: Float[Tensor, "batch channels x y z"]
     envelope: Voxels
@@ -35,18 +36,25 @@ class Batch:
     solid: Voxels
     stuff_g_cm3: Voxels
     family: Int64[Tensor, "batch x y z"]
+    category: Int64[Tensor, "batch"]
+    usual: Float[Tensor, "batch told"]
 
     @property
-    def inside(self) -> Voxels:
-        """1 in voxels with a share in the envelope."""
-        return (self.envelope > 0).float()
+    def inside(self) -> Bool[Tensor, "batch x y z"]:
+        """Voxels with a share in the envelope."""
+        return self.envelope > 0
+
+    @property
+    def inputs(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """What a model is called with."""
+        return self.channels, self.inside, self.category, self.usual
 
     def to(self, device: str) -> Batch:
         """Move to a device."""
         return Batch(*(getattr(self, name).to(device) for name in self.__slots__))
 
 
-def gathered(objects: Sequence[Stored], resolution: int) -> Batch:
+def gathered(objects: Sequence[Stored], kinds: Sequence[Kind], resolution: int) -> Batch:
     """Unpack objects into a batch."""
     edge = (resolution,) * 3
 
@@ -64,19 +72,44 @@ def gathered(objects: Sequence[Stored], resolution: int) -> Batch:
         solid=dense([one.solid for one in objects]),
         stuff_g_cm3=dense([one.stuff_g_cm3 for one in objects]),
         family=dense([one.family for one in objects], UNKNOWN_FAMILY).long(),
+        category=torch.tensor([kind.index for kind in kinds]),
+        usual=torch.from_numpy(np.array([kind.usual for kind in kinds])),
     )
 
 
-def mirrored(batch: Batch, names: Sequence[str], axes: Sequence[int]) -> Batch:
-    """Turn axes round, with the directions that the channels hold."""
-    sign = torch.ones(len(names))
-    for axis in axes:
-        for name in MIRRORED[axis]:
-            sign[list(names).index(name)] *= -1
-    turned = {
-        name: getattr(batch, name).flip([axis - 3 for axis in axes]) for name in batch.__slots__
-    }
-    return Batch(**turned | {"channels": turned["channels"] * sign.view(-1, 1, 1, 1)})
+def turned(batch: Batch, names: Sequence[str], order: Sequence[int], signs: Sequence[int]) -> Batch:
+    """Turn the objects, with the directions that the channels hold.
+
+    Parameters
+    ----------
+    batch
+        Objects.
+    names
+        Of their channels.
+    order
+        Which axis becomes the first, the second and the third.
+    signs
+        -1 turns the new axis round, 1 does not.
+    """
+    round_ = [axis - 3 for axis in range(3) if signs[axis] < 0]
+
+    def moved(grid: Tensor) -> Tensor:
+        axes = [*range(grid.ndim - 3), *(axis - 3 for axis in order)]
+        return grid.permute(axes).flip(round_)
+
+    channels = moved(batch.channels)
+    source, factors = list(range(len(names))), torch.ones(len(names))
+    for vector in VECTORS:
+        at = [list(names).index(name) for name in vector]
+        for axis, old in enumerate(order):
+            source[at[axis]] = at[old]
+            factors[at[axis]] = signs[axis]
+    grids = ("envelope", "mean_g_cm3", "solid", "stuff_g_cm3", "family")
+    return replace(
+        batch,
+        channels=channels[:, source] * factors.view(-1, 1, 1, 1),
+        **{name: moved(getattr(batch, name)) for name in grids},
+    )
 
 
 def loss(outputs: Outputs, batch: Batch, scale: LogScale) -> Float[Tensor, ""]:

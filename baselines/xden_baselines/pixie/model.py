@@ -7,13 +7,19 @@ from dataclasses import dataclass
 
 import torch
 from huggingface_hub import PyTorchModelHubMixin
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor, nn
 
+from xden_baselines.pixie.categories import USUAL
 from xden_baselines.pixie.networks import Size, backbone, count_parameters
 from xden_baselines.pixie.scaling import LogScale
 
 __all__ = ["Outputs", "VoxelModel"]
+
+CATEGORY_WIDTH, CATEGORY_DEVIATION = 16, 0.3
+"""Numbers that are learned of each category, and their deviation at the start."""
+SURE = (0.02, 0.98)
+"""The empty share that a category begins with is never surer than this."""
 
 Voxels = Float[Tensor, "batch x y z"]
 
@@ -59,10 +65,13 @@ class VoxelModel(nn.Module, PyTorchModelHubMixin):
         What -1 and 1 stand for.
     families
         Names of the material families; empty for none.
+    categories
+        Names of the categories that it was trained on.
     """
 
     offset: Tensor
     gain: Tensor
+    usual: Tensor
 
     def __init__(
         self,
@@ -72,15 +81,21 @@ class VoxelModel(nn.Module, PyTorchModelHubMixin):
         resolution: int,
         log10_density: Sequence[float],
         families: Sequence[str] = (),
+        categories: Sequence[str] = (),
     ) -> None:
         super().__init__()
         self.channels = tuple(channels)
         self.resolution = resolution
         self.families = tuple(families)
+        self.categories = tuple(categories)
         self.scale = LogScale(*log10_density)
         self.register_buffer("offset", torch.zeros(len(channels)))
         self.register_buffer("gain", torch.ones(len(channels)))
-        self.network = backbone(size, len(channels), 2 + len(families))
+        self.register_buffer("usual", torch.zeros(len(categories) + 1, len(USUAL)))
+        self.embedding = nn.Embedding(len(categories) + 1, CATEGORY_WIDTH)
+        nn.init.normal_(self.embedding.weight, std=CATEGORY_DEVIATION)
+        inputs = len(channels) + len(USUAL) + CATEGORY_WIDTH
+        self.network = backbone(size, inputs, 2 + len(families))
 
     @property
     def summary(self) -> str:
@@ -93,11 +108,42 @@ class VoxelModel(nn.Module, PyTorchModelHubMixin):
         self.offset.copy_(offset)
         self.gain.copy_(gain)
 
-    def forward(self, channels: Float[Tensor, "batch channels x y z"], inside: Voxels) -> Outputs:
-        """Predict; ``inside`` is 1 in voxels with a share in the envelope, 0 in the air."""
+    def told_of(self, category: str) -> tuple[Int64[Tensor, "1"], Float[Tensor, "1 told"]]:
+        """Index of a category and what is usual in it, as :meth:`forward` takes them."""
+        known = category in self.categories
+        index = self.categories.index(category) if known else len(self.categories)
+        return torch.tensor([index], device=self.usual.device), self.usual[[index]]
+
+    def forward(
+        self,
+        channels: Float[Tensor, "batch channels x y z"],
+        inside: Bool[Tensor, "batch x y z"],
+        category: Int64[Tensor, "batch"],
+        usual: Float[Tensor, "batch told"],
+    ) -> Outputs:
+        """Predict, beginning with what is usual in the category.
+
+        Parameters
+        ----------
+        channels
+            See :func:`xden_baselines.pixie.channels.channels`.
+        inside
+            Voxels with a share in the envelope.
+        category
+            Index of each object's category; their number where it is none of them.
+        usual
+            What is told of it: see :data:`xden_baselines.pixie.categories.USUAL`.
+        """
         shape = (-1, 1, 1, 1)
-        seen = (channels - self.offset.view(shape)) * self.gain.view(shape) * inside[:, None]
-        scaled, void, *families = self.network(seen).float().unbind(dim=1)
+        seen = (channels - self.offset.view(shape)) * self.gain.view(shape)
+        told = torch.cat([usual, self.embedding(category)], dim=1)[..., None, None, None]
+        volume = torch.cat([seen, told.expand(-1, -1, *inside.shape[1:])], dim=1)
+        volume = volume * inside[:, None]
+        scaled, void, *families = self.network(volume, inside).float().unbind(dim=1)
+        empty = usual[:, USUAL.index("empty_share")].clamp(*SURE)
+        material = self.scale.scaled_log10(usual[:, USUAL.index("log10_material")])
+        scaled = scaled + material.view(shape)
+        void = void + torch.logit(empty).view(shape)
         return Outputs(
             scaled=scaled,
             void=void,

@@ -1,28 +1,30 @@
 """The 3D networks: one that a CPU trains in minutes, and one of the published size.
 
-Both take any cubic grid whose edge is a multiple of :attr:`STRIDE` and give one channel for each
-output at the same resolution.
+Both take any cubic grid whose edge is a multiple of :attr:`STRIDE`, and where something is inside.
+They give one channel for each output at the same resolution, 0 in the air.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, TypeVar
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 __all__ = ["STRIDE", "CpuNet", "FullNet", "Size", "backbone", "count_parameters"]
 
 Size = Literal["cpu", "full"]
+Layer = TypeVar("Layer", nn.Conv3d, nn.Linear)
 STRIDE = 8
 """How much coarser the coarsest level of either network is than its input."""
 GROUPS = 8
 
 Volume = Float[Tensor, "batch inputs x y z"]
 Answer = Float[Tensor, "batch outputs x y z"]
+Inside = Bool[Tensor, "batch x y z"]
 
 
 def backbone(size: Size, inputs: int, outputs: int) -> nn.Module:
@@ -68,8 +70,9 @@ class Residual(nn.Module):
 class CpuNet(nn.Module):
     """U-Net with 16, 32 and 64 channels that works at half the resolution.
 
-    A 2³ convolution of stride 2 halves the grid, one residual block stands at each level, and the
-    outputs are made at full resolution from the U-Net's features and the inputs themselves.
+    A 2³ convolution of stride 2 halves the grid, and one residual block stands at each level. The
+    outputs are made at full resolution, from the U-Net's features and the inputs themselves, by a
+    perceptron that runs over the voxels inside alone: objects fill a small part of their cube.
 
     Parameters
     ----------
@@ -77,9 +80,17 @@ class CpuNet(nn.Module):
         Channels.
     widths
         Channels of the levels, finest first; multiples of 8.
+    hidden
+        Width of the perceptron.
     """
 
-    def __init__(self, inputs: int, outputs: int, widths: Sequence[int] = (16, 32, 64)) -> None:
+    def __init__(
+        self,
+        inputs: int,
+        outputs: int,
+        widths: Sequence[int] = (16, 32, 64),
+        hidden: int = 64,
+    ) -> None:
         super().__init__()
         steps = list(pairwise(widths))
         self.stem = nn.Conv3d(inputs, widths[0], 2, stride=2)
@@ -87,12 +98,16 @@ class CpuNet(nn.Module):
         self.downs = nn.ModuleList(nn.Conv3d(a, b, 2, stride=2) for a, b in steps)
         self.ups = nn.ModuleList(_up(b, a, 1) for a, b in steps)
         self.up_blocks = nn.ModuleList(Residual(a, a, nn.SiLU()) for a, _ in steps)
-        self.unstem = nn.ConvTranspose3d(widths[0], 8, 2, stride=2)
+        self.unstem = nn.ConvTranspose3d(widths[0], 16, 2, stride=2)
         self.head = nn.Sequential(
-            nn.Conv3d(8 + inputs, 16, 1), nn.SiLU(), _zeroed(nn.Conv3d(16, outputs, 1))
+            nn.Linear(16 + inputs, hidden),
+            nn.SiLU(),
+            nn.Linear(hidden, hidden),
+            nn.SiLU(),
+            _zeroed(nn.Linear(hidden, outputs)),
         )
 
-    def forward(self, volume: Volume) -> Answer:
+    def forward(self, volume: Volume, inside: Inside) -> Answer:
         """Give one channel for each output."""
         finest = self.down_blocks[0](self.stem(volume))
         levels = [finest]
@@ -101,8 +116,11 @@ class CpuNet(nn.Module):
         out = levels.pop()
         for up, block in zip(reversed(self.ups), reversed(self.up_blocks), strict=True):
             out = block(up(out) + levels.pop())
-        answer: Tensor = self.head(torch.cat([self.unstem(out), volume], dim=1))
-        return answer
+        features = torch.cat([self.unstem(out), volume], dim=1).movedim(1, -1)
+        values: Tensor = self.head(features[inside])
+        answer = values.new_zeros(*inside.shape, values.shape[-1])
+        answer[inside] = values
+        return answer.movedim(-1, 1)
 
 
 class FullNet(nn.Module):
@@ -143,7 +161,7 @@ class FullNet(nn.Module):
             _zeroed(nn.Conv3d(base, outputs, 3, padding=1)),
         )
 
-    def forward(self, volume: Volume) -> Answer:
+    def forward(self, volume: Volume, inside: Inside) -> Answer:
         """Give one channel for each output."""
         out = self.stem(self.projector(volume))
         skips = [out]
@@ -153,7 +171,7 @@ class FullNet(nn.Module):
         out = self.middle(out)
         for block in self.up:
             out = block(torch.cat([out, skips.pop()], dim=1))
-        answer: Tensor = self.head(out)
+        answer: Tensor = self.head(out) * inside[:, None]
         return answer
 
 
@@ -226,8 +244,8 @@ def _up(inputs: int, outputs: int, kernel: int) -> nn.Sequential:
     return nn.Sequential(*([convolution, doubled] if kernel == 1 else [doubled, convolution]))
 
 
-def _zeroed(convolution: nn.Conv3d) -> nn.Conv3d:
-    nn.init.zeros_(convolution.weight)
-    assert convolution.bias is not None
-    nn.init.zeros_(convolution.bias)
-    return convolution
+def _zeroed(layer: Layer) -> Layer:
+    nn.init.zeros_(layer.weight)
+    assert layer.bias is not None
+    nn.init.zeros_(layer.bias)
+    return layer

@@ -40,10 +40,10 @@ class _Trained:
         If a setting is out of its range.
     """
 
-    version = "1"
+    version = "2"
     trainable = True
     external_data = False
-    reads = Modality.GEOMETRY
+    reads = Modality.GEOMETRY | Modality.CATEGORY
     default = Settings()
 
     _model: VoxelModel
@@ -83,7 +83,11 @@ class _Trained:
         from xden_baselines.pixie.inference import predicted_g_cm3
 
         density = predicted_g_cm3(
-            self._model, channels(sample), self.settings.threads, self.settings.device
+            self._model,
+            channels(sample),
+            sample.category,
+            self.settings.threads,
+            self.settings.device,
         )
         filled: Grid = density * sample.envelope.astype(np.float32)
         return Prediction(filled, device=self.settings.device)
@@ -110,16 +114,16 @@ class _Trained:
 
 
 class GeometryUNet(_Trained):
-    """3D U-Net on shape alone, trained on the training split: what colours and X-rays add to."""
+    """3D U-Net on shape and category, trained on the training split: others see more."""
 
     name = "geometry-unet"
 
 
 class Pixie(_Trained):
-    """Pixie style: 3D U-Net on shape and the pictures' colours, trained on the training split."""
+    """Pixie style: 3D U-Net on shape, category and colours, trained on the training split."""
 
     name = "pixie"
-    reads = Modality.GEOMETRY | Modality.RGB
+    reads = _Trained.reads | Modality.RGB
 
 
 class PixieFull(Pixie):
@@ -130,7 +134,9 @@ class PixieFull(Pixie):
 
 
 class XRayUNet(_Trained):
-    """3D U-Net on shape and back-projected radiographs, trained on the training split."""
+    """3D U-Net on shape, category and back-projected radiographs, trained on the same split."""
 
     name = "xray-unet"
-    reads = Modality.GEOMETRY | Modality.XRAY
+    reads = _Trained.reads | Modality.XRAY
+    # the rays come along two directions, which must stay those of the radiographs
+    default = Settings(turned="mirrored")

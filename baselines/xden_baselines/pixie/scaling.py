@@ -56,7 +56,11 @@ class LogScale:
 
     def scaled(self, density_g_cm3: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
         """Scale positive densities."""
-        return (density_g_cm3.log10() - self.low) * (2 / (self.high - self.low)) - 1
+        return self.scaled_log10(density_g_cm3.log10())
+
+    def scaled_log10(self, log10_g_cm3: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
+        """Scale densities given by their logarithm."""
+        return (log10_g_cm3 - self.low) * (2 / (self.high - self.low)) - 1
 
     def density_g_cm3(self, scaled: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
         """Undo :meth:`scaled`, after cutting what lies far outside the training split's range."""

@@ -11,7 +11,9 @@ from xden1k.types import FIELD_SIZE
 if TYPE_CHECKING:
     from xden_baselines.pixie.networks import Size
 
-__all__ = ["COARSEST", "Settings"]
+__all__ = ["COARSEST", "TURNS", "Settings"]
+
+TURNS = ("none", "mirrored", "cube")
 
 COARSEST = 16
 """Fewest voxels along an edge that both networks can work with."""
@@ -38,8 +40,9 @@ class Settings:
         from. The dataset's split ``val`` is not touched.
     patience
         Epochs without a better one after which training ends.
-    mirrored
-        Whether x and y are turned round at random.
+    turned
+        How training objects are turned at random: ``none``, ``mirrored`` (x and y turned round) or
+        ``cube`` (any of the 48 ways in which a cube fits into itself).
     threads
         Of torch. Sums are split among them: results are the same only for the same number.
     device
@@ -58,13 +61,15 @@ class Settings:
     learning_rate: float = 3e-3
     held_out: float = 0.1
     patience: int = 10
-    mirrored: bool = True
+    turned: str = "cube"
     threads: int = 1
     device: str = "cpu"
 
     def __post_init__(self) -> None:
         if self.size not in ("cpu", "full"):
             raise DataError(f"size must be cpu or full, got {self.size!r}")
+        if self.turned not in TURNS:
+            raise DataError(f"turned must be one of {TURNS}, got {self.turned!r}")
         if self.resolution < COARSEST or FIELD_SIZE % self.resolution:
             raise DataError(f"resolution must be 16, 32 or 64, got {self.resolution}")
         for name in ("epochs", "batch", "learning_rate", "patience", "threads"):

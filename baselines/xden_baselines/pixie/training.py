@@ -19,8 +19,9 @@ from torch import Tensor
 from xden1k.errors import DataError
 from xden1k.materials import families
 from xden1k.predictor import Budget
+from xden_baselines.pixie.categories import Categories, Kind
 from xden_baselines.pixie.channels import ENVELOPE
-from xden_baselines.pixie.losses import Batch, density_mae_g_cm3, gathered, loss, mirrored
+from xden_baselines.pixie.losses import Batch, density_mae_g_cm3, gathered, loss, turned
 from xden_baselines.pixie.model import VoxelModel
 from xden_baselines.pixie.scaling import LogScale
 from xden_baselines.pixie.settings import Settings
@@ -32,6 +33,11 @@ __all__ = ["FitReport", "check_device", "split_off", "torch_threads", "train"]
 
 LAC_PREFIX = "log10_lac"
 """Channels that are calibrated rather than standardised."""
+UNNAMED_SHARE = 0.05
+"""Of the objects of a step: their category is hidden, so that a new one can be met."""
+
+Lesson = tuple[Stored, Kind]
+"""An object, and what is told of its category."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +153,7 @@ def train(
     settings
         How.
     seed
-        Of the held-out objects, the first weights, the order and the mirroring.
+        Of the held-out objects, the first weights, the order, the turns and the hidden names.
     budget
         When to stop; seconds are those of the loop. None = the epochs of the settings.
 
@@ -168,8 +174,12 @@ def train(
     learned, held_out = split_off(objects, settings.held_out, rng)
     with torch_threads(settings.threads), torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        model = _fresh(learned, names, settings).to(settings.device)
-        curve, best, seconds = _loop(model, learned, held_out, settings, budget, rng)
+        categories, kinds = Categories.of(learned)
+        model = _fresh(learned, names, categories, settings).to(settings.device)
+        lessons = list(zip(learned, kinds, strict=True))
+        exam = [(one, categories.kind(one.category)) for one in held_out]
+        school = _School(model, settings, categories.kinds[-1], rng)
+        curve, best, seconds = _loop(school, lessons, exam, budget)
     median_mae, category_mae = _constants(learned, held_out)
     report = FitReport(
         learned_from=len(learned),
@@ -184,7 +194,9 @@ def train(
     return model.eval(), report
 
 
-def _fresh(objects: Sequence[Stored], names: Sequence[str], settings: Settings) -> VoxelModel:
+def _fresh(
+    objects: Sequence[Stored], names: Sequence[str], categories: Categories, settings: Settings
+) -> VoxelModel:
     """Make a network whose inputs and outputs are scaled to the training objects."""
     stuff = np.concatenate([one.stuff_g_cm3 for one in objects])
     if not (stuff > 0).any():
@@ -196,8 +208,10 @@ def _fresh(objects: Sequence[Stored], names: Sequence[str], settings: Settings) 
         resolution=settings.resolution,
         log10_density=[scale.low, scale.high],
         families=list(families()) if settings.size == "full" else [],
+        categories=list(categories.names),
     )
     model.normalise(*_normalisation(objects, names, scale))
+    model.usual.copy_(torch.from_numpy(categories.table))
     return model
 
 
@@ -229,15 +243,46 @@ def _line(known: Float[np.ndarray, "n"], wanted: Float[np.ndarray, "n"]) -> tupl
     return slope, float(wanted.mean() - slope * known.mean())
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _School:
+    """Who learns, and how."""
+
+    model: VoxelModel
+    settings: Settings
+    unknown: Kind
+    rng: np.random.Generator
+
+    def batch(self, lessons: Sequence[Lesson]) -> Batch:
+        """Gather objects as they are."""
+        objects, kinds = zip(*lessons, strict=True)
+        return gathered(objects, kinds, self.settings.resolution).to(self.settings.device)
+
+    def varied(self, lessons: Sequence[Lesson]) -> Batch:
+        """Gather objects, turned at random, and some without the name of their category."""
+        hidden = self.rng.random(len(lessons)) < UNNAMED_SHARE
+        told = [
+            (one, self.unknown if hide else kind)
+            for (one, kind), hide in zip(lessons, hidden, strict=True)
+        ]
+        order, signs = _turn(self.settings.turned, self.rng)
+        return turned(self.batch(told), self.model.channels, order, signs)
+
+
+def _turn(how: str, rng: np.random.Generator) -> tuple[list[int], list[int]]:
+    """Draw the order of the axes and their signs."""
+    order, signs = [0, 1, 2], [1, 1, 1]
+    if how == "cube":
+        order = rng.permutation(3).tolist()
+    if how != "none":
+        signs = rng.choice([-1, 1], 3).tolist()
+    return order, signs if how == "cube" else [*signs[:2], 1]
+
+
 def _loop(
-    model: VoxelModel,
-    learned: Sequence[Stored],
-    held_out: Sequence[Stored],
-    settings: Settings,
-    budget: Budget | None,
-    rng: np.random.Generator,
+    school: _School, lessons: Sequence[Lesson], exam: Sequence[Lesson], budget: Budget | None
 ) -> tuple[list[float], int, float]:
     """Train until the budget or the patience ends; keep the best epoch's weights."""
+    model, settings = school.model, school.settings
     optimiser = torch.optim.Adam(model.parameters(), lr=settings.learning_rate)
     clock = _Clock(settings, budget)
     curve: list[float] = []
@@ -245,8 +290,8 @@ def _loop(
     while clock.left(len(curve)) and len(curve) - best < settings.patience:
         for group in optimiser.param_groups:
             group["lr"] = settings.learning_rate * clock.rate(len(curve))
-        _epoch(model, optimiser, learned, settings, rng)
-        curve.append(_error(model, held_out, settings))
+        _epoch(school, optimiser, lessons)
+        curve.append(_error(school, exam))
         logger.info("epoch %d: %.4f g/cm³ after %.0f s", len(curve), curve[-1], clock.seconds)
         if len(curve) == 1 or curve[-1] < curve[best - 1]:
             best = len(curve)
@@ -278,45 +323,31 @@ class _Clock:
         return (1 + math.cos(math.pi * min(1.0, max(timed, epochs / self._epochs)))) / 2
 
 
-def _epoch(
-    model: VoxelModel,
-    optimiser: torch.optim.Optimizer,
-    objects: Sequence[Stored],
-    settings: Settings,
-    rng: np.random.Generator,
-) -> None:
-    model.train()
-    order = rng.permutation(len(objects))
-    for start in range(0, len(order), settings.batch):
-        chosen = [objects[index] for index in order[start : start + settings.batch]]
-        batch = gathered(chosen, settings.resolution)
-        if settings.mirrored:
-            batch = mirrored(
-                batch, model.channels, np.flatnonzero(rng.integers(2, size=2)).tolist()
-            )
-        batch = batch.to(settings.device)
+def _epoch(school: _School, optimiser: torch.optim.Optimizer, lessons: Sequence[Lesson]) -> None:
+    model, step = school.model.train(), school.settings.batch
+    order = school.rng.permutation(len(lessons))
+    for start in range(0, len(order), step):
+        batch = school.varied([lessons[index] for index in order[start : start + step]])
         optimiser.zero_grad(set_to_none=True)
-        torch.autograd.backward(_loss(model, batch, settings))
+        torch.autograd.backward(_loss(model, batch, school.settings.device))
         torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
         optimiser.step()
 
 
-def _loss(model: VoxelModel, batch: Batch, settings: Settings) -> Float[Tensor, ""]:
-    gpu = settings.device != "cpu"
-    with torch.autocast(settings.device.split(":")[0], dtype=torch.bfloat16, enabled=gpu):
-        outputs = model(batch.channels, batch.inside)
+def _loss(model: VoxelModel, batch: Batch, device: str) -> Float[Tensor, ""]:
+    with torch.autocast(device.split(":")[0], dtype=torch.bfloat16, enabled=device != "cpu"):
+        outputs = model(*batch.inputs)
     return loss(outputs, batch, model.scale)
 
 
-def _error(model: VoxelModel, objects: Sequence[Stored], settings: Settings) -> float:
+def _error(school: _School, exam: Sequence[Lesson]) -> float:
     """Mean density error over objects."""
-    model.eval()
+    model = school.model.eval()
     errors: list[float] = []
     with torch.inference_mode():
-        for one in objects:
-            batch = gathered([one], settings.resolution).to(settings.device)
-            guess = model(batch.channels, batch.inside).density_g_cm3
-            errors += density_mae_g_cm3(guess, batch).tolist()
+        for lesson in exam:
+            batch = school.batch([lesson])
+            errors += density_mae_g_cm3(model(*batch.inputs).density_g_cm3, batch).tolist()
     return float(np.mean(errors))
 
 
