@@ -45,7 +45,7 @@ sample: setup  # remake the packaged sample, then: make leaderboard
 	$(BIN)/pytest --quiet tests/xden1k/test_manual.py --update-golden
 
 ROWS := build/rows
-PHANTOMS := --count 740 --seed 2026 --size 256
+PHANTOMS := --count 2000 --seed 2026 --size 256
 METHODS := zero water train-median category-median \
   nerf2physics nerf2physics-thickness \
   gaussian-property gaussian-property-weighted gaussian-property-parts \
@@ -70,13 +70,11 @@ $(ROWS)/pixie.npz $(ROWS)/xray-unet.npz: OPTIONS := --budget 20epochs
 $(ROWS)/root.npz: $(ROWS)/rebuilt/manifest.json $(ROWS)/data/manifest.json
 	$(BIN)/xden-bench baseline root --from $(ROWS)/rebuilt --root $(ROWS)/data --out $@
 
-$(ROWS)/rebuilt/manifest.json: $(ROWS)/captures/test.csv
-	cp $< $(ROWS)/captures/objects.csv
+$(ROWS)/rebuilt/manifest.json: $(ROWS)/captures/objects.csv
 	$(BIN)/xden-build run $(ROWS)/captures --out $(ROWS)/rebuilt
 
-$(ROWS)/captures/test.csv: | setup
-	$(BIN)/xden-build phantoms $(ROWS)/captures $(PHANTOMS)
-	awk -F, 'NR == 1 || $$3 == "test"' $(ROWS)/captures/objects.csv > $@
+$(ROWS)/captures/objects.csv: | setup
+	$(BIN)/xden-build phantoms $(ROWS)/captures --split test $(PHANTOMS)
 
 clean:
 	rm -rf .venv .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis demo-output build dist

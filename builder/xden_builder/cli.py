@@ -16,6 +16,7 @@ from xden_builder.evaluate_command import evaluate
 from xden_builder.options import progress_bar, workers_option
 
 if TYPE_CHECKING:
+    from xden1k.types import Split
     from xden_builder.audit_run import AuditReport
     from xden_builder.growth import Cost
     from xden_builder.phantoms.check import SetReport
@@ -49,6 +50,11 @@ def cli() -> None:
 )
 @click.option("--categories", default="", help="Only these, separated by commas.")
 @click.option(
+    "--split",
+    type=click.Choice(["train", "val", "test"]),  # SPLITS, whose import takes NumPy's time
+    help="Of the objects, only those of a split.",
+)
+@click.option(
     "--scanner",
     type=click.Path(path_type=Path, dir_okay=False),
     help="TOML file of the simulated scanner.",
@@ -71,6 +77,7 @@ def phantoms(
     seed: int,
     size: int | None,
     categories: str,
+    split: Split | None,
     scanner: Path | None,
     lifelike: bool | None,
     ideal: bool,
@@ -84,7 +91,7 @@ def phantoms(
     With --check, exits with 3 if a part is open or shares space with another, an object does not
     read back, or a truth grid weighs something else than its parts.
     """
-    from xden_builder.phantoms import write_captures, write_truth_dataset
+    from xden_builder.phantoms import plan_objects, write_captures, write_truth_dataset
     from xden_builder.phantoms.realism import LIFELIKE, TIDY
     from xden_builder.phantoms.scanner import Scanner, load_scanner
 
@@ -92,7 +99,9 @@ def phantoms(
         raise click.UsageError("--check is for captures, not for --as-dataset")
     made = Scanner.monochromatic() if ideal else Scanner.realistic()
     write = write_truth_dataset if as_dataset else write_captures
-    with progress_bar(count) as bar:
+    names = [name for name in categories.split(",") if name]
+    count_made = len(plan_objects(count, seed, names, split))
+    with progress_bar(count_made) as bar:
         write(
             out,
             count,
@@ -103,15 +112,16 @@ def phantoms(
             realism=LIFELIKE if (not ideal if lifelike is None else lifelike) else TIDY,
             workers=workers,
             progress=lambda _: bar.update(),
-            categories=[name for name in categories.split(",") if name],
+            categories=names,
+            split=split,
         )
     kind = "dataset" if as_dataset else "captures"
-    report = _checked(out, count, workers) if check else None
+    report = _checked(out, count_made, workers) if check else None
     if as_json:
-        values = {"out": str(out), "kind": kind, "count": count, "seed": seed}
+        values = {"out": str(out), "kind": kind, "count": count_made, "seed": seed}
         print_json(values | ({"check": report.to_dict()} if report else {}))
     else:
-        click.echo(f"{out}: {kind} of {count} phantoms, seed {seed}")
+        click.echo(f"{out}: {kind} of {count_made} phantoms, seed {seed}")
         if report:
             _echo_check(report)
     if report and not report.good:

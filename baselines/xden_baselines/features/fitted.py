@@ -25,7 +25,7 @@ from xden_baselines.views.rendering import Surface
 
 __all__ = ["FittedEncoder", "fit_encoder"]
 
-PATCHES_PER_OBJECT = 480
+TRAINING_OBJECTS, PATCHES_PER_OBJECT = 500, 480
 WAVES = 256
 """Random Fourier features."""
 LENGTH = 3.0
@@ -118,7 +118,7 @@ def fit_encoder(train: Examples, *, seed: int) -> FittedEncoder:
     train
         Examples whose samples have pictures.
     seed
-        Which patches are drawn, and which Fourier features.
+        Which objects and patches are drawn, and which Fourier features.
 
     Raises
     ------
@@ -126,7 +126,13 @@ def fit_encoder(train: Examples, *, seed: int) -> FittedEncoder:
         If no picture shows a part of known material.
     """
     rng = np.random.default_rng(seed)
-    drawn = [found for example in train for found in _training_patches(example, rng)]
+    chosen = set(rng.permutation(len(train))[:TRAINING_OBJECTS].tolist())
+    drawn = [
+        found
+        for number, example in enumerate(train)
+        if number in chosen
+        for found in _training_patches(example, rng)
+    ]
     if not drawn:
         raise DataError(f"split {train.split}: no picture shows a part of known material")
     statistics = np.concatenate([found for found, _ in drawn])

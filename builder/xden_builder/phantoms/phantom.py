@@ -107,7 +107,9 @@ def random_numbers(seed: int, purpose: str) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence([seed, *purpose.encode()]))
 
 
-def plan_objects(count: int, seed: int, categories: Sequence[str] = ()) -> list[Plan]:
+def plan_objects(
+    count: int, seed: int, categories: Sequence[str] = (), split: Split | None = None
+) -> list[Plan]:
     """List the objects of a set: each category in turn, over and over.
 
     Parameters
@@ -118,11 +120,13 @@ def plan_objects(count: int, seed: int, categories: Sequence[str] = ()) -> list[
         Not negative.
     categories
         Only these; all if empty.
+    split
+        Of these objects, only those of one split.
 
     Raises
     ------
     DataError
-        If the count is not positive, the seed is negative or a category unknown.
+        If the count is not positive, the seed is negative, a category unknown or no object left.
 
     Examples
     --------
@@ -135,7 +139,11 @@ def plan_objects(count: int, seed: int, categories: Sequence[str] = ()) -> list[
     if unknown := sorted(set(categories) - set(names)):
         raise DataError(f"unknown categories {unknown}; known are {sorted(names)}")
     places = [place for place, name in enumerate(names) if not categories or name in categories]
-    return [Plan(seed, places[i % len(places)], i // len(places)) for i in range(count)]
+    plans = [Plan(seed, places[i % len(places)], i // len(places)) for i in range(count)]
+    chosen = [plan for plan in plans if split in (None, plan.split)]
+    if not chosen:
+        raise DataError(f"none of these {count} objects is of the split {split}")
+    return chosen
 
 
 @dataclass(frozen=True, slots=True, eq=False)

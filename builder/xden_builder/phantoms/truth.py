@@ -15,7 +15,7 @@ from xden1k.physics import apparent_density_g_cm3
 from xden1k.rays import object_grids
 from xden1k.records import object_row
 from xden1k.shards import Row
-from xden1k.types import DensityObject, Part
+from xden1k.types import DensityObject, Part, Split
 from xden_builder.phantoms.phantom import Phantom, PhantomPart, Plan, make_phantom, plan_objects
 from xden_builder.phantoms.realism import TIDY, Realism
 from xden_builder.phantoms.scanner import VIEWS, Scanner
@@ -39,6 +39,7 @@ def write_truth_dataset(
     workers: int = 1,
     progress: Progress = lambda _: None,
     categories: Sequence[str] = (),
+    split: Split | None = None,
 ) -> Manifest:
     """Write phantoms as a dataset folder whose densities are the simulator's own.
 
@@ -49,7 +50,7 @@ def write_truth_dataset(
     ----------
     out
         The dataset folder; an older one is replaced as a whole.
-    count, seed, size, ideal, scanner, realism, workers, progress, categories
+    count, seed, size, ideal, scanner, realism, workers, progress, categories, split
         As there.
 
     Raises
@@ -58,7 +59,7 @@ def write_truth_dataset(
         If an argument is out of range, or ``out`` is something else than a dataset folder.
     """
     scanner = make_scanner(size, ideal, scanner)
-    plans = sorted(plan_objects(count, seed, categories), key=lambda plan: plan.object_id)
+    plans = sorted(plan_objects(count, seed, categories, split), key=lambda plan: plan.object_id)
     rows = each_object(partial(_row, scanner, realism, seed), plans, workers, progress)
     settings = json.dumps(simulation(seed, scanner, realism), sort_keys=True)
     return write_rows(

@@ -14,6 +14,7 @@ import numpy as np
 import trimesh
 
 from xden1k.errors import DataError, require
+from xden1k.types import Split
 from xden_builder.capture import write_scanner
 from xden_builder.phantoms.glb import write_glb
 from xden_builder.phantoms.grid import truth_grid
@@ -57,6 +58,7 @@ def write_captures(
     workers: int = 1,
     progress: Progress = lambda _: None,
     categories: Sequence[str] = (),
+    split: Split | None = None,
 ) -> None:
     """Simulate a capture folder, with the truth and the appearance in each object's folder.
 
@@ -69,7 +71,7 @@ def write_captures(
     ----------
     out
         A folder that is empty or does not exist.
-    count, seed, categories
+    count, seed, categories, split
         Which objects; see :func:`plan_objects`.
     size, ideal, scanner
         See :func:`make_scanner`.
@@ -85,7 +87,7 @@ def write_captures(
     DataError
         If the folder is not empty, an argument is out of range or an object too large.
     """
-    plans = plan_objects(count, seed, categories)
+    plans = plan_objects(count, seed, categories, split)
     scanner = make_scanner(size, ideal, scanner)
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise DataError(f"{out}: expected a folder that is empty or does not exist")
