@@ -18,16 +18,17 @@ def one_thread() -> Iterator[None]:
 
 
 def everywhere(network: torch.nn.Module, volume: torch.Tensor) -> torch.Tensor:
-    return network(volume, torch.ones_like(volume[:, 0], dtype=torch.bool))
+    inside = torch.ones_like(volume[:, 0], dtype=torch.bool)
+    return network(volume, inside, torch.ones(len(volume), 2))
 
 
 def test_the_sizes_are_those_the_documentation_names() -> None:
     with torch.device("meta"):
-        assert count_parameters(CpuNet(43, 2)) == 399_282
-        assert count_parameters(FullNet(768, 16)) == 53_438_704
+        assert count_parameters(CpuNet(22, 25, 2)) == 397_266
+        assert count_parameters(FullNet(768, 25, 16)) == 53_438_704
 
 
-@pytest.mark.parametrize("network", [CpuNet(5, 3), FullNet(5, 3, base=8)])
+@pytest.mark.parametrize("network", [CpuNet(5, 2, 3), FullNet(5, 2, 3, base=8)])
 @pytest.mark.parametrize("edge", [STRIDE, 3 * STRIDE])
 def test_the_grid_stays_whatever_its_size(network: torch.nn.Module, edge: int) -> None:
     with torch.inference_mode():
@@ -40,7 +41,7 @@ def test_the_grid_stays_whatever_its_size(network: torch.nn.Module, edge: int) -
         )
 
 
-@pytest.mark.parametrize("network", [CpuNet(5, 3), FullNet(5, 3, base=8)])
+@pytest.mark.parametrize("network", [CpuNet(5, 2, 3), FullNet(5, 2, 3, base=8)])
 def test_no_weight_is_idle(network: torch.nn.Module) -> None:
     generator = torch.Generator().manual_seed(0)
     for weight in network.parameters():
@@ -51,14 +52,14 @@ def test_no_weight_is_idle(network: torch.nn.Module) -> None:
     assert idle == []
 
 
-@pytest.mark.parametrize("network", [CpuNet(5, 3), FullNet(5, 3, base=8)])
+@pytest.mark.parametrize("network", [CpuNet(5, 2, 3), FullNet(5, 2, 3, base=8)])
 def test_a_fresh_network_predicts_the_middle_of_the_scale(network: torch.nn.Module) -> None:
     with torch.inference_mode():
         assert not everywhere(network, torch.ones(1, 5, 16, 16, 16)).any()
 
 
 def test_far_voxels_reach_each_other_through_the_coarse_levels() -> None:
-    network = CpuNet(1, 1)
+    network = CpuNet(1, 2, 1)
     generator = torch.Generator().manual_seed(0)
     for weight in network.parameters():
         torch.nn.init.normal_(weight, std=0.3, generator=generator)
@@ -68,7 +69,7 @@ def test_far_voxels_reach_each_other_through_the_coarse_levels() -> None:
     assert volume.grad[0, 0, 4, 16, 16] != 0
 
 
-@pytest.mark.parametrize("network", [CpuNet(5, 3), FullNet(5, 3, base=8)])
+@pytest.mark.parametrize("network", [CpuNet(5, 2, 3), FullNet(5, 2, 3, base=8)])
 def test_the_answer_is_zero_in_the_air(network: torch.nn.Module) -> None:
     generator = torch.Generator().manual_seed(0)
     for weight in network.parameters():
@@ -76,6 +77,6 @@ def test_the_answer_is_zero_in_the_air(network: torch.nn.Module) -> None:
     inside = torch.zeros(1, 16, 16, 16, dtype=torch.bool)
     inside[:, 3:9] = True
     with torch.inference_mode():
-        answer = network(torch.ones(1, 5, 16, 16, 16), inside)
+        answer = network(torch.ones(1, 5, 16, 16, 16), inside, torch.ones(1, 2))
     assert not answer[:, :, ~inside[0]].any()
     assert answer[:, :, inside[0]].all()

@@ -36,7 +36,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> DatasetFolder:
 def fitted(folder: DatasetFolder) -> dict[type, Predictor]:
     methods = {kind: kind(**TINY, patience=99) for kind in EVERY}
     for method in methods.values():
-        method.fit(examples(folder, method.reads), seed=0, budget=Budget(epochs=40))
+        # this seed holds out a bar, whose halves are told by colours and radiographs alone
+        method.fit(examples(folder, method.reads), seed=1, budget=Budget(epochs=40))
     return methods
 
 
@@ -141,7 +142,7 @@ def test_the_row_tells_how_the_training_went(fitted: dict[type, Predictor]) -> N
     assert GeometryUNet().notes == ""
     notes = fitted[GeometryUNet].notes
     assert "held-out training objects" in notes
-    assert "U-Net of 0.399 million weights at 16³" in notes
+    assert "U-Net of 0.397 million weights at 16³" in notes
     assert len(notes) < 500
     assert "\n" not in notes
 

@@ -60,8 +60,8 @@ def test_a_network_learns_one_object_by_heart(objects: list[Stored]) -> None:
 def test_the_published_architecture_learns_too(
     objects: list[Stored], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def narrow(size: str, inputs: int, outputs: int) -> torch.nn.Module:
-        return FullNet(inputs, outputs, base=8)
+    def narrow(size: str, inputs: int, told: int, outputs: int) -> torch.nn.Module:
+        return FullNet(inputs, told, outputs, base=8)
 
     monkeypatch.setattr(model, "backbone", narrow)
     settings = Settings(size="full", resolution=16, batch=1, turned="none", epochs=15)

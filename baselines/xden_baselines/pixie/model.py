@@ -94,8 +94,8 @@ class VoxelModel(nn.Module, PyTorchModelHubMixin):
         self.register_buffer("usual", torch.zeros(len(categories) + 1, len(USUAL)))
         self.embedding = nn.Embedding(len(categories) + 1, CATEGORY_WIDTH)
         nn.init.normal_(self.embedding.weight, std=CATEGORY_DEVIATION)
-        inputs = len(channels) + len(USUAL) + CATEGORY_WIDTH
-        self.network = backbone(size, inputs, 2 + len(families))
+        told = len(USUAL) + CATEGORY_WIDTH
+        self.network = backbone(size, len(channels), told, 2 + len(families))
 
     @property
     def summary(self) -> str:
@@ -135,11 +135,9 @@ class VoxelModel(nn.Module, PyTorchModelHubMixin):
             What is told of it: see :data:`xden_baselines.pixie.categories.USUAL`.
         """
         shape = (-1, 1, 1, 1)
-        seen = (channels - self.offset.view(shape)) * self.gain.view(shape)
-        told = torch.cat([usual, self.embedding(category)], dim=1)[..., None, None, None]
-        volume = torch.cat([seen, told.expand(-1, -1, *inside.shape[1:])], dim=1)
-        volume = volume * inside[:, None]
-        scaled, void, *families = self.network(volume, inside).float().unbind(dim=1)
+        seen = (channels - self.offset.view(shape)) * self.gain.view(shape) * inside[:, None]
+        told = torch.cat([usual, self.embedding(category)], dim=1)
+        scaled, void, *families = self.network(seen, inside, told).float().unbind(dim=1)
         empty = usual[:, USUAL.index("empty_share")].clamp(*SURE)
         material = self.scale.scaled_log10(usual[:, USUAL.index("log10_material")])
         scaled = scaled + material.view(shape)

@@ -1,7 +1,8 @@
 """The 3D networks: one that a CPU trains in minutes, and one of the published size.
 
-Both take any cubic grid whose edge is a multiple of :attr:`STRIDE`, and where something is inside.
-They give one channel for each output at the same resolution, 0 in the air.
+Both take any cubic grid whose edge is a multiple of :attr:`STRIDE`, where something is inside, and
+a few numbers about each object as a whole. They give one channel for each output at the same
+resolution, 0 in the air.
 """
 
 from __future__ import annotations
@@ -25,11 +26,12 @@ GROUPS = 8
 Volume = Float[Tensor, "batch inputs x y z"]
 Answer = Float[Tensor, "batch outputs x y z"]
 Inside = Bool[Tensor, "batch x y z"]
+Told = Float[Tensor, "batch told"]
 
 
-def backbone(size: Size, inputs: int, outputs: int) -> nn.Module:
+def backbone(size: Size, inputs: int, told: int, outputs: int) -> nn.Module:
     """Return a fresh network; its weights are drawn from torch's generator."""
-    return CpuNet(inputs, outputs) if size == "cpu" else FullNet(inputs, outputs)
+    return (CpuNet if size == "cpu" else FullNet)(inputs, told, outputs)
 
 
 def count_parameters(network: nn.Module) -> int:
@@ -76,8 +78,8 @@ class CpuNet(nn.Module):
 
     Parameters
     ----------
-    inputs, outputs
-        Channels.
+    inputs, told, outputs
+        Channels, numbers about an object, channels.
     widths
         Channels of the levels, finest first; multiples of 8.
     hidden
@@ -87,6 +89,7 @@ class CpuNet(nn.Module):
     def __init__(
         self,
         inputs: int,
+        told: int,
         outputs: int,
         widths: Sequence[int] = (16, 32, 64),
         hidden: int = 64,
@@ -94,30 +97,32 @@ class CpuNet(nn.Module):
         super().__init__()
         steps = list(pairwise(widths))
         self.stem = nn.Conv3d(inputs, widths[0], 2, stride=2)
+        self.tell = nn.Linear(told, widths[0])
         self.down_blocks = nn.ModuleList(Residual(w, w, nn.SiLU()) for w in widths)
         self.downs = nn.ModuleList(nn.Conv3d(a, b, 2, stride=2) for a, b in steps)
         self.ups = nn.ModuleList(_up(b, a, 1) for a, b in steps)
         self.up_blocks = nn.ModuleList(Residual(a, a, nn.SiLU()) for a, _ in steps)
         self.unstem = nn.ConvTranspose3d(widths[0], 16, 2, stride=2)
         self.head = nn.Sequential(
-            nn.Linear(16 + inputs, hidden),
+            nn.Linear(16 + inputs + told, hidden),
             nn.SiLU(),
             nn.Linear(hidden, hidden),
             nn.SiLU(),
             _zeroed(nn.Linear(hidden, outputs)),
         )
 
-    def forward(self, volume: Volume, inside: Inside) -> Answer:
+    def forward(self, volume: Volume, inside: Inside, told: Told) -> Answer:
         """Give one channel for each output."""
-        finest = self.down_blocks[0](self.stem(volume))
+        finest = self.down_blocks[0](self.stem(volume) + self.tell(told)[..., None, None, None])
         levels = [finest]
         for down, block in zip(self.downs, self.down_blocks[1:], strict=True):
             levels.append(block(down(levels[-1])))
         out = levels.pop()
         for up, block in zip(reversed(self.ups), reversed(self.up_blocks), strict=True):
             out = block(up(out) + levels.pop())
-        features = torch.cat([self.unstem(out), volume], dim=1).movedim(1, -1)
-        values: Tensor = self.head(features[inside])
+        seen = [grid.movedim(1, -1)[inside] for grid in (self.unstem(out), volume)]
+        known = told.repeat_interleave(inside.sum((1, 2, 3)), dim=0)
+        values: Tensor = self.head(torch.cat([*seen, known], dim=1))
         answer = values.new_zeros(*inside.shape, values.shape[-1])
         answer[inside] = values
         return answer.movedim(-1, 1)
@@ -132,8 +137,8 @@ class FullNet(nn.Module):
 
     Parameters
     ----------
-    inputs, outputs
-        Channels.
+    inputs, told, outputs
+        Channels, numbers about an object, channels.
     base, multipliers
         Channels of the finest level, and those of each level over it.
     """
@@ -141,6 +146,7 @@ class FullNet(nn.Module):
     def __init__(
         self,
         inputs: int,
+        told: int,
         outputs: int,
         base: int = 64,
         multipliers: Sequence[int] = (1, 1, 2, 4),
@@ -149,6 +155,7 @@ class FullNet(nn.Module):
         widths = [base * multiplier for multiplier in multipliers]
         self.projector = _projector(inputs, 32)
         self.stem = nn.Conv3d(32, base, 3, padding=1)
+        self.tell = nn.Linear(told, base)
         self.down, skips = _way_down(base, widths)
         bottom = widths[-1]
         self.middle = nn.Sequential(
@@ -161,9 +168,9 @@ class FullNet(nn.Module):
             _zeroed(nn.Conv3d(base, outputs, 3, padding=1)),
         )
 
-    def forward(self, volume: Volume, inside: Inside) -> Answer:
+    def forward(self, volume: Volume, inside: Inside, told: Told) -> Answer:
         """Give one channel for each output."""
-        out = self.stem(self.projector(volume))
+        out = self.stem(self.projector(volume)) + self.tell(told)[..., None, None, None]
         skips = [out]
         for block in self.down:
             out = block(out)
