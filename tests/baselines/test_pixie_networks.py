@@ -25,7 +25,7 @@ def everywhere(network: torch.nn.Module, volume: torch.Tensor) -> torch.Tensor:
 def test_the_sizes_are_those_the_documentation_names() -> None:
     with torch.device("meta"):
         assert count_parameters(CpuNet(22, 25, 2)) == 397_266
-        assert count_parameters(FullNet(768, 25, 16)) == 53_438_704
+        assert count_parameters(FullNet(768, 25, 16)) == 53_440_368
 
 
 @pytest.mark.parametrize("network", [CpuNet(5, 2, 3), FullNet(5, 2, 3, base=8)])
