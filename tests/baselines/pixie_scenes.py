@@ -15,6 +15,7 @@ from xden1k.modality import Modality
 from xden1k.samples import Examples, SampleView
 from xden1k.types import DensityObject
 from xden_baselines.pixie.categories import Categories
+from xden_baselines.pixie.channels import channels
 from xden_baselines.pixie.losses import Batch, gathered
 from xden_baselines.pixie.store import Stored, stored
 from xden_baselines.views.cameras import Rig
@@ -70,7 +71,8 @@ def examples(folder: DatasetFolder, reads: Modality) -> Examples:
 
 
 def prepared(folder: DatasetFolder, reads: Modality, resolution: int) -> list[Stored]:
-    return [stored(example, resolution) for example in examples(folder, reads)]
+    found = examples(folder, reads)
+    return [stored(example, channels(example.sample), resolution) for example in found]
 
 
 def together(objects: Sequence[Stored], resolution: int) -> Batch:
@@ -83,10 +85,11 @@ class Altered:
     """Pictures of a source, changed by a function."""
 
     change: Any
+    source: RenderedPhantoms = SMALL
     description: str = "altered pictures"
 
     def __call__(self, folder: DatasetFolder, object_id: str) -> Pictures:
-        return self.change(SMALL(folder, object_id))
+        return self.change(self.source(folder, object_id))
 
 
 def altered(folder: DatasetFolder, object_id: str, reads: Modality, change: Any) -> SampleView:

@@ -2,48 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
-from transformers import CLIPConfig, CLIPModel, CLIPTokenizer
 
+from tests.baselines.tiny_clip import FEATURES, tiny_clip
 from xden1k.errors import DataError
 from xden_baselines.features.clip import ClipEncoder
 from xden_baselines.features.encoder import PATCH_PX, PatchEncoder
 
-FEATURES = 12
-
 
 @pytest.fixture(scope="module")
 def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A CLIP of two layers that knows the letters, saved as ``save_pretrained`` does."""
-    folder = tmp_path_factory.mktemp("clip") / "tiny"
-    letters = [chr(code) for code in range(ord("a"), ord("z") + 1)]
-    words = [*letters, *(f"{letter}</w>" for letter in letters)]
-    words += ["<|startoftext|>", "<|endoftext|>"]
-    (folder / "words").mkdir(parents=True)
-    vocabulary, merges = folder / "words" / "vocab.json", folder / "words" / "merges.txt"
-    vocabulary.write_text(json.dumps({word: number for number, word in enumerate(words)}))
-    merges.write_text("#version: 0.2\n")
-    tower = {
-        "hidden_size": 16,
-        "intermediate_size": 32,
-        "num_hidden_layers": 2,
-        "num_attention_heads": 2,
-    }
-    ends = {"bos_token_id": len(words) - 2, "eos_token_id": len(words) - 1}
-    config = CLIPConfig(
-        text_config={**tower, **ends, "vocab_size": len(words)},
-        vision_config={**tower, "image_size": 32, "patch_size": 8},
-        projection_dim=FEATURES,
-    )
-    torch.manual_seed(0)
-    CLIPModel(config).save_pretrained(folder)
-    CLIPTokenizer(str(vocabulary), str(merges)).save_pretrained(folder)
-    return folder
+    return tiny_clip(tmp_path_factory.mktemp("clip") / "tiny")
 
 
 @pytest.fixture(scope="module")

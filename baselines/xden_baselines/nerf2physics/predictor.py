@@ -6,7 +6,6 @@ After Zhai et al., Physical Property Understanding from Language-Embedded Featur
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from xden_baselines.chat.settings import chat_settings, open_chat
 from xden_baselines.features.encoder import PatchEncoder, cosines
 from xden_baselines.features.fitted import FittedEncoder, fit_encoder
 from xden_baselines.features.fusion import fused_features
+from xden_baselines.features.settings import clip_folder, clip_sha256, open_clip
 from xden_baselines.nerf2physics.kernel import mixture
 from xden_baselines.nerf2physics.prior import Proposals, tabulate
 from xden_baselines.nerf2physics.surface import SurfaceCloud, surface_cloud
@@ -31,8 +31,6 @@ from xden_baselines.views.pictures import Pictures
 
 __all__ = ["NeRF2Physics", "NeRF2PhysicsThickness", "described"]
 
-CLIP_VARIABLE = "XDEN_CLIP"
-"""Environment variable that names a folder with CLIP's weights."""
 PRIOR_FILE, SEED_FILE = "proposals.json", "seed.txt"
 CAPTION_QUANTILE = 0.75
 """Of the mask areas, at the view that is described."""
@@ -58,14 +56,14 @@ class NeRF2Physics:
     rule: Rule = "solid"
 
     def __init__(self, *, clip: str | None = None) -> None:
-        self._clip = os.environ.get(CLIP_VARIABLE, "") if clip is None else clip
+        self._clip = clip_folder(clip)
         self._chat = chat_settings()
         self.external_data = bool(self._clip) or self._chat.mode != "off"
 
     @property
     def fingerprint(self) -> str:
         """The chat model's settings or recorded answers, and the weights."""
-        return f"{self._chat.fingerprint} {_weights_sha256(self._clip)}".strip()
+        return f"{self._chat.fingerprint} {clip_sha256(self._clip)}".strip()
 
     def fit(self, train: Examples, *, seed: int) -> None:
         """Survey the materials of the training split and, without CLIP, fit the encoder to it.
@@ -147,7 +145,7 @@ class NeRF2Physics:
         self._seed, self._prior = seed, prior
         chat = open_chat(self._chat)
         self._proposer: MaterialProposer = prior if chat is None else ChatProposer(chat, prior)
-        self._encoder: PatchEncoder = fitted or _clip(Path(self._clip))
+        self._encoder: PatchEncoder = fitted or open_clip(self._clip)
         self.notes = f"{self._encoder.source}; {self._proposer.source}; volume rule {self.rule}"
 
 
@@ -164,17 +162,3 @@ def described(pictures: Pictures) -> Picture:
     order = np.argsort(areas, kind="stable")
     view: int = order[round(CAPTION_QUANTILE * (len(order) - 1))]
     return np.asarray(pictures.colors[view])
-
-
-def _clip(folder: Path) -> PatchEncoder:
-    from xden_baselines.features.clip import ClipEncoder
-
-    return ClipEncoder(folder)
-
-
-def _weights_sha256(folder: str) -> str:
-    if not folder:
-        return ""
-    from xden_baselines.features.clip import weights_sha256
-
-    return weights_sha256(Path(folder))

@@ -22,7 +22,7 @@ from xden_baselines.geometry import nearest_filled, voxel_centres_cm
 from xden_baselines.views.pictures import Pictures, visible
 from xden_baselines.xray import back_projected_lac_per_cm
 
-__all__ = ["ENVELOPE", "VECTORS", "Channels", "channel_names", "channels"]
+__all__ = ["ENVELOPE", "SKIN", "VECTORS", "Channels", "channel_names", "channels"]
 
 Channels = Float32[np.ndarray, "channels x y z"]
 

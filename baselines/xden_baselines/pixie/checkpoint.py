@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Sequence
 from contextlib import redirect_stdout
 from pathlib import Path
 
 from safetensors import SafetensorError
 
 from xden1k.errors import DataError
-from xden1k.modality import Modality
-from xden_baselines.pixie.channels import channel_names
 from xden_baselines.pixie.model import VoxelModel
 from xden_baselines.pixie.training import FitReport
 
@@ -20,8 +19,8 @@ __all__ = ["load_model", "load_report"]
 FILES = ("config.json", "model.safetensors")
 
 
-def load_model(folder: Path, reads: Modality) -> VoxelModel:
-    """Read a checkpoint, whatever device it was trained on, to the CPU.
+def load_model(folder: Path, names: Sequence[str]) -> VoxelModel:
+    """Read a checkpoint of a network that sees these channels, to the CPU.
 
     Raises
     ------
@@ -36,10 +35,9 @@ def load_model(folder: Path, reads: Modality) -> VoxelModel:
             model = VoxelModel.from_pretrained(folder, map_location="cpu", strict=True)
     except (SafetensorError, RuntimeError, TypeError, ValueError) as err:
         raise DataError(f"{folder}: the checkpoint cannot be read: {err}") from err
-    if model.channels != channel_names(reads):
+    if model.channels != tuple(names):
         raise DataError(
-            f"{folder}: its network sees {list(model.channels)}, "
-            f"expected {list(channel_names(reads))}"
+            f"{folder}: its network sees {list(model.channels)}, expected {list(names)}"
         )
     return model.eval()
 

@@ -11,12 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xden1k.arrays import Grid
+from xden1k.errors import DataError
 from xden1k.modality import Modality
 from xden1k.predictor import Budget, Prediction
 from xden1k.samples import Examples, SampleView
+from xden_baselines.features.settings import clip_folder, clip_sha256, open_clip
 from xden_baselines.pixie.settings import Settings
 
 if TYPE_CHECKING:
+    from xden_baselines.pixie.channels import Channels
+    from xden_baselines.pixie.descriptors import Descriptors
     from xden_baselines.pixie.model import VoxelModel
     from xden_baselines.pixie.training import FitReport
 
@@ -67,24 +71,22 @@ class _Trained:
 
     def fit(self, train: Examples, *, seed: int, budget: Budget | None = None) -> None:
         """Prepare the channels of every object, then train."""
-        from xden_baselines.pixie.channels import channel_names
         from xden_baselines.pixie.store import stored
         from xden_baselines.pixie.training import train as train_network
 
-        objects = [stored(example, self.settings.resolution) for example in train]
-        names = channel_names(self.reads)
+        resolution = self.settings.resolution
+        objects = [stored(example, self._seen(example.sample), resolution) for example in train]
         self._model, self._report = train_network(
-            objects, names, self.settings, seed=seed, budget=budget
+            objects, self._names, self.settings, seed=seed, budget=budget
         )
 
     def predict(self, sample: SampleView) -> Prediction:
         """Predict at the network's resolution, then between its voxels, inside the envelope."""
-        from xden_baselines.pixie.channels import channels
         from xden_baselines.pixie.inference import predicted_g_cm3
 
         density = predicted_g_cm3(
             self._model,
-            channels(sample),
+            self._seen(sample),
             sample.category,
             self.settings.threads,
             self.settings.device,
@@ -109,8 +111,21 @@ class _Trained:
         from xden_baselines.pixie.training import check_device
 
         check_device(self.settings.device)
-        self._model = load_model(folder, self.reads).to(self.settings.device)
+        self._model = load_model(folder, self._names).to(self.settings.device)
         self._report = load_report(folder / REPORT_FILE)
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        """Names of the channels that the network sees."""
+        from xden_baselines.pixie.channels import channel_names
+
+        return channel_names(self.reads)
+
+    def _seen(self, sample: SampleView) -> Channels:
+        """Make the channels of a sample."""
+        from xden_baselines.pixie.channels import channels
+
+        return channels(sample)
 
 
 class GeometryUNet(_Trained):
@@ -120,10 +135,80 @@ class GeometryUNet(_Trained):
 
 
 class Pixie(_Trained):
-    """Pixie style: 3D U-Net on shape, category and colours, trained on the training split."""
+    """Pixie style: 3D U-Net on shape, category and colours, trained on the training split.
+
+    Parameters
+    ----------
+    clip
+        Folder with CLIP's weights, whose features of the pictures are shown to the network too; by
+        default that of ``XDEN_CLIP``, empty if none.
+    settings
+        Fields of :class:`Settings`.
+    """
 
     name = "pixie"
     reads = _Trained.reads | Modality.RGB
+
+    _descriptors: Descriptors | None = None
+
+    def __init__(self, *, clip: str | None = None, **settings: Any) -> None:
+        super().__init__(**settings)
+        self._clip = clip_folder(clip)
+        self.external_data = bool(self._clip)
+
+    @property
+    def notes(self) -> str:
+        """How the training went, what was trained, and whose features it saw."""
+        source = f"; {self._descriptors.encoder.source}" if self._descriptors else ""
+        return super().notes + source
+
+    @property
+    def fingerprint(self) -> str:
+        """Checksum of the settings, and of CLIP's weights."""
+        return f"{super().fingerprint} {clip_sha256(self._clip)}".strip()
+
+    def fit(self, train: Examples, *, seed: int, budget: Budget | None = None) -> None:
+        """Learn how CLIP's features are reduced, where there are any; then as the others."""
+        if self._clip:
+            from xden_baselines.pixie.descriptors import Descriptors
+
+            self._descriptors = Descriptors.fit(train, open_clip(self._clip), seed=seed)
+        super().fit(train, seed=seed, budget=budget)
+
+    def save(self, folder: Path) -> None:
+        """Write the checkpoint and the report, and how features are reduced."""
+        super().save(folder)
+        if self._descriptors:
+            self._descriptors.save(folder)
+
+    def load(self, folder: Path) -> None:
+        """Take up a checkpoint; only the settings ``threads`` and ``device`` still count.
+
+        Raises
+        ------
+        DataError
+            If the folder does not hold one of this method, learned with the same CLIP or none.
+        """
+        from xden_baselines.pixie.descriptors import FILE, Descriptors
+
+        if (learned := (folder / FILE).is_file()) != bool(self._clip):
+            raise DataError(
+                f"{folder}: learned {'with' if learned else 'without'} features of CLIP, "
+                f"to predict with {'a folder' if self._clip else 'none'}: set clip accordingly"
+            )
+        if self._clip:
+            self._descriptors = Descriptors.load(folder, open_clip(self._clip))
+        super().load(folder)
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return super()._names + (self._descriptors.names if self._descriptors else ())
+
+    def _seen(self, sample: SampleView) -> Channels:
+        seen = super()._seen(sample)
+        if self._descriptors is None:
+            return seen
+        return np.concatenate([seen, self._descriptors.channels(sample)])
 
 
 class PixieFull(Pixie):

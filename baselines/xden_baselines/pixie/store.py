@@ -16,7 +16,7 @@ from xden1k.arrays import Labels
 from xden1k.errors import DataError
 from xden1k.materials import check_label, families, load_materials
 from xden1k.samples import Example
-from xden_baselines.pixie.channels import ENVELOPE, Channels, channels
+from xden_baselines.pixie.channels import ENVELOPE, Channels
 
 __all__ = ["UNKNOWN_FAMILY", "Stored", "at_resolution", "pooled", "stored"]
 
@@ -77,8 +77,8 @@ class Stored:
         return int(self.voxels.nbytes + sum(array.nbytes for array in arrays))
 
 
-def stored(example: Example, resolution: int) -> Stored:
-    """Prepare a training object at a resolution that divides 64.
+def stored(example: Example, seen: Channels, resolution: int) -> Stored:
+    """Prepare a training object, with what is seen of it, at a resolution that divides 64.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def stored(example: Example, resolution: int) -> Stored:
         object_id=sample.object_id,
         category=sample.category,
         voxels=np.flatnonzero(chosen).astype(np.int32),
-        channels=at_resolution(channels(sample), resolution)[:, chosen].astype(np.float16),
+        channels=at_resolution(seen, resolution)[:, chosen].astype(np.float16),
         envelope=envelope[chosen].astype(np.float32),
         mean_g_cm3=(pooled(example.density_g_cm3, resolution) / share)[chosen].astype(np.float16),
         solid=(pooled(truth.occupancy, resolution) / share)[chosen].clip(0, 1).astype(np.float16),

@@ -1,0 +1,149 @@
+"""What an encoder makes of the pictures, for each voxel, in a few numbers.
+
+Pixie gives its networks 768 features of CLIP; here they are averaged over the views that see a
+voxel, and reduced to their principal components on the training split.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64
+from scipy import ndimage
+
+from xden1k.errors import DataError
+from xden1k.samples import Examples, SampleView
+from xden_baselines.features.encoder import PatchEncoder
+from xden_baselines.features.fusion import fused_features
+from xden_baselines.geometry import nearest_filled, voxel_centres_cm
+from xden_baselines.pixie.channels import SKIN, Channels
+
+__all__ = ["FILE", "Descriptors"]
+
+FILE = "descriptors.npz"
+WIDTH = 32
+"""Principal components at most."""
+TRAINING_OBJECTS = 50
+"""The components are those of so many training objects, drawn by the seed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Descriptors:
+    """Features of an encoder along their principal components.
+
+    Parameters
+    ----------
+    encoder
+        Makes features of patches.
+    mean
+        Shape (features,): of the voxels they were learned from.
+    components
+        Shape (components, features), of length 1, the strongest first.
+    """
+
+    encoder: PatchEncoder
+    mean: Float32[np.ndarray, "features"]
+    components: Float32[np.ndarray, "components features"]
+
+    @classmethod
+    def fit(cls, train: Examples, encoder: PatchEncoder, *, seed: int) -> Descriptors:
+        """Learn the components.
+
+        Raises
+        ------
+        DataError
+            If the pictures of an object show no voxel with its whole patch.
+        """
+        rng = np.random.default_rng(seed)
+        chosen = set(rng.permutation(len(train))[:TRAINING_OBJECTS].tolist())
+        count, total = 0, np.zeros(encoder.width)
+        products = np.zeros((encoder.width, encoder.width))
+        for features in _of_the_chosen(train, chosen, encoder):
+            count += len(features)
+            total += features.sum(axis=0)
+            products += features.T @ features
+        mean = total / count
+        _, axes = np.linalg.eigh(products / count - np.outer(mean, mean))
+        strongest = axes.T[::-1][:WIDTH]
+        return cls(encoder, mean.astype(np.float32), strongest.astype(np.float32))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels."""
+        return tuple(f"feature_{number + 1}" for number in range(len(self.components)))
+
+    def channels(self, sample: SampleView) -> Channels:
+        """Give each voxel the components of what is seen of it, or of its nearest seen voxel.
+
+        Raises
+        ------
+        DataError
+            If the pictures show no voxel with its whole patch.
+        """
+        near, features, seen = _seen(sample, self.encoder)
+        grids = np.zeros((len(self.components), *near.shape), dtype=np.float32)
+        grids[:, near] = self.components @ (features - self.mean).T
+        known = np.zeros(near.shape, dtype=bool)
+        known[near] = seen
+        return np.asarray(nearest_filled(grids, known) * (sample.envelope > 0))
+
+    def save(self, folder: Path) -> None:
+        """Write what was learned, and from which encoder."""
+        source = np.array(self.encoder.source)
+        np.savez(folder / FILE, mean=self.mean, components=self.components, source=source)
+
+    @classmethod
+    def load(cls, folder: Path, encoder: PatchEncoder) -> Descriptors:
+        """Read what :meth:`save` wrote.
+
+        Raises
+        ------
+        DataError
+            If the file is missing or damaged, or tells of another encoder.
+        """
+        path = folder / FILE
+        try:
+            with np.load(path, allow_pickle=False) as found:
+                source, mean, components = (
+                    found[name] for name in ("source", "mean", "components")
+                )
+        except (OSError, ValueError, KeyError) as err:
+            raise DataError(f"{path}: no descriptors: {err}") from err
+        if str(source) != encoder.source:
+            raise DataError(f"{path}: made with {source}, not with {encoder.source}")
+        if mean.shape != (encoder.width,) or components.shape[1:] != mean.shape:
+            raise DataError(
+                f"{path}: expected {encoder.width} features, got {mean.shape}, {components.shape}"
+            )
+        return cls(encoder, mean, components)
+
+
+def _of_the_chosen(
+    train: Examples, chosen: set[int], encoder: PatchEncoder
+) -> Iterator[Float64[np.ndarray, "seen features"]]:
+    for number, example in enumerate(train):
+        if number in chosen:
+            _, features, seen = _seen(example.sample, encoder)
+            yield features[seen].astype(np.float64)
+
+
+def _seen(
+    sample: SampleView, encoder: PatchEncoder
+) -> tuple[
+    Bool[np.ndarray, "x y z"], Float32[np.ndarray, "near features"], Bool[np.ndarray, "near"]
+]:
+    """Voxels near the surface, the features of each, and which of them some view shows."""
+    inside = sample.envelope > 0
+    near = inside & (ndimage.distance_transform_edt(inside) <= SKIN)
+    features, views = fused_features(
+        voxel_centres_cm(sample, near),
+        sample.pictures,
+        encoder,
+        tolerance_cm=SKIN * sample.voxel_size_cm,
+    )
+    if not views.any():
+        raise DataError(f"{sample.object_id}: no view shows a voxel with its whole patch")
+    return near, features, views > 0

@@ -1,0 +1,145 @@
+"""Features of an encoder for each voxel: which ones, their components, and CLIP from end to end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.baselines.pixie_scenes import Altered, backwards, dataset, same_in_black
+from tests.baselines.tiny_clip import FEATURES, tiny_clip
+from xden1k.errors import DataError
+from xden1k.folder import DatasetFolder
+from xden1k.predictor import Budget
+from xden1k.samples import Examples, SampleView
+from xden_baselines.pixie import Pixie
+from xden_baselines.pixie.descriptors import Descriptors
+from xden_baselines.views.cameras import Rig
+from xden_baselines.views.source import RenderedPhantoms
+
+LARGE = RenderedPhantoms(Rig(elevations_deg=(-40.0, 35.0), per_ring=3, size_px=160))
+"""Six pictures in which whole patches of the object lie."""
+TINY = {"resolution": 16, "epochs": 2, "batch": 2}
+READS = Pixie.reads
+
+
+@dataclass(frozen=True)
+class MeanColor:
+    """Features of a patch: three mixtures of its middle pixel's colour, the first the strongest."""
+
+    source: str = "mean colour"
+    width: int = 3
+    stride_px: int = 1
+
+    def patches(self, picture: np.ndarray, mask: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+        rgb = picture[pixels[:, 0], pixels[:, 1]].astype(np.float32) / 255
+        return rgb * np.float32([100, 1, 0.01])
+
+    def texts(self, names: Sequence[str]) -> np.ndarray:
+        raise NotImplementedError
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> DatasetFolder:
+    return dataset(tmp_path_factory.mktemp("descriptors") / "dataset")
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return str(tiny_clip(tmp_path_factory.mktemp("clip") / "tiny"))
+
+
+def train(folder: DatasetFolder) -> Examples:
+    return Examples(folder, "train", READS, "density", LARGE)
+
+
+def view(folder: DatasetFolder, change=lambda pictures: pictures) -> SampleView:
+    return SampleView(folder, "bar-0003", READS, Altered(change, source=LARGE))
+
+
+def test_components_are_uncorrelated_and_the_strongest_comes_first(folder: DatasetFolder) -> None:
+    found = Descriptors.fit(train(folder), MeanColor(), seed=0)
+    assert found.names == ("feature_1", "feature_2", "feature_3")
+    assert found.components @ found.components.T == pytest.approx(np.eye(3), abs=1e-5)
+    assert np.abs(found.components[0]) == pytest.approx([1, 0, 0], abs=0.05)
+
+
+def test_each_voxel_has_the_features_of_the_surface_nearest_to_it(folder: DatasetFolder) -> None:
+    found = Descriptors.fit(train(folder), MeanColor(), seed=0)
+    sample = view(folder)
+    grids = found.channels(sample)
+    red = np.tensordot(found.components, grids, axes=(0, 0))[0] + found.mean[0]
+    size, corner = sample.voxel_size_cm, sample.origin_cm
+    halves = [
+        red[*np.rint((np.array(point) - corner) / size).astype(int)]
+        for point in ((0.25, 1.0, 2.0), (1.75, 1.0, 2.0))
+    ]
+    # plastic is redder than steel, 0.9 against 0.5, under the same light
+    assert halves[0] > 1.4 * halves[1]
+    assert not grids[:, sample.envelope == 0].any()
+
+
+def test_the_order_of_the_pictures_does_not_change_them(folder: DatasetFolder) -> None:
+    found = Descriptors.fit(train(folder), MeanColor(), seed=0)
+    one, two = (found.channels(view(folder, change)) for change in (lambda same: same, backwards))
+    assert np.allclose(one, two, atol=1e-4)
+
+
+def test_pictures_without_a_whole_patch_are_a_plain_error(folder: DatasetFolder) -> None:
+    found = Descriptors.fit(train(folder), MeanColor(), seed=0)
+    empty = view(folder, lambda pictures: replace(pictures, masks=np.zeros_like(pictures.masks)))
+    with pytest.raises(DataError, match="bar-0003: no view shows a voxel with its whole patch"):
+        found.channels(empty)
+
+
+def test_what_was_saved_is_the_same_and_belongs_to_its_encoder(
+    folder: DatasetFolder, tmp_path: Path
+) -> None:
+    found = Descriptors.fit(train(folder), MeanColor(), seed=0)
+    found.save(tmp_path)
+    again = Descriptors.load(tmp_path, MeanColor())
+    assert np.array_equal(found.channels(view(folder)), again.channels(view(folder)))
+    with pytest.raises(DataError, match="made with mean colour, not with other"):
+        Descriptors.load(tmp_path, MeanColor(source="other"))
+    with pytest.raises(DataError, match="expected 4 features"):
+        Descriptors.load(tmp_path, MeanColor(width=4))
+    (tmp_path / "descriptors.npz").write_bytes(b"no")
+    with pytest.raises(DataError, match="no descriptors"):
+        Descriptors.load(tmp_path, MeanColor())
+
+
+def test_pixie_with_clip_looks_through_it_and_says_so(
+    folder: DatasetFolder, weights: str, tmp_path: Path
+) -> None:
+    method = Pixie(clip=weights, **TINY)
+    assert method.external_data
+    assert method.fingerprint != Pixie(clip="", **TINY).fingerprint
+    method.fit(train(folder), seed=1, budget=Budget(epochs=4))
+    assert "CLIP tiny" in method.notes
+    seen, black = (
+        method.predict(view(folder, change)).density_g_cm3
+        for change in (lambda same: same, same_in_black)
+    )
+    assert not np.array_equal(seen, black)
+    method.save(tmp_path)
+    fresh = Pixie(clip=weights)
+    fresh.load(tmp_path)
+    assert np.array_equal(fresh.predict(view(folder)).density_g_cm3, seen)
+    assert len(fresh._names) == len(Pixie(clip="")._names) + FEATURES
+    with pytest.raises(DataError, match="learned with features of CLIP, to predict with none"):
+        Pixie(clip="").load(tmp_path)
+
+
+def test_other_weights_than_it_learned_with_are_refused(
+    folder: DatasetFolder, weights: str, tmp_path: Path
+) -> None:
+    method = Pixie(clip=weights, **TINY)
+    method.fit(train(folder), seed=1, budget=Budget(epochs=1))
+    (tmp_path / "fit").mkdir()
+    method.save(tmp_path / "fit")
+    other = str(tiny_clip(tmp_path / "tiny", seed=1))
+    with pytest.raises(DataError, match=r"made with CLIP tiny .*, not with CLIP tiny"):
+        Pixie(clip=other).load(tmp_path / "fit")
