@@ -49,7 +49,7 @@ PHANTOMS := --count 2000 --seed 2026 --size 256
 METHODS := zero water train-median category-median \
   nerf2physics nerf2physics-thickness \
   gaussian-property gaussian-property-weighted gaussian-property-parts \
-  pixie xray-uniform xray-mean xray-unet \
+  geometry-unet pixie xray-uniform xray-mean xray-unet \
   true-mass-uniform label-nominal part-oracle
 SUBMISSIONS := $(METHODS:%=$(ROWS)/%.npz) $(ROWS)/root.npz
 
@@ -65,7 +65,7 @@ $(ROWS)/data/manifest.json: | setup
 $(ROWS)/%.npz: $(ROWS)/data/manifest.json
 	$(BIN)/xden-bench baseline $* --root $(ROWS)/data $(OPTIONS) --out $@
 
-$(ROWS)/pixie.npz $(ROWS)/xray-unet.npz: OPTIONS := --budget 20epochs
+$(ROWS)/geometry-unet.npz $(ROWS)/pixie.npz $(ROWS)/xray-unet.npz: OPTIONS := --budget 20epochs
 
 $(ROWS)/root.npz: $(ROWS)/rebuilt/manifest.json $(ROWS)/data/manifest.json
 	$(BIN)/xden-bench baseline root --from $(ROWS)/rebuilt --root $(ROWS)/data --out $@

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.baselines.pixie_scenes import dataset, prepared
 from xden1k.modality import Modality
-from xden_baselines.pixie.categories import OUTSIDER, USUAL, Categories
+from xden_baselines.pixie.categories import PRIOR_OBJECTS, USUAL, Categories
 from xden_baselines.pixie.store import Stored
 
 
@@ -27,7 +29,7 @@ def test_what_is_told_of_a_category_is_the_mean_of_its_objects(objects: list[Sto
     bar, mug = (categories.kind(name).usual for name in ("bar", "mug"))
     overall = np.mean([np.log10(one.overall_g_cm3) for one in objects])
     of_bars = np.log10(objects[0].overall_g_cm3)
-    drawn = (2 * of_bars + OUTSIDER * overall) / (2 + OUTSIDER)
+    drawn = (2 * of_bars + PRIOR_OBJECTS * overall) / (2 + PRIOR_OBJECTS)
     assert told(bar, "log10_overall") == pytest.approx(drawn, abs=1e-5)
     assert told(bar, "empty_share") < told(mug, "empty_share")
     assert told(bar, "known") == pytest.approx(0.2)
@@ -43,13 +45,19 @@ def test_an_object_is_never_told_of_itself(objects: list[Stored]) -> None:
     assert kinds[alone].index != unknown.index
 
 
-def test_an_object_is_told_the_same_as_a_stranger_beside_the_others(objects: list[Stored]) -> None:
-    first, *others = objects
+def test_what_an_object_is_told_does_not_follow_its_own_density(objects: list[Stored]) -> None:
+    first = objects[0]
+    heavy = replace(first, mean_g_cm3=first.mean_g_cm3 * np.float16(10))
     _, kinds = Categories.of(objects)
-    of_others = Categories.of(others)[0].kind(first.category)
-    spread = abs(kinds[0].usual - of_others.usual).max()
-    # but for the mean over all objects, which counts as half of one
-    assert 0 < spread < OUTSIDER
+    _, changed = Categories.of([heavy, *objects[1:]])
+    own, other = (
+        told(changed[number].usual, "log10_overall") - told(kinds[number].usual, "log10_overall")
+        for number in (0, 1)
+    )
+    # ten times as dense: 1 in log10, of which the mean over four objects has a quarter
+    share = PRIOR_OBJECTS / (1 + PRIOR_OBJECTS)
+    assert own == pytest.approx(share / 4, abs=1e-3)
+    assert other == pytest.approx(1 - share + share / 4, abs=1e-3)
 
 
 def test_an_unheard_category_is_told_the_mean_of_all(objects: list[Stored]) -> None:

@@ -165,3 +165,12 @@ def test_pictures_that_show_nothing_of_the_object_are_an_error(folder: DatasetFo
 
     with pytest.raises(DataError, match="bar-0003: its pictures show no voxel of it"):
         channels(altered(folder, "bar-0003", RGB, masked))
+
+
+def test_an_empty_envelope_is_a_plain_error(folder: DatasetFolder) -> None:
+    one = sample(folder, "bar-0003", SHAPE)
+    one.__dict__["envelope"] = np.zeros_like(
+        one.envelope
+    )  # where a cached property keeps its value
+    with pytest.raises(DataError, match="bar-0003: its envelope is empty"):
+        channels(one)

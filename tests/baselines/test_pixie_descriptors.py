@@ -16,8 +16,9 @@ from xden1k.folder import DatasetFolder
 from xden1k.predictor import Budget
 from xden1k.samples import Examples, SampleView
 from xden_baselines.pixie import Pixie
-from xden_baselines.pixie.descriptors import Descriptors
+from xden_baselines.pixie.descriptors import FILE, Descriptors
 from xden_baselines.views.cameras import Rig
+from xden_baselines.views.pictures import Pictures
 from xden_baselines.views.source import RenderedPhantoms
 
 LARGE = RenderedPhantoms(Rig(elevations_deg=(-40.0, 35.0), per_ring=3, size_px=160))
@@ -106,9 +107,31 @@ def test_what_was_saved_is_the_same_and_belongs_to_its_encoder(
         Descriptors.load(tmp_path, MeanColor(source="other"))
     with pytest.raises(DataError, match="expected 4 features"):
         Descriptors.load(tmp_path, MeanColor(width=4))
-    (tmp_path / "descriptors.npz").write_bytes(b"no")
+
+
+@pytest.mark.parametrize("damage", [b"", b"no", None])
+def test_damaged_descriptors_are_a_plain_error(
+    folder: DatasetFolder, tmp_path: Path, damage: bytes | None
+) -> None:
+    Descriptors.fit(train(folder), MeanColor(), seed=0).save(tmp_path)
+    whole = (tmp_path / FILE).read_bytes()
+    (tmp_path / FILE).write_bytes(whole[:-4] if damage is None else damage)
     with pytest.raises(DataError, match="no descriptors"):
         Descriptors.load(tmp_path, MeanColor())
+
+
+def test_held_out_objects_have_no_part_in_the_components(folder: DatasetFolder) -> None:
+    @dataclass(frozen=True)
+    class Seen(RenderedPhantoms):
+        def __call__(self, folder: DatasetFolder, object_id: str) -> Pictures:
+            seen.append(object_id)
+            return super().__call__(folder, object_id)
+
+    seen: list[str] = []
+    source = Seen(LARGE.rig)
+    examples = Examples(folder, "train", READS, "density", source)
+    Descriptors.fit(examples, MeanColor(), seed=0, held_out={1, 2})
+    assert seen == ["bar-0001", "hollow-0001"]
 
 
 def test_pixie_with_clip_looks_through_it_and_says_so(
@@ -131,6 +154,16 @@ def test_pixie_with_clip_looks_through_it_and_says_so(
     assert len(fresh._names) == len(Pixie(clip="")._names) + FEATURES
     with pytest.raises(DataError, match="learned with features of CLIP, to predict with none"):
         Pixie(clip="").load(tmp_path)
+    with pytest.raises(DataError, match="no checkpoint there"):
+        Pixie(clip=weights).load(tmp_path / "nobody")
+
+
+def test_the_environment_names_the_weights(weights: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDEN_CLIP", weights)
+    assert Pixie().external_data
+    assert not Pixie(clip="").external_data
+    monkeypatch.delenv("XDEN_CLIP")
+    assert not Pixie().external_data
 
 
 def test_other_weights_than_it_learned_with_are_refused(

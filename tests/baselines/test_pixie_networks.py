@@ -53,7 +53,7 @@ def test_no_weight_is_idle(network: torch.nn.Module) -> None:
 
 
 @pytest.mark.parametrize("network", [CpuNet(5, 2, 3), FullNet(5, 2, 3, base=8)])
-def test_a_fresh_network_predicts_the_middle_of_the_scale(network: torch.nn.Module) -> None:
+def test_a_fresh_network_answers_zero(network: torch.nn.Module) -> None:
     with torch.inference_mode():
         assert not everywhere(network, torch.ones(1, 5, 16, 16, 16)).any()
 

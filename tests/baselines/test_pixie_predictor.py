@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +26,13 @@ from xden1k.predictor import Budget, Fingerprinted, Predictor, Storable, takes_b
 from xden_baselines.pixie import GeometryUNet, Pixie, PixieFull, XRayUNet
 
 EVERY = [GeometryUNet, Pixie, XRayUNet]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def no_clip() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("XDEN_CLIP", raising=False)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -15,11 +15,11 @@ from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.modality import Modality
 from xden1k.predictor import Budget
-from xden_baselines.pixie import model, training
-from xden_baselines.pixie.categories import Categories
+from xden_baselines.pixie import XRayUNet, model, training
+from xden_baselines.pixie.categories import USUAL, Categories
 from xden_baselines.pixie.channels import VECTORS, channel_names
 from xden_baselines.pixie.losses import loss, turned
-from xden_baselines.pixie.model import Outputs, VoxelModel
+from xden_baselines.pixie.model import EMPTY_SHARES, Outputs, VoxelModel
 from xden_baselines.pixie.networks import FullNet
 from xden_baselines.pixie.scaling import LogScale
 from xden_baselines.pixie.settings import Settings
@@ -206,6 +206,47 @@ def test_a_turned_object_is_seen_as_one_that_lies_so(tmp_path: Path) -> None:
     assert torch.allclose(found.mean_g_cm3, two.mean_g_cm3, atol=2e-3)
     for index, name in enumerate(channel_names(reads)):
         assert torch.allclose(found.channels[:, index], two.channels[:, index], atol=2e-3), name
+
+
+@pytest.mark.parametrize(("how", "ways"), [("none", 1), ("mirrored", 4), ("cube", 48)])
+def test_objects_are_turned_in_every_way_that_is_said(how: str, ways: int) -> None:
+    rng = np.random.default_rng(0)
+    drawn = [training._turn(how, rng) for _ in range(2000)]
+    assert len({(*order, *signs) for order, signs in drawn}) == ways
+    if how != "cube":
+        assert all(order == [0, 1, 2] and signs[2] == 1 for order, signs in drawn)
+
+
+def test_radiographs_keep_their_directions() -> None:
+    assert XRayUNet().settings.turned == "mirrored"
+
+
+def test_one_object_in_twenty_is_told_no_category(objects: list[Stored]) -> None:
+    categories, kinds = Categories.of(objects)
+    rng = np.random.default_rng(0)
+    school = training._School(fresh_model(objects), Settings(**TINY), categories.kinds[-1], rng)
+    lessons = list(zip(objects, kinds, strict=True))
+    drawn = torch.cat([school.varied(lessons).category for _ in range(250)])
+    hidden = (drawn == len(categories.names)).float().mean()
+    assert hidden == pytest.approx(training.UNNAMED_SHARE, abs=0.025)
+
+
+def test_turning_stays_on_the_device(objects: list[Stored]) -> None:
+    found = turned(together(objects, 16).to("meta"), NAMES, [1, 2, 0], [-1, 1, 1])
+    assert found.channels.is_meta
+
+
+def test_a_fresh_network_predicts_what_is_usual_in_the_category(objects: list[Stored]) -> None:
+    fresh = fresh_model(objects)
+    batch = together(objects, 16)
+    with torch.inference_mode():
+        density = fresh(*batch.inputs).density_g_cm3
+    material, empty = (
+        batch.usual[:, USUAL.index(name)] for name in ("log10_material", "empty_share")
+    )
+    usual = 10**material * (1 - empty.clamp(*EMPTY_SHARES))
+    for found, inside, wanted in zip(density, batch.inside, usual, strict=True):
+        assert torch.allclose(found[inside], wanted, rtol=1e-3)
 
 
 def test_the_truth_has_the_least_loss(objects: list[Stored]) -> None:

@@ -18,7 +18,7 @@ def clip_folder(given: str | None) -> str:
     return os.environ.get(CLIP_VARIABLE, "") if given is None else given
 
 
-def open_clip(folder: str) -> PatchEncoder:
+def open_clip(folder: str, device: str = "cpu") -> PatchEncoder:
     """Load CLIP.
 
     Raises
@@ -30,7 +30,7 @@ def open_clip(folder: str) -> PatchEncoder:
     """
     from xden_baselines.features.clip import ClipEncoder
 
-    return ClipEncoder(Path(folder))
+    return ClipEncoder(Path(folder), device=device)
 
 
 def clip_sha256(folder: str) -> str:

@@ -1,7 +1,8 @@
 """What objects of a category usually are, as far as those that were learned from tell.
 
-A training object is told of the others of its category only: else a network would come to trust
-what it is told more than it may when it predicts.
+A training object is told of the others of its category only (and, as half of one more, the mean
+over all objects): else a network would come to trust what it is told more than it may when it
+predicts.
 """
 
 from __future__ import annotations
@@ -20,12 +21,12 @@ __all__ = ["USUAL", "Categories", "Kind"]
 _TRAITS = ("log10_material", "log10_material_spread", "empty_share", "log10_overall")
 USUAL = (*_TRAITS, *(f"{name}_deviation" for name in _TRAITS), "known")
 """What is told of a category: means and deviations over its objects, and how many there were."""
-OUTSIDER = 0.5
+PRIOR_OBJECTS = 0.5
 """The mean over all objects counts as so many objects of each category."""
-ENOUGH = 10
+MANY_OBJECTS = 10
 """So many objects or more are told as the number 1."""
 SOLID, FAINTEST_G_CM3 = 0.05, 1e-3
-"""Voxels emptier, and densities below, are left out or cut."""
+"""Emptier voxels are left out; lower densities are raised to this."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,7 +100,7 @@ class Categories:
 
 
 def _traits(one: Stored) -> Float64[np.ndarray, "traits"]:
-    """Sum up an object by the four numbers of its category's mean."""
+    """Return the traits of one object; one without material has that of 1 g/cm³."""
     weight = one.envelope.astype(np.float64)
     solid = one.solid.astype(np.float64)
     mean_log, spread = 0.0, 0.0
@@ -116,6 +117,6 @@ def _usual(
 ) -> Float32[np.ndarray, "told"]:
     """Mean, drawn a little to that of all objects, deviation, and number of objects."""
     count = len(traits)
-    mean = (traits.sum(axis=0) + OUTSIDER * overall) / (count + OUTSIDER)
+    mean = (traits.sum(axis=0) + PRIOR_OBJECTS * overall) / (count + PRIOR_OBJECTS)
     deviation = traits.std(axis=0) if count else np.zeros(len(overall))
-    return np.array([*mean, *deviation, min(count, ENOUGH) / ENOUGH], dtype=np.float32)
+    return np.array([*mean, *deviation, min(count, MANY_OBJECTS) / MANY_OBJECTS], dtype=np.float32)

@@ -2,7 +2,8 @@
 
 All channels but ``log10_extent`` and ``log10_volume`` are free of scale: they are the same for an
 object twice as large. ``log10_lac`` is so too if the material is the same. None depends on the
-order of pictures, and what is told of the principal axes not on how the object is turned.
+order of pictures. What is told of the principal axes does not depend on how the object is turned,
+but for the direction of an axis along which it is symmetric.
 
 Needs the extra ``build``.
 """
@@ -86,8 +87,15 @@ def channels(sample: SampleView) -> Channels:
     -------
     array
         Shape (channels, 64, 64, 64), 0 outside the envelope.
+
+    Raises
+    ------
+    DataError
+        If nothing is inside the envelope, or the pictures show no voxel of the object.
     """
     inside = sample.envelope > 0
+    if not inside.any():
+        raise DataError(f"{sample.object_id}: its envelope is empty")
     found = [_geometry(sample, inside)]
     if Modality.RGB in sample.reads:
         found.append(_colours(sample))

@@ -14,9 +14,21 @@ from xden1k.errors import DataError
 from xden_baselines.pixie.model import VoxelModel
 from xden_baselines.pixie.training import FitReport
 
-__all__ = ["load_model", "load_report"]
+__all__ = ["check_files", "load_model", "load_report"]
 
 FILES = ("config.json", "model.safetensors")
+
+
+def check_files(folder: Path) -> None:
+    """Refuse a folder without a checkpoint; the Hub's mixin would take it for a repository's name.
+
+    Raises
+    ------
+    DataError
+        If a file is missing.
+    """
+    if missing := [name for name in FILES if not (folder / name).is_file()]:
+        raise DataError(f"{folder}: no checkpoint there, {' and '.join(missing)} missing")
 
 
 def load_model(folder: Path, names: Sequence[str]) -> VoxelModel:
@@ -27,9 +39,7 @@ def load_model(folder: Path, names: Sequence[str]) -> VoxelModel:
     DataError
         If files are missing or damaged, or its network sees other channels.
     """
-    # a folder that is not there would be taken for the name of a repository on the Hub
-    if missing := [name for name in FILES if not (folder / name).is_file()]:
-        raise DataError(f"{folder}: no checkpoint there, {' and '.join(missing)} missing")
+    check_files(folder)
     try:
         with redirect_stdout(io.StringIO()):  # the Hub's mixin tells whence it loads
             model = VoxelModel.from_pretrained(folder, map_location="cpu", strict=True)

@@ -6,12 +6,14 @@ voxel, and reduced to their principal components on the training split.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
 from scipy import ndimage
 
 from xden1k.errors import DataError
@@ -23,11 +25,11 @@ from xden_baselines.pixie.channels import SKIN, Channels
 
 __all__ = ["FILE", "Descriptors"]
 
-FILE = "descriptors.npz"
+FILE = "descriptors.safetensors"
 WIDTH = 32
 """Principal components at most."""
 TRAINING_OBJECTS = 50
-"""The components are those of so many training objects, drawn by the seed."""
+"""The components are those of so many training objects, drawn by the seed; held-out ones apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,16 +51,27 @@ class Descriptors:
     components: Float32[np.ndarray, "components features"]
 
     @classmethod
-    def fit(cls, train: Examples, encoder: PatchEncoder, *, seed: int) -> Descriptors:
+    def fit(
+        cls, train: Examples, encoder: PatchEncoder, *, seed: int, held_out: Set[int] = frozenset()
+    ) -> Descriptors:
         """Learn the components.
+
+        Parameters
+        ----------
+        train, encoder
+            Pictures, and what makes features of them.
+        seed
+            Which objects are looked at.
+        held_out
+            Numbers of the objects that are not.
 
         Raises
         ------
         DataError
             If the pictures of an object show no voxel with its whole patch.
         """
-        rng = np.random.default_rng(seed)
-        chosen = set(rng.permutation(len(train))[:TRAINING_OBJECTS].tolist())
+        order = np.random.default_rng(seed).permutation(len(train)).tolist()
+        chosen = set([number for number in order if number not in held_out][:TRAINING_OBJECTS])
         count, total = 0, np.zeros(encoder.width)
         products = np.zeros((encoder.width, encoder.width))
         for features in _of_the_chosen(train, chosen, encoder):
@@ -92,8 +105,8 @@ class Descriptors:
 
     def save(self, folder: Path) -> None:
         """Write what was learned, and from which encoder."""
-        source = np.array(self.encoder.source)
-        np.savez(folder / FILE, mean=self.mean, components=self.components, source=source)
+        values = {"mean": self.mean, "components": np.ascontiguousarray(self.components)}
+        save_file(values, folder / FILE, metadata={"source": self.encoder.source})
 
     @classmethod
     def load(cls, folder: Path, encoder: PatchEncoder) -> Descriptors:
@@ -106,13 +119,12 @@ class Descriptors:
         """
         path = folder / FILE
         try:
-            with np.load(path, allow_pickle=False) as found:
-                source, mean, components = (
-                    found[name] for name in ("source", "mean", "components")
-                )
-        except (OSError, ValueError, KeyError) as err:
+            with safe_open(path, framework="numpy") as found:
+                source = (found.metadata() or {}).get("source")
+                mean, components = found.get_tensor("mean"), found.get_tensor("components")
+        except (SafetensorError, OSError) as err:
             raise DataError(f"{path}: no descriptors: {err}") from err
-        if str(source) != encoder.source:
+        if source != encoder.source:
             raise DataError(f"{path}: made with {source}, not with {encoder.source}")
         if mean.shape != (encoder.width,) or components.shape[1:] != mean.shape:
             raise DataError(

@@ -98,7 +98,7 @@ def turned(batch: Batch, names: Sequence[str], order: Sequence[int], signs: Sequ
         return grid.permute(axes).flip(round_)
 
     channels = moved(batch.channels)
-    source, factors = list(range(len(names))), torch.ones(len(names))
+    source, factors = list(range(len(names))), torch.ones(len(names), device=batch.envelope.device)
     for vector in VECTORS:
         at = [list(names).index(name) for name in vector]
         for axis, old in enumerate(order):

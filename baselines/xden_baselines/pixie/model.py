@@ -18,8 +18,8 @@ __all__ = ["Outputs", "VoxelModel"]
 
 CATEGORY_WIDTH, CATEGORY_DEVIATION = 16, 0.3
 """Numbers that are learned of each category, and their deviation at the start."""
-SURE = (0.02, 0.98)
-"""The empty share that a category begins with is never surer than this."""
+EMPTY_SHARES = (0.02, 0.98)
+"""The empty share that a category begins with lies between these."""
 
 Voxels = Float[Tensor, "batch x y z"]
 
@@ -138,7 +138,7 @@ class VoxelModel(nn.Module, PyTorchModelHubMixin):
         seen = (channels - self.offset.view(shape)) * self.gain.view(shape) * inside[:, None]
         told = torch.cat([usual, self.embedding(category)], dim=1)
         scaled, void, *families = self.network(seen, inside, told).float().unbind(dim=1)
-        empty = usual[:, USUAL.index("empty_share")].clamp(*SURE)
+        empty = usual[:, USUAL.index("empty_share")].clamp(*EMPTY_SHARES)
         material = self.scale.scaled_log10(usual[:, USUAL.index("log10_material")])
         scaled = scaled + material.view(shape)
         void = void + torch.logit(empty).view(shape)

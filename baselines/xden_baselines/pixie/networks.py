@@ -129,7 +129,7 @@ class CpuNet(nn.Module):
 
 
 class FullNet(nn.Module):
-    """Pixie's architecture: a 1³ projector to 32 channels and a U-Net of base width 64.
+    """Pixie's architecture: a projector to 32 channels, here of 1³, and a U-Net of base width 64.
 
     Levels of 64, 64, 128 and 256 channels, three residual blocks at each on the way down and four
     on the way up, attention at the bottom only. Group normalisation stands where the original has
@@ -234,10 +234,6 @@ def _way_up(widths: Sequence[int], skips: Sequence[int], blocks: int = 4) -> nn.
             last = number + 1 == blocks and level > 0
             modules.append(nn.Sequential(block, _up(width, width, 3)) if last else block)
     return modules
-
-
-def _bottom(width: int) -> nn.Sequential:
-    return nn.Sequential(_block(width, width), Attention(width), _block(width, width))
 
 
 def _block(inputs: int, outputs: int) -> Residual:

@@ -19,6 +19,7 @@ from xden_baselines.features.settings import clip_folder, clip_sha256, open_clip
 from xden_baselines.pixie.settings import Settings
 
 if TYPE_CHECKING:
+    from xden_baselines.features.encoder import PatchEncoder
     from xden_baselines.pixie.channels import Channels
     from xden_baselines.pixie.descriptors import Descriptors
     from xden_baselines.pixie.model import VoxelModel
@@ -171,8 +172,15 @@ class Pixie(_Trained):
         """Learn how CLIP's features are reduced, where there are any; then as the others."""
         if self._clip:
             from xden_baselines.pixie.descriptors import Descriptors
+            from xden_baselines.pixie.training import check_device, held_out_numbers, torch_threads
 
-            self._descriptors = Descriptors.fit(train, open_clip(self._clip), seed=seed)
+            check_device(self.settings.device)
+            rng = np.random.default_rng(seed)
+            held_out = held_out_numbers(len(train), self.settings.held_out, rng)
+            with torch_threads(self.settings.threads):
+                self._descriptors = Descriptors.fit(
+                    train, self._encoder(), seed=seed, held_out=held_out
+                )
         super().fit(train, seed=seed, budget=budget)
 
     def save(self, folder: Path) -> None:
@@ -189,15 +197,19 @@ class Pixie(_Trained):
         DataError
             If the folder does not hold one of this method, learned with the same CLIP or none.
         """
+        from xden_baselines.pixie.checkpoint import check_files
         from xden_baselines.pixie.descriptors import FILE, Descriptors
+        from xden_baselines.pixie.training import check_device
 
+        check_device(self.settings.device)
+        check_files(folder)
         if (learned := (folder / FILE).is_file()) != bool(self._clip):
             raise DataError(
                 f"{folder}: learned {'with' if learned else 'without'} features of CLIP, "
                 f"to predict with {'a folder' if self._clip else 'none'}: set clip accordingly"
             )
         if self._clip:
-            self._descriptors = Descriptors.load(folder, open_clip(self._clip))
+            self._descriptors = Descriptors.load(folder, self._encoder())
         super().load(folder)
 
     @property
@@ -208,7 +220,13 @@ class Pixie(_Trained):
         seen = super()._seen(sample)
         if self._descriptors is None:
             return seen
-        return np.concatenate([seen, self._descriptors.channels(sample)])
+        from xden_baselines.pixie.training import torch_threads
+
+        with torch_threads(self.settings.threads):
+            return np.concatenate([seen, self._descriptors.channels(sample)])
+
+    def _encoder(self) -> PatchEncoder:
+        return open_clip(self._clip, self.settings.device)
 
 
 class PixieFull(Pixie):

@@ -6,7 +6,7 @@ import logging
 import math
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from statistics import median
@@ -29,7 +29,14 @@ from xden_baselines.pixie.store import Stored
 
 logger = logging.getLogger(__name__)
 
-__all__ = ["FitReport", "check_device", "split_off", "torch_threads", "train"]
+__all__ = [
+    "FitReport",
+    "check_device",
+    "held_out_numbers",
+    "split_off",
+    "torch_threads",
+    "train",
+]
 
 LAC_PREFIX = "log10_lac"
 """Channels that are calibrated rather than standardised."""
@@ -113,20 +120,25 @@ def torch_threads(number: int) -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def split_off(
-    objects: Sequence[Stored], share: float, rng: np.random.Generator
-) -> tuple[list[Stored], list[Stored]]:
-    """Draw the held-out objects: their share, at least one.
+def held_out_numbers(count: int, share: float, rng: np.random.Generator) -> Set[int]:
+    """Draw which of so many objects are held out: their share, at least one.
 
     Raises
     ------
     DataError
         If there are fewer than two objects.
     """
-    if len(objects) < 2:
-        raise DataError(f"training needs at least 2 objects, one held out; got {len(objects)}")
-    count = min(max(1, round(share * len(objects))), len(objects) - 1)
-    chosen = set(rng.permutation(len(objects))[:count].tolist())
+    if count < 2:
+        raise DataError(f"training needs at least 2 objects, one held out; got {count}")
+    wanted = min(max(1, round(share * count)), count - 1)
+    return frozenset(rng.permutation(count)[:wanted].tolist())
+
+
+def split_off(
+    objects: Sequence[Stored], share: float, rng: np.random.Generator
+) -> tuple[list[Stored], list[Stored]]:
+    """Return the objects to learn from and those held out."""
+    chosen = held_out_numbers(len(objects), share, rng)
     learned = [one for index, one in enumerate(objects) if index not in chosen]
     return learned, [one for index, one in enumerate(objects) if index in chosen]
 
