@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from transformers import CLIPModel
 
 from tests.baselines.tiny_clip import FEATURES, tiny_clip
 from xden1k.errors import DataError
