@@ -11,7 +11,10 @@ from xden1k.errors import DataError
 from xden1k.samples import SampleView
 from xden1k.types import FIELD_SIZE
 
-__all__ = ["nearest_filled", "voxel_centres_cm"]
+__all__ = ["SKIN", "near_surface", "nearest_filled", "voxel_centres_cm"]
+
+SKIN = 2.0
+"""How deep below the surface a voxel's centre may lie and still be seen, in voxels."""
 
 
 def voxel_centres_cm(
@@ -21,6 +24,12 @@ def voxel_centres_cm(
     shape = (FIELD_SIZE,) * 3
     chosen = np.ones(shape, dtype=bool) if inside is None else inside
     return np.asarray(sample.origin_cm + sample.voxel_size_cm * np.argwhere(chosen))
+
+
+def near_surface(sample: SampleView) -> Bool[np.ndarray, "64 64 64"]:
+    """Voxels of the envelope that may be seen from outside, within :data:`SKIN` of the air."""
+    inside = sample.envelope > 0
+    return np.asarray(inside & (ndimage.distance_transform_edt(inside) <= SKIN))
 
 
 def nearest_filled(

@@ -108,3 +108,10 @@ def test_the_scale_spans_the_densities_and_never_collapses() -> None:
     assert one.high - one.low == pytest.approx(0.1)
     with pytest.raises(DataError, match=r"must rise, got 1\.0 and 1\.0"):
         LogScale(1.0, 1.0)
+
+
+def test_only_the_wanted_examples_are_gone_through_in_the_order_of_the_split(
+    folder: DatasetFolder,
+) -> None:
+    found = [one.sample.object_id for one in examples(folder, GEOMETRY).only([3, 0, 3])]
+    assert found == ["bar-0001", "hollow-0001"]

@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Integer, Shaped
-from scipy import ndimage
 
 from xden1k.arrays import Points
 from xden1k.errors import DataError
@@ -27,15 +26,13 @@ from xden1k.samples import SampleView
 from xden_baselines.adapters.cloud import Cloud
 from xden_baselines.adapters.files import read_json, read_npy, read_text
 from xden_baselines.gaussian_property.voting import winners
-from xden_baselines.geometry import voxel_centres_cm
+from xden_baselines.geometry import SKIN, near_surface, voxel_centres_cm
 from xden_baselines.views.pictures import Pictures, visible
 from xden_baselines.views.rendering import Surface
 from xden_baselines.views.scenes import read_scene
 
 __all__ = ["parse_answers", "read_case"]
 
-SKIN = 2.0
-"""How deep a voxel at the surface may lie, and how far behind what a view sees, in voxels."""
 CM_PER_M = 100.0
 
 Part = tuple[int, int]
@@ -99,8 +96,7 @@ def read_case(
     names, which = np.unique(np.array(list(answers.values())), return_inverse=True)
     pictures = read_scene(case, Surface(np.asarray(sample.outer_mesh.triangles)))
     segmentations = _segmentations(case, pictures)
-    inside = sample.envelope > 0
-    surface = inside & (ndimage.distance_transform_edt(inside) <= SKIN)
+    surface = near_surface(sample)
     points = voxel_centres_cm(sample, surface)
     ballots = np.zeros((len(points), len(names)), dtype=np.int64)
     material = dict(zip(answers, which.tolist(), strict=True))

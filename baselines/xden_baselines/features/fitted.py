@@ -126,13 +126,8 @@ def fit_encoder(train: Examples, *, seed: int) -> FittedEncoder:
         If no picture shows a part of known material.
     """
     rng = np.random.default_rng(seed)
-    chosen = set(rng.permutation(len(train))[:TRAINING_OBJECTS].tolist())
-    drawn = [
-        found
-        for number, example in enumerate(train)
-        if number in chosen
-        for found in _training_patches(example, rng)
-    ]
+    chosen = rng.permutation(len(train))[:TRAINING_OBJECTS].tolist()
+    drawn = [found for example in train.only(chosen) for found in _training_patches(example, rng)]
     if not drawn:
         raise DataError(f"split {train.split}: no picture shows a part of known material")
     statistics = np.concatenate([found for found, _ in drawn])

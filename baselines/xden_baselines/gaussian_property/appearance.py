@@ -125,13 +125,8 @@ def fit_centroids(train: Examples, materials: ClosedList, *, seed: int) -> Centr
         If no picture shows a part of known material.
     """
     rng = np.random.default_rng(seed)
-    chosen = rng.permutation(len(train))[:TRAINING_OBJECTS]
-    found = [
-        pair
-        for number, example in enumerate(train)
-        if number in chosen
-        for pair in _labelled(example, materials)
-    ]
+    chosen = rng.permutation(len(train))[:TRAINING_OBJECTS].tolist()
+    found = [pair for example in train.only(chosen) for pair in _labelled(example, materials)]
     if not found:
         raise DataError(f"split {train.split}: no picture shows a part of known material")
     seen = np.concatenate([one for one, _ in found])

@@ -14,7 +14,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from scipy import ndimage
 
 from xden1k.arrays import Grid
 from xden1k.errors import DataError
@@ -40,14 +39,12 @@ from xden_baselines.gaussian_property.voting import (
     middle_density_g_cm3,
     winners,
 )
-from xden_baselines.geometry import nearest_filled, voxel_centres_cm
+from xden_baselines.geometry import SKIN, near_surface, nearest_filled, voxel_centres_cm
 from xden_baselines.views.pictures import Pictures
 
 __all__ = ["GaussianProperty", "GaussianPropertyParts", "GaussianPropertyWeighted"]
 
 FILE = "materials.json"
-SKIN = 2.0
-"""How deep a voxel at the surface may lie, and how far behind what a view sees, in voxels."""
 
 
 class _Voting:
@@ -167,8 +164,7 @@ class GaussianProperty(_Voting):
         self, sample: SampleView, pictures: Pictures, judged: Sequence[Judged]
     ) -> tuple[np.ndarray, Ballots]:
         """Voxels at the surface that got a vote, as a mask, and their votes in C order."""
-        inside = sample.envelope > 0
-        surface = inside & (ndimage.distance_transform_edt(inside) <= SKIN)
+        surface = near_surface(sample)
         ballots = vote_of_points(
             voxel_centres_cm(sample, surface),
             pictures,

@@ -19,11 +19,11 @@ from xden1k.errors import DataError
 from xden1k.modality import Modality
 from xden1k.samples import SampleView
 from xden1k.types import FIELD_SIZE
-from xden_baselines.geometry import nearest_filled, voxel_centres_cm
+from xden_baselines.geometry import SKIN, near_surface, nearest_filled, voxel_centres_cm
 from xden_baselines.views.pictures import Pictures, visible
 from xden_baselines.xray import back_projected_lac_per_cm
 
-__all__ = ["ENVELOPE", "SKIN", "VECTORS", "Channels", "channel_names", "channels"]
+__all__ = ["ENVELOPE", "VECTORS", "Channels", "channel_names", "channels"]
 
 Channels = Float32[np.ndarray, "channels x y z"]
 
@@ -56,8 +56,6 @@ _BY_MODALITY = {
 }
 VECTORS = (("x", "y", "z"), ("normal_x", "normal_y", "normal_z"))
 """The channels that turn with the object."""
-SKIN = 2.0
-"""How deep below the surface a voxel's centre may lie and still be seen, in voxels."""
 THINNEST = 0.05
 """Least deviation along an axis, in voxels."""
 FAINTEST_PER_CM = 1e-3
@@ -161,8 +159,7 @@ def _colours(sample: SampleView) -> Channels:
         If the pictures show no voxel of the object.
     """
     pictures: Pictures = sample.pictures
-    inside = sample.envelope > 0
-    near = inside & (ndimage.distance_transform_edt(inside) <= SKIN)
+    near = near_surface(sample)
     points = voxel_centres_cm(sample, near)
     # whole numbers, so that the order of the pictures cannot matter
     sums, counts = np.zeros((3, len(points)), np.int64), np.zeros(len(points), np.int64)
@@ -172,7 +169,7 @@ def _colours(sample: SampleView) -> Channels:
         counts += seen
     if not counts.any():
         raise DataError(f"{sample.object_id}: its pictures show no voxel of it")
-    grids = np.zeros((4, *inside.shape), dtype=np.float32)
+    grids = np.zeros((4, *near.shape), dtype=np.float32)
     grids[:3, near] = sums / (255 * counts.clip(1, None))
     grids[3, near] = counts / len(pictures)
     grids[:3] = nearest_filled(grids[:3], grids[3] > 0)

@@ -6,22 +6,21 @@ voxel, and reduced to their principal components on the training split.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Set
+from collections.abc import Set
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64
+from jaxtyping import Bool, Float32
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
-from scipy import ndimage
 
 from xden1k.errors import DataError
 from xden1k.samples import Examples, SampleView
 from xden_baselines.features.encoder import PatchEncoder
 from xden_baselines.features.fusion import fused_features
-from xden_baselines.geometry import nearest_filled, voxel_centres_cm
-from xden_baselines.pixie.channels import SKIN, Channels
+from xden_baselines.geometry import SKIN, near_surface, nearest_filled, voxel_centres_cm
+from xden_baselines.pixie.channels import Channels
 
 __all__ = ["FILE", "Descriptors"]
 
@@ -71,10 +70,12 @@ class Descriptors:
             If the pictures of an object show no voxel with its whole patch.
         """
         order = np.random.default_rng(seed).permutation(len(train)).tolist()
-        chosen = set([number for number in order if number not in held_out][:TRAINING_OBJECTS])
+        chosen = [number for number in order if number not in held_out][:TRAINING_OBJECTS]
         count, total = 0, np.zeros(encoder.width)
         products = np.zeros((encoder.width, encoder.width))
-        for features in _of_the_chosen(train, chosen, encoder):
+        for example in train.only(chosen):
+            _, found, seen = _seen(example.sample, encoder)
+            features = found[seen].astype(np.float64)
             count += len(features)
             total += features.sum(axis=0)
             products += features.T @ features
@@ -133,23 +134,13 @@ class Descriptors:
         return cls(encoder, mean, components)
 
 
-def _of_the_chosen(
-    train: Examples, chosen: set[int], encoder: PatchEncoder
-) -> Iterator[Float64[np.ndarray, "seen features"]]:
-    for number, example in enumerate(train):
-        if number in chosen:
-            _, features, seen = _seen(example.sample, encoder)
-            yield features[seen].astype(np.float64)
-
-
 def _seen(
     sample: SampleView, encoder: PatchEncoder
 ) -> tuple[
     Bool[np.ndarray, "x y z"], Float32[np.ndarray, "near features"], Bool[np.ndarray, "near"]
 ]:
     """Voxels near the surface, the features of each, and which of them some view shows."""
-    inside = sample.envelope > 0
-    near = inside & (ndimage.distance_transform_edt(inside) <= SKIN)
+    near = near_surface(sample)
     features, views = fused_features(
         voxel_centres_cm(sample, near),
         sample.pictures,
