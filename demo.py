@@ -70,8 +70,8 @@ def load() -> None:
 
 def sheet() -> Path:
     """Draw every rebuilt object."""
-    from xden1k.figures import contact_sheet
     from xden1k.folder import open_folder
+    from xden1k.pictures.figures import contact_sheet
 
     path = OUT / "contact-sheet.png"
     contact_sheet(open_folder(OUT / "dataset").objects(), path)

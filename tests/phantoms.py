@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from xden1k.physics import PAPER_MAC_CM2_G
-from xden1k.types import FIELD_SIZE, LABEL_SIZE, DensityField, DensityObject, Part
-from xden1k.views import ViewGeometry, XRayView
+from xden1k.values.physics import PAPER_MAC_CM2_G
+from xden1k.values.types import FIELD_SIZE, LABEL_SIZE, DensityField, DensityObject, Part
+from xden1k.values.views import ViewGeometry, XRayView
 
 NAN = float("nan")
 APPARENT = 1.25

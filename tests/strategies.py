@@ -11,8 +11,8 @@ import numpy as np
 from hypothesis import strategies as st
 
 from tests.phantoms import NAN, Box, box_object
-from xden1k.types import SPLITS, DensityObject
-from xden1k.views import XRayView
+from xden1k.values.types import SPLITS, DensityObject
+from xden1k.values.views import XRayView
 
 words = st.text(st.characters(codec="utf-8"), max_size=12)
 """Anything a person may type."""

@@ -1,16 +1,18 @@
 """XDen-1K: biplanar X-rays, part meshes and volumetric density of everyday objects.
 
 Importing it takes 20 ms: each name below is loaded when it is first used. It also makes
-``datasets.load_dataset("xden1k")`` work, see :mod:`xden1k.alias`.
+``datasets.load_dataset("xden1k")`` work, see :mod:`xden1k.access.alias`.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from xden1k import alias as _alias
+from xden1k.access import alias as _alias
 
 if TYPE_CHECKING:
-    from xden1k.dataset import XDen1K, collate
+    from xden1k.access.dataset import XDen1K, collate
+    from xden1k.access.hub import data_root, download
+    from xden1k.access.loading import load_dataset
     from xden1k.errors import (
         DataError,
         MissingExtraError,
@@ -19,16 +21,14 @@ if TYPE_CHECKING:
         XDenError,
     )
     from xden1k.folder import open_folder, write_folder
-    from xden1k.hub import data_root, download
-    from xden1k.loading import load_dataset
-    from xden1k.mass import MassProperties
-    from xden1k.materials import Material, load_materials
-    from xden1k.modality import ModalityError
+    from xden1k.folder.verify import verify_folder
     from xden1k.predictions import Predictions, open_predictions, write_predictions
     from xden1k.predictor import Example, Predictor
-    from xden1k.types import DensityField, DensityObject, Part
-    from xden1k.verify import verify_folder
-    from xden1k.views import ViewGeometry, XRayView
+    from xden1k.values.mass import MassProperties
+    from xden1k.values.materials import Material, load_materials
+    from xden1k.values.modality import ModalityError
+    from xden1k.values.types import DensityField, DensityObject, Part
+    from xden1k.values.views import ViewGeometry, XRayView
 
     __version__: str
 
@@ -64,7 +64,7 @@ __all__ = [
 ]
 
 _NAMES_OF = {
-    "dataset": ("XDen1K", "collate"),
+    "access.dataset": ("XDen1K", "collate"),
     "errors": (
         "DataError",
         "MissingExtraError",
@@ -73,16 +73,16 @@ _NAMES_OF = {
         "XDenError",
     ),
     "folder": ("open_folder", "write_folder"),
-    "hub": ("data_root", "download"),
-    "loading": ("load_dataset",),
-    "mass": ("MassProperties",),
-    "materials": ("Material", "load_materials"),
-    "modality": ("ModalityError",),
+    "access.hub": ("data_root", "download"),
+    "access.loading": ("load_dataset",),
+    "values.mass": ("MassProperties",),
+    "values.materials": ("Material", "load_materials"),
+    "values.modality": ("ModalityError",),
     "predictions": ("Predictions", "open_predictions", "write_predictions"),
     "predictor": ("Example", "Predictor"),
-    "types": ("DensityField", "DensityObject", "Part"),
-    "verify": ("verify_folder",),
-    "views": ("ViewGeometry", "XRayView"),
+    "values.types": ("DensityField", "DensityObject", "Part"),
+    "folder.verify": ("verify_folder",),
+    "values.views": ("ViewGeometry", "XRayView"),
 }
 _MODULE_OF = {name: module for module, names in _NAMES_OF.items() for name in names}
 

@@ -13,7 +13,7 @@ from xden1k.commands import Group, json_option, open_root, print_json
 
 if TYPE_CHECKING:
     from xden1k.folder import DatasetFolder
-    from xden1k.types import DensityObject
+    from xden1k.values.types import DensityObject
 
 __all__ = ["cli"]
 
@@ -83,7 +83,7 @@ def show(object_id: str, root: Path | None, out: Path | None, as_json: bool) -> 
     from xden1k.errors import require
 
     require("matplotlib", "view")
-    from xden1k.figures import object_sheet
+    from xden1k.pictures.figures import object_sheet
 
     obj = open_root(root).object(object_id)
     out = Path(f"{object_id}.png") if out is None else out
@@ -144,8 +144,8 @@ def verify(root: Path, as_json: bool) -> None:
     """
     from tqdm import tqdm
 
-    from xden1k.manifest import Manifest
-    from xden1k.verify import verify_folder
+    from xden1k.folder.verify import verify_folder
+    from xden1k.format.manifest import Manifest
 
     manifest = Manifest.read(root)
     with tqdm(total=manifest.objects, disable=None, leave=False) as bar:
@@ -166,8 +166,8 @@ def verify(root: Path, as_json: bool) -> None:
 @json_option
 def download(repo_id: str | None, revision: str | None, as_json: bool) -> None:
     """Fetch the dataset from the Hub into the cache, and verify it."""
-    from xden1k import hub
-    from xden1k.manifest import Manifest
+    from xden1k.access import hub
+    from xden1k.format.manifest import Manifest
 
     folder = hub.download(repo_id or hub.REPO_ID, revision)
     if as_json:

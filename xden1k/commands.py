@@ -15,7 +15,7 @@ import click
 from click.core import ParameterSource
 
 from xden1k.errors import XDenError
-from xden1k.plain import plain
+from xden1k.values.plain import plain
 
 if TYPE_CHECKING:
     from xden1k.folder import DatasetFolder
@@ -83,8 +83,8 @@ def open_root(root: Path | None) -> DatasetFolder:
     DataError
         If it is not a dataset folder.
     """
+    from xden1k.access.hub import data_root
     from xden1k.folder import open_folder
-    from xden1k.hub import data_root
 
     with warnings.catch_warnings(record=True) as notes:
         warnings.simplefilter("always")

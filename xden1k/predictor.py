@@ -18,10 +18,10 @@ from typing import Protocol, TypeGuard, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from xden1k.arrays import Grid
+from xden1k.access.samples import Example, Examples, PictureSource, SampleView
 from xden1k.errors import DataError
-from xden1k.modality import Modality
-from xden1k.samples import Example, Examples, PictureSource, SampleView
+from xden1k.values.arrays import Grid
+from xden1k.values.modality import Modality
 
 __all__ = [
     "Budget",

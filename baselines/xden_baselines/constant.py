@@ -10,10 +10,10 @@ from statistics import median
 
 import numpy as np
 
-from xden1k.arrays import Grid
-from xden1k.modality import Modality
 from xden1k.predictor import Example, Examples, Prediction, SampleView
-from xden1k.types import FIELD_SIZE
+from xden1k.values.arrays import Grid
+from xden1k.values.modality import Modality
+from xden1k.values.types import FIELD_SIZE
 
 __all__ = ["CategoryMedian", "TrainMedian", "Water", "Zero", "mean_density_g_cm3"]
 

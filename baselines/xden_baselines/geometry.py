@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
-from xden1k.arrays import Points
+from xden1k.access.samples import SampleView
 from xden1k.errors import DataError
-from xden1k.samples import SampleView
-from xden1k.types import FIELD_SIZE
+from xden1k.values.arrays import Points
+from xden1k.values.types import FIELD_SIZE
 
 __all__ = ["SKIN", "near_surface", "nearest_filled", "voxel_centres_cm"]
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from xden1k.errors import DataError
-from xden1k.materials import load_materials
 from xden1k.predictor import Examples
-from xden1k.types import Part
+from xden1k.values.materials import load_materials
+from xden1k.values.types import Part
 
 __all__ = ["check_target", "density_range_g_cm3", "material_of"]
 

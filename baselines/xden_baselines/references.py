@@ -16,13 +16,13 @@ from statistics import fmean, median
 import numpy as np
 from jaxtyping import Float32
 
-from xden1k.arrays import Grid
 from xden1k.errors import DataError
-from xden1k.materials import families, load_materials
-from xden1k.modality import Modality
 from xden1k.predictor import Example, Examples, Prediction, SampleView
 from xden1k.rays import path_lengths
-from xden1k.views import XRayView
+from xden1k.values.arrays import Grid
+from xden1k.values.materials import families, load_materials
+from xden1k.values.modality import Modality
+from xden1k.values.views import XRayView
 from xden_baselines.geometry import nearest_filled, voxel_centres_cm
 from xden_baselines.xray import OPAQUE, back_projected_lac_per_cm
 

@@ -10,11 +10,11 @@ import trimesh
 from jaxtyping import Float32
 from scipy import ndimage
 
-from xden1k.arrays import Image, Points
+from xden1k.access.samples import SampleView
 from xden1k.errors import DataError
 from xden1k.rays import path_lengths
-from xden1k.samples import SampleView
-from xden1k.views import ViewGeometry, XRayView
+from xden1k.values.arrays import Image, Points
+from xden1k.values.views import ViewGeometry, XRayView
 from xden_baselines.geometry import nearest_filled, voxel_centres_cm
 
 __all__ = ["OPAQUE", "back_projected_lac_per_cm", "lac_along_rays_per_cm"]

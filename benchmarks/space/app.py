@@ -3,9 +3,9 @@
 import os
 from pathlib import Path
 
+from xden1k.access.hub import data_root
 from xden1k.folder import open_folder
-from xden1k.hub import data_root
-from xden_bench.reference import Reference
+from xden_bench.scoring.reference import Reference
 from xden_bench.serve.site import Site, run
 
 if __name__ == "__main__":

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from xden1k.folder import open_folder
 from xden1k.predictions import open_predictions
-from xden_bench.protocol import Protocol
-from xden_bench.reference import Reference
-from xden_bench.scoring import score
+from xden_bench.scoring.protocol import Protocol
+from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.score import score
 
 __all__ = ["Speed", "measure_speed"]
 

@@ -12,17 +12,17 @@ import click
 from click.core import ParameterSource
 
 from xden1k.commands import DONE_IN_PART, Group, json_option, print_json
-from xden_builder.evaluate_command import evaluate
-from xden_builder.options import progress_bar, workers_option
+from xden_builder.commands.evaluate import evaluate
+from xden_builder.commands.shared import progress_bar, workers_option
 
 if TYPE_CHECKING:
-    from xden1k.types import Split
-    from xden_builder.audit_run import AuditReport
-    from xden_builder.growth import Cost
+    from xden1k.values.types import Split
+    from xden_builder.audit.run import AuditReport
     from xden_builder.phantoms.check import SetReport
-    from xden_builder.run import BuildReport, Outcome
-    from xden_builder.speed import Comparison
-    from xden_builder.storage import Place
+    from xden_builder.pipeline.run import BuildReport, Outcome
+    from xden_builder.pipeline.storage import Place
+    from xden_builder.speed.growth import Cost
+    from xden_builder.speed.ratios import Comparison
 
 __all__ = ["cli"]
 
@@ -162,9 +162,9 @@ def run(
     stopped and started again: finished objects are kept in OUT.work. Exits with 3 if some objects
     failed; they are listed, and in OUT.work/build_report.json.
     """
-    from xden_builder.run import build
-    from xden_builder.settings import BuildSettings
-    from xden_builder.storage import place
+    from xden_builder.pipeline.run import build
+    from xden_builder.pipeline.storage import place
+    from xden_builder.reconstruct.settings import BuildSettings
 
     told = click.get_current_context().get_parameter_source("workers")
     if cluster and told is ParameterSource.COMMANDLINE:
@@ -206,7 +206,7 @@ def audit(root: Path, captures: Path, workers: int, as_json: bool) -> None:
     not show its object's parts (correlation below 0.9), or an object could not be audited.
     """
     from xden1k.folder import open_folder
-    from xden_builder.audit_run import audit_folder
+    from xden_builder.audit.run import audit_folder
 
     with progress_bar(len(open_folder(root).ids())) as bar:
         report = audit_folder(root, captures, workers=workers, on_done=lambda _: bar.update())
@@ -259,7 +259,7 @@ def speed(size: int, growth: bool, out: Path | None, as_json: bool) -> None:
         return
     if out:
         raise click.UsageError("--out draws the growth: it needs --growth")
-    from xden_builder.speed import comparisons
+    from xden_builder.speed.ratios import comparisons
 
     rows = list(comparisons(size))
     if as_json:
@@ -269,7 +269,7 @@ def speed(size: int, growth: bool, out: Path | None, as_json: bool) -> None:
 
 
 def _growth(out: Path | None, as_json: bool) -> None:
-    from xden_builder.growth import cases, costs, draw_growth
+    from xden_builder.speed.growth import cases, costs, draw_growth
 
     chosen, rows = cases(), []
     with progress_bar(len(chosen), "case") as bar:
@@ -287,7 +287,7 @@ def _growth(out: Path | None, as_json: bool) -> None:
 def _echo_growth(rows: list[Cost]) -> None:
     from tabulate import tabulate
 
-    from xden_builder.growth import AXES, along
+    from xden_builder.speed.growth import AXES, along
 
     costs = {row.case: row for row in rows}
     headers = ["varied", "", "path lengths, CPU s", "fit, CPU s", "start, MB", "+ lengths", "+ fit"]
@@ -338,8 +338,8 @@ def _echo_check(report: SetReport) -> None:
 
 
 def _echo_report(report: BuildReport, out: Place) -> None:
-    from xden_builder.run import REPORT_NAME, work_folder
-    from xden_builder.storage import inside
+    from xden_builder.pipeline.run import REPORT_NAME, work_folder
+    from xden_builder.pipeline.storage import inside
 
     flagged = [outcome for outcome in report.outcomes if outcome.flags]
     for outcome in flagged[:MOST_FLAGGED]:

@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 
 from tests.phantoms import Box, box_object
-from xden1k.types import DensityObject
+from xden1k.values.types import DensityObject
 from xden_baselines.views.cameras import Camera, look_at
 from xden_baselines.views.pictures import Pictures
 from xden_baselines.views.rendering import render

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from tests.phantoms import BAR, CUBE, HOLLOW, Box, box_object
+from xden1k.access.samples import Examples, SampleView
 from xden1k.folder import DatasetFolder, open_folder, write_folder
-from xden1k.modality import Modality
-from xden1k.samples import Examples, SampleView
-from xden1k.types import DensityObject
+from xden1k.values.modality import Modality
+from xden1k.values.types import DensityObject
 from xden_baselines.pixie.categories import Categories
 from xden_baselines.pixie.channels import channels
 from xden_baselines.pixie.losses import Batch, gathered

@@ -30,11 +30,11 @@ from tests.baselines.foreign_runs import (
 )
 from tests.baselines.painted import BROWN, GREY, camera_at, painted
 from tests.phantoms import exact_mass_g
+from xden1k.access.samples import SampleView
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder, open_folder, write_folder
-from xden1k.modality import Modality
 from xden1k.predictions import open_predictions
-from xden1k.samples import SampleView
+from xden1k.values.modality import Modality
 from xden_baselines.adapters.__main__ import cli
 from xden_baselines.adapters.case import parse_answers
 from xden_baselines.adapters.cloud import Cloud

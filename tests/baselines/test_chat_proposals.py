@@ -15,8 +15,8 @@ from tests.baselines.chat_stub import Parrot
 from tests.phantoms import Box, box_object
 from xden1k.errors import DataError
 from xden1k.folder import open_folder, write_folder
-from xden1k.modality import Modality
 from xden1k.predictor import Examples
+from xden1k.values.modality import Modality
 from xden_baselines.chat.answers import paired, parse_densities, parse_json, parse_thicknesses
 from xden_baselines.chat.candidates import Candidate, MaterialProposer
 from xden_baselines.chat.prior import PriorProposer

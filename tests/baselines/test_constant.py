@@ -10,8 +10,8 @@ import pytest
 from tests.phantoms import BAR, CUBE, HOLLOW, box_object
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder, open_folder, write_folder
-from xden1k.modality import Modality, ModalityError
 from xden1k.predictor import Examples, Prediction, Predictor, SampleView
+from xden1k.values.modality import Modality, ModalityError
 from xden_baselines.constant import CategoryMedian, TrainMedian, Water, Zero, mean_density_g_cm3
 
 ALL = [Zero, Water, TrainMedian, CategoryMedian]

@@ -16,9 +16,9 @@ from tests.baselines.painted import BROWN, GREY, RED, camera_at, painted
 from tests.phantoms import Box
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder, open_folder, write_folder
-from xden1k.materials import load_materials
-from xden1k.modality import Modality
 from xden1k.predictor import Examples
+from xden1k.values.materials import load_materials
+from xden1k.values.modality import Modality
 from xden_baselines.features.encoder import PATCH_PX, PatchEncoder, cosines
 from xden_baselines.features.fitted import FittedEncoder, fit_encoder
 from xden_baselines.features.fusion import fused_features

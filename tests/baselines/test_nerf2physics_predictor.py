@@ -13,9 +13,9 @@ from tests.baselines.painted import BROWN, GREY, painted
 from tests.phantoms import Box
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder, open_folder, write_folder
-from xden1k.modality import Modality, ModalityError
 from xden1k.predictor import Examples, Fingerprinted, Prediction, Predictor, SampleView, Storable
-from xden1k.types import DensityObject
+from xden1k.values.modality import Modality, ModalityError
+from xden1k.values.types import DensityObject
 from xden_baselines.chat.candidates import Candidate
 from xden_baselines.nerf2physics.predictor import NeRF2Physics, NeRF2PhysicsThickness, described
 from xden_baselines.nerf2physics.prior import Proposals

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.baselines.pixie_scenes import dataset, prepared
-from xden1k.modality import Modality
+from xden1k.values.modality import Modality
 from xden_baselines.pixie.categories import PRIOR_OBJECTS, USUAL, Categories
 from xden_baselines.pixie.store import Stored
 

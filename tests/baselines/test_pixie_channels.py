@@ -20,7 +20,7 @@ from tests.baselines.pixie_scenes import (
 from tests.phantoms import BAR, Box
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
-from xden1k.modality import Modality
+from xden1k.values.modality import Modality
 from xden_baselines.pixie.channels import VECTORS, channel_names, channels
 
 SHAPE = Modality.GEOMETRY

@@ -11,10 +11,10 @@ import pytest
 
 from tests.baselines.pixie_scenes import Altered, backwards, dataset, same_in_black
 from tests.baselines.tiny_clip import FEATURES, tiny_clip
+from xden1k.access.samples import Examples, SampleView
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.predictor import Budget
-from xden1k.samples import Examples, SampleView
 from xden_baselines.pixie import Pixie
 from xden_baselines.pixie.descriptors import FILE, Descriptors
 from xden_baselines.views.cameras import Rig

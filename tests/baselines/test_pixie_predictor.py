@@ -21,8 +21,8 @@ from tests.baselines.pixie_scenes import (
 )
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
-from xden1k.modality import Modality, ModalityError
 from xden1k.predictor import Budget, Fingerprinted, Predictor, Storable, takes_budget
+from xden1k.values.modality import Modality, ModalityError
 from xden_baselines.pixie import GeometryUNet, Pixie, PixieFull, XRayUNet
 
 EVERY = [GeometryUNet, Pixie, XRayUNet]

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from tests.baselines.pixie_scenes import dataset, examples, prepared, together
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
-from xden1k.materials import families
-from xden1k.modality import Modality
+from xden1k.values.materials import families
+from xden1k.values.modality import Modality
 from xden_baselines.pixie.channels import ENVELOPE, channels
 from xden_baselines.pixie.losses import density_mae_g_cm3
 from xden_baselines.pixie.scaling import LogScale
 from xden_baselines.pixie.store import UNKNOWN_FAMILY, at_resolution, pooled
-from xden_bench.metrics import density_mae_g_cm3 as benchmark_mae_g_cm3
+from xden_bench.scoring.metrics import density_mae_g_cm3 as benchmark_mae_g_cm3
 
 GEOMETRY = Modality.GEOMETRY | Modality.CATEGORY
 

@@ -13,8 +13,8 @@ from tests.baselines.pixie_scenes import TINY, dataset, prepared, together, writ
 from tests.phantoms import BAR, Box
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
-from xden1k.modality import Modality
 from xden1k.predictor import Budget
+from xden1k.values.modality import Modality
 from xden_baselines.pixie import XRayUNet, model, training
 from xden_baselines.pixie.categories import USUAL, Categories
 from xden_baselines.pixie.channels import VECTORS, channel_names

@@ -16,9 +16,9 @@ from tests.baselines.painted import BROWN, GREY, RED, painted
 from tests.phantoms import Box
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder, open_folder, write_folder
-from xden1k.modality import Modality, ModalityError
 from xden1k.predictor import Examples, Fingerprinted, Predictor, SampleView, Storable
-from xden1k.types import DensityObject
+from xden1k.values.modality import Modality, ModalityError
+from xden1k.values.types import DensityObject
 from xden_baselines.chat.endpoint import ChatError
 from xden_baselines.gaussian_property.predictor import (
     GaussianProperty,

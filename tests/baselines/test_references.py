@@ -13,11 +13,11 @@ from scipy import ndimage
 from tests.phantoms import APPARENT, BAR, CUBE, FILLED, HOLLOW, Box, box_object
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder, open_folder, write_folder
-from xden1k.materials import load_materials
-from xden1k.modality import Modality, ModalityError
-from xden1k.physics import PAPER_MAC_CM2_G
 from xden1k.predictor import Examples, Prediction, Predictor, SampleView, Storable
-from xden1k.types import DensityField, DensityObject
+from xden1k.values.materials import load_materials
+from xden1k.values.modality import Modality, ModalityError
+from xden1k.values.physics import PAPER_MAC_CM2_G
+from xden1k.values.types import DensityField, DensityObject
 from xden_baselines.references import (
     LabelNominal,
     PartOracle,

@@ -13,8 +13,8 @@ from tests.baselines.painted import BROWN, GREY, RED, camera_at, painted, sphere
 from tests.phantoms import BAR, FILLED
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder, open_folder, write_folder
-from xden1k.modality import Modality, ModalityError
 from xden1k.predictor import PictureSource, SampleView
+from xden1k.values.modality import Modality, ModalityError
 from xden_baselines.views.cameras import Rig
 from xden_baselines.views.pictures import BACKGROUND, Pictures, visible
 from xden_baselines.views.rendering import AMBIENT, LIGHTS, Surface, render, shaded

@@ -13,10 +13,10 @@ from scipy import ndimage
 from tests.phantoms import CUBE, HOLLOW, box_object, geometry
 from xden1k.errors import DataError
 from xden1k.folder import open_folder, write_folder
-from xden1k.modality import Modality
 from xden1k.predictor import SampleView
 from xden1k.rays import path_lengths
-from xden1k.views import XRayView
+from xden1k.values.modality import Modality
+from xden1k.values.views import XRayView
 from xden_baselines.geometry import nearest_filled
 from xden_baselines.xray import back_projected_lac_per_cm, lac_along_rays_per_cm
 

@@ -13,7 +13,7 @@ import pytest
 from tests.phantoms import BAR, CUBE, FILLED, HOLLOW, box_object
 from xden1k.folder import DatasetFolder, open_folder, write_folder
 from xden1k.predictions import SubmissionMeta, write_predictions
-from xden_bench.reference import Reference
+from xden_bench.scoring.reference import Reference
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 

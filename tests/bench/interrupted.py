@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from xden1k.folder import open_folder
-from xden1k.modality import Modality
 from xden1k.predictor import Budget, Examples, Prediction, SampleView
-from xden_bench.running import run_predictor
+from xden1k.values.modality import Modality
+from xden_bench.methods.running import run_predictor
 
 
 class Counting:

@@ -13,7 +13,7 @@ import numpy as np
 
 from tests.phantoms import Box, box_object
 from xden1k.folder import DatasetFolder, open_folder, write_folder
-from xden1k.types import DensityObject, Part
+from xden1k.values.types import DensityObject, Part
 from xden_bench.sealed import Key, SealedTruth, Sealing, seal
 
 KEY = Key(bytes(range(32)))

@@ -13,8 +13,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from tests.bench.interrupted import Storing
-from xden_bench import baseline
 from xden_bench.cli import cli
+from xden_bench.methods import baseline
 
 Run = Callable[..., Result]
 METHODS = {

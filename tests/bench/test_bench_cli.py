@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from xden1k import hub
-from xden1k.modality import TRACKS
+from xden1k.access import hub
+from xden1k.values.modality import TRACKS
 from xden_bench.cli import cli
-from xden_bench.protocol import PROTOCOLS
+from xden_bench.scoring.protocol import PROTOCOLS
 
 Submit = Callable[..., Path]
 

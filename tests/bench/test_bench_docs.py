@@ -11,14 +11,14 @@ from typing import Any
 
 import pytest
 
-from xden1k.modality import INPUTS, TRACKS
 from xden1k.predictions import CODES, SubmissionMeta
-from xden_bench.baseline import run_predictor
+from xden1k.values.modality import INPUTS, TRACKS
 from xden_bench.cli import cli
-from xden_bench.metrics import METRICS
-from xden_bench.protocol import load_protocol
-from xden_bench.reference import Reference
-from xden_bench.submission import validate
+from xden_bench.methods.baseline import run_predictor
+from xden_bench.scoring.metrics import METRICS
+from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.submission import validate
 
 ROOT = Path(__file__).parents[2]
 MANUAL = (ROOT / "benchmarks" / "README.md").read_text()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from xden_bench.bootstrap import estimate, resampled_means
+from xden_bench.scoring.bootstrap import estimate, resampled_means
 
 
 def test_means_agree_with_a_loop() -> None:

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from xden1k.errors import DataError
-from xden_bench.comparison import Scored, compare
-from xden_bench.protocol import load_protocol
-from xden_bench.ranking import better
+from xden_bench.entries.ranking import better
+from xden_bench.scoring.comparison import Scored, compare
+from xden_bench.scoring.protocol import load_protocol
 
 RULES = load_protocol()
 SAME = {"protocol": "v1", "metric version": 1, "manifest": "0" * 64, "split": "test"}

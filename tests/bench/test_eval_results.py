@@ -12,11 +12,11 @@ import yaml
 from huggingface_hub import parse_eval_result_entries
 
 from xden1k.errors import DataError
-from xden_bench.eval_results import TASKS, left_out_because, write_eval_results
-from xden_bench.protocol import load_protocol
-from xden_bench.reference import Reference
-from xden_bench.result import entry_of
-from xden_bench.scoring import score
+from xden_bench.entries.eval_results import TASKS, left_out_because, write_eval_results
+from xden_bench.entries.result import entry_of
+from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.score import score
 
 ROOT = Path(__file__).parents[2]
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 import trimesh
 
+from xden1k.access.hub import SAMPLE
 from xden1k.errors import MissingExtraError
 from xden1k.folder import open_folder
-from xden1k.hub import SAMPLE
 from xden1k.predictions import SubmissionMeta, write_predictions
-from xden_bench.expand import grid_of_parts, part_shares, sd_grid_of_parts
-from xden_bench.protocol import load_protocol
-from xden_bench.reference import Reference
-from xden_bench.scoring import score
+from xden_bench.scoring.expand import grid_of_parts, part_shares, sd_grid_of_parts
+from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.score import score
 
 DENSITIES = {
     "bar-0002": [0.0, 1.0, 8.0],

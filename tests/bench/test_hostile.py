@@ -14,10 +14,10 @@ from tests.bench.crafting import two_bars
 from tests.bench.hostile import CASES, LANDMINE, Sound
 from tests.bench.watched import judge_apart
 from xden1k.folder import open_folder
-from xden_bench.durable import LOCK_NAME
-from xden_bench.leaderboard import render
-from xden_bench.reference import Reference
-from xden_bench.result import read_entries
+from xden_bench.entries.durable import LOCK_NAME
+from xden_bench.entries.leaderboard import render
+from xden_bench.entries.result import read_entries
+from xden_bench.scoring.reference import Reference
 
 MOST_SECONDS = 5.0
 MOST_MIB = 500.0

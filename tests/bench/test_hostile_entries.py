@@ -15,11 +15,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from xden1k.errors import DataError
-from xden_bench.protocol import load_protocol
-from xden_bench.reference import Reference
-from xden_bench.result import entry_of, read_entries, write_entry
-from xden_bench.scoring import score
-from xden_bench.untrusted import read_json, read_table
+from xden_bench.entries.result import entry_of, read_entries, write_entry
+from xden_bench.entries.untrusted import read_json, read_table
+from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.score import score
 
 
 @pytest.fixture

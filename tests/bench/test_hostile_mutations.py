@@ -16,9 +16,9 @@ from tests.bench.mutations import mutated
 from tests.bench.watched import fuzz_apart
 from xden1k.folder import open_folder
 from xden1k.predictions import CODES
-from xden_bench.protocol import load_protocol
-from xden_bench.reference import Reference
-from xden_bench.submission import validate
+from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.submission import validate
 
 FAST = 60
 ALL = 10_000

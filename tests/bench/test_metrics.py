@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from xden_bench.calibration import density_crps_g_cm3, score_sd
-from xden_bench.metrics import (
+from xden_bench.scoring.calibration import density_crps_g_cm3, score_sd
+from xden_bench.scoring.metrics import (
     METRICS,
     density_mae_g_cm3,
     integrate,

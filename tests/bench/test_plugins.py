@@ -12,9 +12,9 @@ import torch
 
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
-from xden1k.modality import Modality
-from xden_bench import baseline
-from xden_bench.baseline import find_predictor, run_predictor
+from xden1k.values.modality import Modality
+from xden_bench.methods import baseline
+from xden_bench.methods.baseline import find_predictor, run_predictor
 
 GRID = (64, 64, 64)
 

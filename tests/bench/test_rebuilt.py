@@ -10,15 +10,15 @@ from click.testing import CliRunner
 from tests.phantoms import BAR, box_object
 from xden1k.errors import DataError, MissingObjectError
 from xden1k.folder import open_folder, write_folder
-from xden1k.modality import track_of
 from xden1k.predictor import SampleView
-from xden1k.types import DensityField
-from xden_bench.baseline import run_predictor
+from xden1k.values.modality import track_of
+from xden1k.values.types import DensityField
 from xden_bench.cli import cli
-from xden_bench.protocol import load_protocol
-from xden_bench.rebuilt import Rebuilt
-from xden_bench.reference import Reference
-from xden_bench.scoring import score
+from xden_bench.methods.baseline import run_predictor
+from xden_bench.methods.rebuilt import Rebuilt
+from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.score import score
 
 
 def folder_of(obj, root):

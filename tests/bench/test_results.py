@@ -17,8 +17,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from xden1k.errors import DataError
-from xden_bench.durable import results_lock
-from xden_bench.leaderboard import (
+from xden_bench.entries.durable import results_lock
+from xden_bench.entries.leaderboard import (
     BEGIN,
     END,
     check_leaderboard,
@@ -26,14 +26,20 @@ from xden_bench.leaderboard import (
     render,
     write_leaderboard,
 )
-from xden_bench.metrics import METRICS
-from xden_bench.protocol import load_protocol
-from xden_bench.provenance import code_commit
-from xden_bench.ranking import rank_labels, ranks
-from xden_bench.recomputed import write_recomputed
-from xden_bench.reference import Reference
-from xden_bench.result import entry_of, entry_path, object_columns, read_entries, write_entry
-from xden_bench.scoring import Score, score
+from xden_bench.entries.provenance import code_commit
+from xden_bench.entries.ranking import rank_labels, ranks
+from xden_bench.entries.recomputed import write_recomputed
+from xden_bench.entries.result import (
+    entry_of,
+    entry_path,
+    object_columns,
+    read_entries,
+    write_entry,
+)
+from xden_bench.scoring.metrics import METRICS
+from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.score import Score, score
 
 RULES = load_protocol()
 DATE = datetime.date(2025, 12, 10)

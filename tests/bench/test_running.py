@@ -15,13 +15,13 @@ import pytest
 from tests.bench.interrupted import Counting, Storing, Talking
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder, exclusive
-from xden1k.modality import Modality
 from xden1k.predictions import MAX_TEXT, open_predictions
 from xden1k.predictor import Budget, Prediction, SampleView
-from xden_bench.baseline import find_predictor
-from xden_bench.fits import read_fit
-from xden_bench.partial import LOCK_NAME
-from xden_bench.running import Options, run_predictor
+from xden1k.values.modality import Modality
+from xden_bench.methods.baseline import find_predictor
+from xden_bench.methods.fits import read_fit
+from xden_bench.methods.partial import LOCK_NAME
+from xden_bench.methods.running import Options, run_predictor
 
 KINDS = [Counting, Storing]
 

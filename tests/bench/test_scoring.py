@@ -12,11 +12,11 @@ import pytest
 
 from xden1k.errors import DataError, SubmissionError
 from xden1k.folder import DatasetFolder
-from xden_bench.baseline import find_predictor, run_predictor
-from xden_bench.expand import PartShares, part_shares
-from xden_bench.protocol import load_protocol
-from xden_bench.reference import Reference
-from xden_bench.scoring import Score, score
+from xden_bench.methods.baseline import find_predictor, run_predictor
+from xden_bench.scoring.expand import PartShares, part_shares
+from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.score import Score, score
 
 RULES = load_protocol()
 Submit = Callable[..., Path]
@@ -191,7 +191,7 @@ def test_parts_are_cut_once_for_density_and_deviation(
         cuts.append(place)
         return part_shares(*place)
 
-    monkeypatch.setattr("xden_bench.submission.part_shares", counted)
+    monkeypatch.setattr("xden_bench.scoring.submission.part_shares", counted)
     ones = {one: [0.0] + [1.0] * reference.truth(one).parts for one in reference.ids}
     path = submission(lambda one, _: np.array(ones[one]), inputs=("mesh", "parts"))
     score(with_sd(path, reference, 0.5, "part_density"), reference, RULES)

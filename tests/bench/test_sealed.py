@@ -24,10 +24,11 @@ from tests.bench.sealing import KEY, OTHER_KEY, Sealed, sealed_dataset, write_da
 from xden1k.errors import DataError, MissingExtraError
 from xden1k.folder import open_folder
 from xden1k.predictions import SubmissionMeta, write_predictions
-from xden1k.types import PRIVATE
-from xden_bench.protocol import load_protocol
-from xden_bench.reference import Reference
-from xden_bench.scoring import score
+from xden1k.values.types import PRIVATE
+from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.score import score
+from xden_bench.scoring.submission import validate
 from xden_bench.sealed import (
     InputsReference,
     Key,
@@ -42,7 +43,6 @@ from xden_bench.sealed import (
 from xden_bench.sealed.answers import answers_bytes, answers_row
 from xden_bench.sealed.container import SealWriter
 from xden_bench.sealed.division import private_ids
-from xden_bench.submission import validate
 
 keys = st.binary(min_size=32, max_size=32).map(Key)
 

@@ -11,10 +11,10 @@ import pytest
 
 from tests.bench.sealing import KEY, Sealed, sealed_dataset, secrets_of, write_dataset
 from xden1k.folder import open_folder
-from xden1k.schema import ARRAY_COLUMNS
-from xden1k.types import PRIVATE
-from xden1k.verify import verify_folder
-from xden1k.withheld import ANSWER_COLUMNS
+from xden1k.folder.verify import verify_folder
+from xden1k.folder.withheld import ANSWER_COLUMNS
+from xden1k.format.schema import ARRAY_COLUMNS
+from xden1k.values.types import PRIVATE
 
 FIGURES = [
     name

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from xden_bench.baseline import find_predictor, run_predictor
-from xden_bench.protocol import load_protocol
-from xden_bench.reference import Reference
-from xden_bench.result import entry_of, read_entries, write_entry
-from xden_bench.scoring import score
+from xden_bench.entries.result import entry_of, read_entries, write_entry
+from xden_bench.methods.baseline import find_predictor, run_predictor
+from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.score import score
 from xden_bench.serve import board
 from xden_bench.serve.explorer import best_and_worst
 

@@ -19,8 +19,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from xden_bench.baseline import find_predictor, run_predictor
-from xden_bench.reference import Reference
+from xden_bench.methods.baseline import find_predictor, run_predictor
+from xden_bench.scoring.reference import Reference
 
 pytestmark = pytest.mark.browser
 

@@ -21,10 +21,10 @@ import pytest
 
 from tests.bench.desks import full_disk, turned_away
 from xden1k.errors import DataError
-from xden_bench.protocol import load_protocol
-from xden_bench.reference import Reference
-from xden_bench.result import entry_of, read_entries, write_entry
-from xden_bench.scoring import score
+from xden_bench.entries.result import entry_of, read_entries, write_entry
+from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.score import score
 from xden_bench.serve.desk import Desk
 from xden_bench.serve.limits import Limits
 from xden_bench.serve.outcome import Outcome
@@ -265,9 +265,9 @@ def started(*command: str, setting: Setting) -> Iterator[subprocess.Popen[str]]:
 
 GREEDY = """
 import numpy
-import xden_bench.scoring
+import xden_bench.scoring.score
 from xden_bench.serve import worker
-xden_bench.scoring.score = lambda *_, **__: numpy.ones(1 << 30)  # 8 GB
+xden_bench.scoring.score.score = lambda *_, **__: numpy.ones(1 << 30)  # 8 GB
 worker._main()
 """
 

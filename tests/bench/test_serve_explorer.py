@@ -17,10 +17,10 @@ from PIL import Image
 
 from tests.phantoms import BAR, HOLLOW, box_object
 from xden1k.errors import DataError, XDenError
+from xden1k.pictures.radiographs import compare
 from xden1k.predictions import CODES, Problem
-from xden1k.radiographs import compare
-from xden1k.types import DensityObject
-from xden_bench.reference import Reference
+from xden1k.values.types import DensityObject
+from xden_bench.scoring.reference import Reference
 from xden_bench.serve import figures, glb, site, words
 from xden_bench.serve.explorer import PART_HEADINGS, Explorer
 from xden_bench.serve.tickets import Status, Ticket

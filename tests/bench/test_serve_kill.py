@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from xden_bench.protocol import load_protocol
-from xden_bench.reference import Reference
-from xden_bench.result import read_entries
+from xden_bench.entries.result import read_entries
+from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.reference import Reference
 from xden_bench.serve.desk import Desk
 from xden_bench.serve.tickets import TurnedAwayError
 
@@ -31,8 +31,8 @@ SERVER = """
 import json, sys, threading
 from pathlib import Path
 from xden1k.folder import open_folder
-from xden_bench.protocol import load_protocol
-from xden_bench.reference import Reference
+from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.reference import Reference
 from xden_bench.serve.desk import Desk
 from xden_bench.serve.tickets import TurnedAwayError
 

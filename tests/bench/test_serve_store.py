@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from tests.bench.desks import full_disk, turned_away
 from xden1k.errors import DataError, MissingObjectError
 from xden1k.predictions import Problem
-from xden1k.settings import load_settings
+from xden1k.values.settings import load_settings
 from xden_bench.serve.audit_log import AuditLog, Pseudonyms
 from xden_bench.serve.disk import copy_upload
 from xden_bench.serve.limits import Limits

@@ -12,10 +12,10 @@ import pytest
 from tests.phantoms import CUBE, box_object
 from xden1k.errors import DataError
 from xden1k.folder import open_folder, write_folder
-from xden_bench.baseline import find_predictor, run_predictor
-from xden_bench.protocol import load_protocol
-from xden_bench.reference import Reference
-from xden_bench.submission import validate
+from xden_bench.methods.baseline import find_predictor, run_predictor
+from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.submission import validate
 
 RULES = load_protocol()
 Submit = Callable[..., Path]
@@ -191,7 +191,7 @@ def test_an_object_without_density_is_scored_on_attenuation_alone(
 
 def test_the_protocol_is_the_file_that_design_names() -> None:
     link = Path(__file__).parents[2] / "benchmarks" / "protocol-v1.toml"
-    assert link.resolve() == link.parent / "xden_bench" / "protocol-v1.toml"
+    assert link.resolve() == link.parent / "xden_bench" / "scoring" / "protocol-v1.toml"
     assert load_protocol("v1").name == "v1"
     with pytest.raises(DataError, match="no protocol 'v9'"):
         load_protocol("v9")

@@ -16,11 +16,11 @@ import pytest
 from xden1k.errors import DataError
 from xden_bench.commands.methods import baseline, run_again
 from xden_bench.commands.shared import parse_command
-from xden_bench.protocol import load_protocol
-from xden_bench.reference import Reference
-from xden_bench.result import entry_of, object_columns
-from xden_bench.scoring import Score, score
-from xden_bench.verification import check_reference, verify
+from xden_bench.entries.result import entry_of, object_columns
+from xden_bench.entries.verification import check_reference, verify
+from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.score import Score, score
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from xden_bench.reference import Reference
+    from xden_bench.scoring.reference import Reference
 
 __all__ = ["fuzz_apart", "judge_apart"]
 
@@ -82,9 +82,9 @@ def judged(path: Path, root: Path, results: Path) -> dict[str, Any]:
 def scored_or_told(path: Path, reference: Reference) -> dict[str, Any]:
     """Score a file: the problems if it has errors, else its numbers, which must be numbers."""
     from xden1k.errors import SubmissionError
-    from xden_bench.protocol import load_protocol
-    from xden_bench.result import entry_of
-    from xden_bench.scoring import score
+    from xden_bench.entries.result import entry_of
+    from xden_bench.scoring.protocol import load_protocol
+    from xden_bench.scoring.score import score
 
     touched.clear()
     start = time.perf_counter()
@@ -134,7 +134,7 @@ def _lines_apart(words: list[str], lines: str, folder: Path) -> Iterator[dict[st
 def _verdicts(root: Path, folder: Path, *seeds: str) -> Iterator[dict[str, Any]]:
     from tests.bench.mutations import mutated
     from xden1k.folder import open_folder
-    from xden_bench.reference import Reference
+    from xden_bench.scoring.reference import Reference
 
     if not seeds:
         for line in sys.stdin:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from xden1k.rays import PathLengths, path_lengths
-from xden1k.views import ViewGeometry, XRayView
+from xden1k.values.views import ViewGeometry, XRayView
 
 FRAME = (24, 24)
 FLAT = ViewGeometry(

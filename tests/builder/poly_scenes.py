@@ -6,15 +6,15 @@ import numpy as np
 import trimesh
 
 from tests.builder.fit_scenes import cone
-from xden1k.materials import load_materials
 from xden1k.rays import disjoint_regions, ownership_order, path_lengths
-from xden1k.views import XRayView
-from xden_builder.attenuation import mac_cm2_g
+from xden1k.values.materials import load_materials
+from xden1k.values.views import XRayView
 from xden_builder.capture import Capture, CapturePart, Detector, Tube
+from xden_builder.physics.attenuation import mac_cm2_g
+from xden_builder.physics.spectrum import tube_spectrum
 from xden_builder.poly.estimate import estimate
 from xden_builder.poly.result import judged
 from xden_builder.poly.settings import PolySettings
-from xden_builder.spectrum import tube_spectrum
 
 TUBE = Tube(kv=100.0, mas=126.0, filtration_cm={"Al": 0.25})
 ANGLES = {"pa": 90.0, "lat": 0.0}

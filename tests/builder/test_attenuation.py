@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from xden1k.errors import DataError
-from xden1k.materials import load_materials, parse_composition
-from xden_builder.attenuation import element_fractions, mac_cm2_g
+from xden1k.values.materials import load_materials, parse_composition
+from xden_builder.physics.attenuation import element_fractions, mac_cm2_g
 
 LIBRARY = load_materials()
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from xden1k.errors import DataError
-from xden1k.views import ViewGeometry
+from xden1k.values.views import ViewGeometry
 from xden_builder.capture.calibration import CalibratedView, calibrate
 from xden_builder.capture.scanner import Detector, Polarity, ViewFile
 

@@ -20,7 +20,7 @@ from pydicom.uid import (
 
 from tests.builder.damage import assert_an_image_or_one_error
 from xden1k.errors import DataError, MissingExtraError
-from xden1k.views import ViewGeometry
+from xden1k.values.views import ViewGeometry
 from xden_builder.capture import (
     Detector,
     ScannerFile,

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from xden1k.errors import DataError, MissingObjectError
-from xden1k.views import ViewGeometry
+from xden1k.values.views import ViewGeometry
 from xden_builder.capture import (
     CaptureFolder,
     Detector,

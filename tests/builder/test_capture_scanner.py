@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from xden1k.errors import DataError
-from xden1k.materials import load_materials
-from xden1k.views import ViewGeometry
+from xden1k.values.materials import load_materials
+from xden1k.values.views import ViewGeometry
 from xden_builder.capture.scanner import (
     Detector,
     ScannerFile,

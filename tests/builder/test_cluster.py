@@ -15,10 +15,10 @@ import pytest
 from tests.builder.folders import contents
 from xden1k.errors import DataError
 from xden_builder.capture import CaptureFolder
-from xden_builder.cluster import RETRIES, run_on_cluster
 from xden_builder.phantoms import write_captures
-from xden_builder.run import build, work_folder
-from xden_builder.settings import BuildSettings
+from xden_builder.pipeline.cluster import RETRIES, run_on_cluster
+from xden_builder.pipeline.run import build, work_folder
+from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.workers import WorkerDiedError
 
 pytestmark = pytest.mark.skipif(

@@ -7,8 +7,8 @@ import pytest
 
 from xden1k.rays import ownership_order, path_lengths
 from xden_builder.capture import CaptureFolder
-from xden_builder.density import part_densities
 from xden_builder.fit import PAPER_OBJECTIVE, FitSettings, fit_lac, fit_lac_adam
+from xden_builder.fit.density import part_densities
 
 EDGE, UNWEIGHTED = FitSettings(), FitSettings(weights="none")
 

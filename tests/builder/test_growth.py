@@ -9,10 +9,10 @@ from click.testing import CliRunner
 from PIL import Image
 
 from xden1k.rays import path_lengths
-from xden_builder import growth
 from xden_builder.cli import cli
-from xden_builder.growth import AXES, BASE, Case, Cost, along, cases, costs, draw_growth
-from xden_builder.scenes import nested_parts, two_views
+from xden_builder.speed import growth
+from xden_builder.speed.growth import AXES, BASE, Case, Cost, along, cases, costs, draw_growth
+from xden_builder.speed.scenes import nested_parts, two_views
 from xden_builder.workers import WorkerDiedError
 
 

@@ -16,8 +16,8 @@ from xden1k.errors import DataError
 from xden1k.folder import exclusive, place
 from xden1k.folder.place import publish, staging
 from xden_builder.phantoms import write_captures
-from xden_builder.run import build, work_folder
-from xden_builder.settings import BuildSettings
+from xden_builder.pipeline.run import build, work_folder
+from xden_builder.reconstruct.settings import BuildSettings
 
 LIMITED = """
 import resource, sys

@@ -24,8 +24,8 @@ from xden_builder.phantoms import (
 )
 from xden_builder.phantoms.realism import Realism
 from xden_builder.phantoms.scanner import VIEWS
-from xden_builder.run import build
-from xden_builder.settings import BuildSettings
+from xden_builder.pipeline.run import build
+from xden_builder.reconstruct.settings import BuildSettings
 
 DENSITIES = {"case": 0.61, "core": 2.68}
 

@@ -11,8 +11,8 @@ import pytest
 from manifold3d import Manifold
 
 from xden1k.errors import DataError, MissingObjectError
-from xden1k.materials import load_materials
 from xden1k.rays import disjoint_regions, object_grids, outer_surface
+from xden1k.values.materials import load_materials
 from xden_builder.phantoms import (
     CATALOGUE,
     Phantom,

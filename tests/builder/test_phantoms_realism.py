@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from xden1k.errors import DataError
-from xden1k.materials import load_materials
+from xden1k.values.materials import load_materials
 from xden_builder.phantoms import Plan, make_phantom
 from xden_builder.phantoms.realism import (
     LIFELIKE,

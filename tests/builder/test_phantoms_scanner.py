@@ -10,9 +10,9 @@ import pytest
 import trimesh
 
 from xden1k.errors import DataError
-from xden_builder.attenuation import mac_cm2_g
 from xden_builder.phantoms import Phantom, PhantomPart, Plan, Scanner, make_phantom
 from xden_builder.phantoms.scanner import VIEWS, scanner_file
+from xden_builder.physics.attenuation import mac_cm2_g
 
 WATER = (("H2O", 1.0),)
 

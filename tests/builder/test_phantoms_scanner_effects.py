@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.builder.scanner_scenes import BARE, TUBE, WATER, block, middle
-from xden1k.materials import load_materials
-from xden_builder.attenuation import mac_cm2_g
+from xden1k.values.materials import load_materials
 from xden_builder.phantoms import (
     Phantom,
     Plan,
@@ -22,7 +21,8 @@ from xden_builder.phantoms.scanner.beam import make_beam
 from xden_builder.phantoms.scanner.primary import Absorber, pixel_kernel, render
 from xden_builder.phantoms.scanner.scatter import MOST_REACHING, ScatterDraw, scatter_image
 from xden_builder.phantoms.scanner.spread import gaussian_spread
-from xden_builder.spectrum import absorbed_share, tube_fluence, tube_spectrum
+from xden_builder.physics.attenuation import mac_cm2_g
+from xden_builder.physics.spectrum import absorbed_share, tube_fluence, tube_spectrum
 
 # the direct beam
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.builder.poly_scenes import TUBE, box
-from xden1k.materials import families, load_materials
+from xden1k.values.materials import families, load_materials
 from xden_builder.capture import CapturePart
 from xden_builder.poly.beam import energy_groups
 from xden_builder.poly.candidates import Candidate, candidate_table, candidates

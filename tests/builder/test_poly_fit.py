@@ -21,13 +21,13 @@ from tests.builder.poly_scenes import (
     tool,
     true_mass_g,
 )
-from xden1k.records import object_row
-from xden1k.types import DensityObject
-from xden_builder.audit import audit_object
+from xden1k.format.records import object_row
+from xden1k.values.types import DensityObject
+from xden_builder.audit.view import audit_object
 from xden_builder.capture import Capture, CapturePart, Tube
 from xden_builder.poly.pose import Pose
-from xden_builder.reconstruct import reconstruct
-from xden_builder.settings import BuildSettings
+from xden_builder.reconstruct.object import reconstruct
+from xden_builder.reconstruct.settings import BuildSettings
 
 TRUTH = {solid.name: solid.density_g_cm3 for solid in tool()}
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.builder.poly_scenes import TUBE
-from xden1k.materials import load_materials
+from xden1k.values.materials import load_materials
 from xden_builder.poly import kernels
 from xden_builder.poly.beam import energy_groups
 from xden_builder.poly.huber import HUBER

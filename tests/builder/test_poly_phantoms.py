@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from xden1k.folder import open_folder
-from xden1k.types import DensityObject
+from xden1k.values.types import DensityObject
 from xden_builder.phantoms import Scanner, write_captures
 from xden_builder.phantoms.realism import LIFELIKE
-from xden_builder.run import build
-from xden_builder.settings import BuildSettings
+from xden_builder.pipeline.run import build
+from xden_builder.reconstruct.settings import BuildSettings
 
 pytestmark = pytest.mark.slow
 

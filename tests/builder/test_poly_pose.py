@@ -23,7 +23,7 @@ from tests.builder.poly_scenes import (
     tool,
 )
 from xden1k.rays import ownership_order, path_lengths
-from xden1k.views import XRayView
+from xden1k.values.views import XRayView
 from xden_builder.poly.beam import Heel, ViewBeam, energy_groups
 from xden_builder.poly.pose import Pose, binned, coarse, posed
 from xden_builder.poly.refine import PoseFit, refine_pose

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.builder.poly_scenes import box, cylinder
-from xden1k.mass import mass_of_meshes
+from xden1k.values.mass import mass_of_meshes
 from xden_builder.poly.rigid import SURFACE_SD_CM, rigid_sd
 
 MESHES = [box((2, 3, 4), (-3, 0, 0)), box((1, 1, 5), (2, 1, 0)), cylinder(0.8, 3, (0, -3, 1))]

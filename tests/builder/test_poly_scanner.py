@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from tests.builder.poly_scenes import capture_of, fitted, relabelled, tool, true_mass_g
 from xden1k.rays import disjoint_regions, ownership_order
-from xden1k.types import DensityObject
+from xden1k.values.types import DensityObject
 from xden_builder.capture import Capture
 from xden_builder.phantoms import Phantom, PhantomPart, Plan, Scanner
 from xden_builder.poly.pose import Pose
-from xden_builder.reconstruct import reconstruct
+from xden_builder.reconstruct.object import reconstruct
 
 SCANNER = replace(Scanner.realistic(256), panel_cm=20.0)
 PLAN = Plan(0, 1, 0)

@@ -9,7 +9,7 @@ import pytest
 from xden1k.errors import DataError
 from xden_builder.cli import cli
 from xden_builder.poly.settings import PolySettings
-from xden_builder.settings import MODELS, BuildSettings
+from xden_builder.reconstruct.settings import MODELS, BuildSettings
 
 
 @pytest.mark.parametrize(

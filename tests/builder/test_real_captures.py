@@ -9,11 +9,11 @@ import pytest
 from click.testing import CliRunner
 
 from xden1k.rays import ownership_order, path_lengths
-from xden_builder.audit import audit_object
+from xden_builder.audit.view import audit_object
 from xden_builder.capture import Capture, CaptureFolder
 from xden_builder.cli import cli
 from xden_builder.fit import FitSettings, fit_lac
-from xden_builder.reconstruct import reconstruct
+from xden_builder.reconstruct.object import reconstruct
 
 
 def folder_of(shared_data: Path, name: str) -> tuple[CaptureFolder, dict]:

@@ -14,14 +14,14 @@ from tests.builder.folders import contents
 from xden1k.errors import DataError
 from xden1k.folder import open_folder, write_folder
 from xden1k.rays import path_lengths
-from xden_builder import run
-from xden_builder.audit import audit_object, audit_view
+from xden_builder.audit.view import audit_object, audit_view
 from xden_builder.capture import CaptureFolder
 from xden_builder.cli import cli
 from xden_builder.phantoms import write_captures
-from xden_builder.reconstruct import reconstruct
-from xden_builder.run import OtherVersionError, build, work_folder
-from xden_builder.settings import BuildSettings
+from xden_builder.pipeline import run
+from xden_builder.pipeline.run import OtherVersionError, build, work_folder
+from xden_builder.reconstruct.object import reconstruct
+from xden_builder.reconstruct.settings import BuildSettings
 
 SETTINGS = BuildSettings()
 

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from xden1k.errors import DataError
-from xden1k.materials import load_materials
-from xden_builder.attenuation import mac_cm2_g
+from xden1k.values.materials import load_materials
 from xden_builder.capture import Tube
-from xden_builder.spectrum import (
+from xden_builder.physics.attenuation import mac_cm2_g
+from xden_builder.physics.spectrum import (
     Spectrum,
     absorbed_share,
     air_kerma_mgy,
@@ -23,8 +23,8 @@ from xden_builder.spectrum import (
     tube_fluence,
     tube_spectrum,
 )
-from xden_builder.spectrum.make_tables import made_fluence
-from xden_builder.spectrum.tables import TABLE_KV, TABLE_SLOPES, bare_fluence
+from xden_builder.physics.spectrum.make_tables import made_fluence
+from xden_builder.physics.spectrum.tables import TABLE_KV, TABLE_SLOPES, bare_fluence
 
 TUBE = Tube(kv=100.0, mas=126.0, filtration_cm={"Al": 0.25})
 SPECTRUM = tube_spectrum(TUBE)

@@ -12,9 +12,9 @@ from click.testing import CliRunner
 from xden1k.rays import CubeGrid
 from xden_builder.cli import cli
 from xden_builder.fit import compare_solvers
-from xden_builder.peers import cast_lengths, march_lengths, pixel_rays, reference_lengths
-from xden_builder.scenes import six_parts, two_views
-from xden_builder.speed import comparisons, scene_radiographs
+from xden_builder.speed.peers import cast_lengths, march_lengths, pixel_rays, reference_lengths
+from xden_builder.speed.ratios import comparisons, scene_radiographs
+from xden_builder.speed.scenes import six_parts, two_views
 
 SIZE_CM = np.array([6.0, 7.0, 8.0])
 
@@ -62,7 +62,7 @@ def test_ratios_are_those_of_the_times(rows):
 
 
 def test_command_prints_what_is_compared(monkeypatch, rows):
-    monkeypatch.setattr("xden_builder.speed.comparisons", lambda _: iter(rows))
+    monkeypatch.setattr("xden_builder.speed.ratios.comparisons", lambda _: iter(rows))
     shown = CliRunner().invoke(cli, ["speed"])
     assert shown.exit_code == 0
     assert all(row.ours in shown.output and row.other in shown.output for row in rows)

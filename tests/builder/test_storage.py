@@ -11,15 +11,15 @@ from xden1k.errors import DataError
 from xden1k.folder import open_folder
 from xden_builder.capture import CaptureFolder
 from xden_builder.phantoms import write_captures
-from xden_builder.run import build
-from xden_builder.settings import BuildSettings
-from xden_builder.storage import (
+from xden_builder.pipeline.run import build
+from xden_builder.pipeline.storage import (
     dataset_path,
     object_capture,
     object_rows,
     read_bytes,
     refuse_other_folders,
 )
+from xden_builder.reconstruct.settings import BuildSettings
 
 
 @pytest.fixture(scope="module")

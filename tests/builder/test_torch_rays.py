@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from tests.builder.fit_scenes import cone
 from xden1k.errors import DataError
 from xden1k.rays import path_lengths
-from xden1k.views import ViewGeometry
-from xden_builder import torch_rays
+from xden1k.values.views import ViewGeometry
+from xden_builder.speed import torch_rays
 
 DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
 on_each_device = pytest.mark.parametrize("device", DEVICES)

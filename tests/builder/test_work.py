@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from xden_builder.work import load_row, save_row
+from xden_builder.pipeline.work import load_row, save_row
 
 LIGHT = st.one_of(
     st.none(), st.text(max_size=20), st.floats(allow_nan=False), st.lists(st.floats(0, 1))

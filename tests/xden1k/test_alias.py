@@ -17,12 +17,12 @@ from datasets import get_dataset_config_names, get_dataset_split_names, load_dat
 
 import xden1k
 from tests.phantoms import objects
-from xden1k import alias
+from xden1k.access import alias
+from xden1k.access.hub import ROOT_VARIABLE
 from xden1k.errors import DataError
-from xden1k.features import PackedArray
 from xden1k.folder import open_folder, write_folder
-from xden1k.hub import ROOT_VARIABLE
-from xden1k.schema import ARRAY_COLUMNS, COLUMNS, LIGHT_COLUMNS
+from xden1k.format.features import PackedArray
+from xden1k.format.schema import ARRAY_COLUMNS, COLUMNS, LIGHT_COLUMNS
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from tests.phantoms import objects
+from xden1k.access.hub import ROOT_VARIABLE
 from xden1k.folder import write_folder
-from xden1k.hub import ROOT_VARIABLE
 
 XDEN1K_FIRST = """
 import socket, sys, warnings

@@ -12,12 +12,12 @@ import pytest
 from click.testing import CliRunner, Result
 
 from tests import phantoms
-from xden1k import hub
+from xden1k.access import hub
 from xden1k.cli import cli
 from xden1k.errors import DataError
 from xden1k.folder import write_folder
 
-MANUAL = Path(hub.__file__).parent / "README.md"
+MANUAL = hub.SAMPLE.parent / "README.md"
 
 
 @pytest.fixture(scope="module")

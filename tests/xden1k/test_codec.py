@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from xden1k.codec import (
+from xden1k.errors import DataError
+from xden1k.format.codec import (
     MAX_TRANSMISSION,
     ArrayCodec,
     encode_density,
@@ -17,7 +18,6 @@ from xden1k.codec import (
     from_planes,
     to_planes,
 )
-from xden1k.errors import DataError
 
 STORED = ("|u1", "<u2", "<f2", "<f4", "<i4")
 STEP = MAX_TRANSMISSION / 65535

@@ -11,7 +11,7 @@ import torch
 from torch.utils.data import DataLoader
 
 from tests import phantoms
-from xden1k.dataset import FIELDS, XDen1K, collate
+from xden1k.access.dataset import FIELDS, XDen1K, collate
 from xden1k.errors import DataError, MissingObjectError
 from xden1k.folder import write_folder
 

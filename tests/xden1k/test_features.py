@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from xden1k.errors import DataError
-from xden1k.features import PackedArray
-from xden1k.packing import pack, scanned_columns, with_arrays
-from xden1k.schema import ARRAY_COLUMNS, DATA_SCHEMA
+from xden1k.format.features import PackedArray
+from xden1k.format.packing import pack, scanned_columns, with_arrays
+from xden1k.format.schema import ARRAY_COLUMNS, DATA_SCHEMA
 
 TRANSMISSION = PackedArray("<u2", scale=1.25 / 65535)
 SHAPES = hnp.array_shapes(min_dims=1, max_dims=4, min_side=0, max_side=5)

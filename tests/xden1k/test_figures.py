@@ -10,11 +10,11 @@ import pytest
 from PIL import Image
 
 from tests import phantoms
-from xden1k import figures
 from xden1k.errors import DataError
-from xden1k.figures import contact_sheet, object_sheet
-from xden1k.radiographs import reprojection
-from xden1k.types import DensityObject
+from xden1k.pictures import figures
+from xden1k.pictures.figures import contact_sheet, object_sheet
+from xden1k.pictures.radiographs import reprojection
+from xden1k.values.types import DensityObject
 
 
 @pytest.fixture(scope="module")

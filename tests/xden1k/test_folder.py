@@ -23,9 +23,9 @@ from tests import phantoms
 from tests.strategies import density_objects
 from xden1k.errors import DataError, MissingObjectError
 from xden1k.folder import open_folder, write_folder, write_rows
-from xden1k.manifest import Manifest
-from xden1k.records import decode_array, object_row
-from xden1k.types import DensityObject
+from xden1k.format.manifest import Manifest
+from xden1k.format.records import decode_array, object_row
+from xden1k.values.types import DensityObject
 
 RELEASE = {"version": "1.2.3", "builder": "test 1"}
 

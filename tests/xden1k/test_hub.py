@@ -13,7 +13,7 @@ import pytest
 from huggingface_hub.errors import HfHubHTTPError, OfflineModeIsEnabled
 
 from tests.phantoms import objects
-from xden1k import hub
+from xden1k.access import hub
 from xden1k.errors import DataError
 from xden1k.folder import open_folder, write_folder
 

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from xden1k.card import header, yaml_block
+from xden1k.access.hub import SAMPLE
+from xden1k.documents.card import header, yaml_block
 from xden1k.folder import open_folder
-from xden1k.hub import SAMPLE
-from xden1k.manifest import Manifest
-from xden1k.types import SPLITS
-from xden1k.verify import verify_folder
+from xden1k.folder.verify import verify_folder
+from xden1k.format.manifest import Manifest
+from xden1k.values.types import SPLITS
 from xden_builder.phantoms import plan_objects
 
 MANUAL = SAMPLE.parent / "README.md"

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from xden1k.errors import DataError
-from xden1k.materials import (
+from xden1k.values.materials import (
     Material,
     MaterialLibrary,
     check_label,

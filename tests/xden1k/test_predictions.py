@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from xden1k.errors import DataError, MissingObjectError, SubmissionError
-from xden1k.modality import INPUTS
 from xden1k.predictions import (
     CODES,
     Predictions,
@@ -24,6 +23,7 @@ from xden1k.predictions import (
     write_predictions,
 )
 from xden1k.predictions.meta import parse_meta
+from xden1k.values.modality import INPUTS
 
 META = SubmissionMeta(
     method="test",

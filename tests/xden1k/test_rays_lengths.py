@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from xden1k.errors import DataError, MissingExtraError
 from xden1k.rays import PathLengths, kernels, path_lengths
 from xden1k.rays import lengths as lengths_module
-from xden1k.views import ViewGeometry
+from xden1k.values.views import ViewGeometry
 
 SIZE = 48
 seeds = st.integers(0, 2**32 - 1)

@@ -9,10 +9,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from xden1k.errors import DataError
-from xden1k.mass import mass_of_meshes
 from xden1k.rays import disjoint_regions, outer_surface, ownership_order, path_lengths
 from xden1k.rays.regions import NEGLIGIBLE
-from xden1k.views import ViewGeometry
+from xden1k.values.mass import mass_of_meshes
+from xden1k.values.views import ViewGeometry
 
 seeds = st.integers(0, 2**32 - 1)
 VIEW = ViewGeometry(

@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from xden1k.errors import DataError
-from xden1k.mass import mass_of_grid, mass_of_meshes
 from xden1k.rays import (
     CubeGrid,
     column_samples,
@@ -21,6 +20,7 @@ from xden1k.rays import (
     part_fractions,
     voxel_labels,
 )
+from xden1k.values.mass import mass_of_grid, mass_of_meshes
 
 seeds = st.integers(0, 2**32 - 1)
 SHAPES = {

@@ -5,8 +5,8 @@ import csv
 import pytest
 import trimesh
 
-from xden1k.mass import mass_of_grid, mass_of_meshes
 from xden1k.rays import density_grid, object_cube, part_fractions
+from xden1k.values.mass import mass_of_grid, mass_of_meshes
 
 CM = {"m": 100.0, "mm": 0.1, "cm": 1.0}
 

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from tests import phantoms
 from tests.strategies import density_objects
 from xden1k.errors import DataError
-from xden1k.records import decode_array, object_row, preview_png, row_object, split_meshes
-from xden1k.schema import COLUMNS
-from xden1k.types import DensityObject
+from xden1k.format.records import decode_array, object_row, preview_png, row_object, split_meshes
+from xden1k.format.schema import COLUMNS
+from xden1k.values.types import DensityObject
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from xden1k import hub
+from xden1k.access import hub
 
 REPOSITORY = hub.SAMPLE.parents[1]
 
@@ -21,8 +21,8 @@ with warnings.catch_warnings(record=True) as caught:
     splits = datasets.load_dataset("xden1k")
     datasets.load_dataset("xden1k", streaming=True)
 
-from xden1k.records import decode_array
-from xden1k.schema import ARRAY_COLUMNS
+from xden1k.format.records import decode_array
+from xden1k.format.schema import ARRAY_COLUMNS
 
 def light(row):
     names = [name for name in row if name not in ARRAY_COLUMNS and not name.startswith("preview")]

@@ -11,9 +11,9 @@ import pytest
 
 from tests import phantoms
 from xden1k.errors import DataError
-from xden1k.records import object_row
-from xden1k.schema import ARRAY_COLUMNS, COLUMNS, DATA_SCHEMA, LIGHT_COLUMNS, METADATA_SCHEMA
-from xden1k.shards import ShardReader, ShardWriter
+from xden1k.format.records import object_row
+from xden1k.format.schema import ARRAY_COLUMNS, COLUMNS, DATA_SCHEMA, LIGHT_COLUMNS, METADATA_SCHEMA
+from xden1k.format.shards import ShardReader, ShardWriter
 
 
 @pytest.fixture(scope="module")

@@ -16,12 +16,12 @@ from hypothesis import given, settings
 
 from tests import phantoms
 from tests.strategies import density_objects
-from xden1k.codec import from_planes, to_planes
 from xden1k.folder import file_sha256, write_rows
-from xden1k.records import decode_array, object_row
-from xden1k.schema import ARRAY_COLUMNS
-from xden1k.types import DensityObject
-from xden1k.verify import row_problems, verify_folder
+from xden1k.folder.verify import row_problems, verify_folder
+from xden1k.format.codec import from_planes, to_planes
+from xden1k.format.records import decode_array, object_row
+from xden1k.format.schema import ARRAY_COLUMNS
+from xden1k.values.types import DensityObject
 
 Row = dict[str, Any]
 

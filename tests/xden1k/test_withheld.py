@@ -15,11 +15,11 @@ from tests import phantoms
 from tests.strategies import density_objects
 from xden1k.errors import DataError
 from xden1k.folder import open_folder, write_rows
-from xden1k.records import decode_target, object_row, row_object
-from xden1k.schema import COLUMNS
-from xden1k.types import PRIVATE, DensityObject
-from xden1k.verify import row_problems, verify_folder
-from xden1k.withheld import ANSWER_COLUMNS, leaks, withhold
+from xden1k.folder.verify import row_problems, verify_folder
+from xden1k.folder.withheld import ANSWER_COLUMNS, leaks, withhold
+from xden1k.format.records import decode_target, object_row, row_object
+from xden1k.format.schema import COLUMNS
+from xden1k.values.types import PRIVATE, DensityObject
 
 INPUTS = {
     *("object_id", "category", "source", "part_names", "preview_pa", "preview_lat", "xray_pa"),

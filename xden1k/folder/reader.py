@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from xden1k.errors import DataError, MissingObjectError
-from xden1k.manifest import MANIFEST_NAME, DataFile, Manifest
-from xden1k.records import row_object
-from xden1k.shards import Row, ShardReader
-from xden1k.types import DensityObject
+from xden1k.format.manifest import MANIFEST_NAME, DataFile, Manifest
+from xden1k.format.records import row_object
+from xden1k.format.shards import Row, ShardReader
+from xden1k.values.types import DensityObject
 
 __all__ = ["DatasetFolder", "open_folder"]
 

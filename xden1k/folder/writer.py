@@ -15,16 +15,16 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from xden1k.card import citation_text, eval_text, readme_text
-from xden1k.croissant import croissant_text
-from xden1k.datasheet import DATASHEET_COLUMNS, datasheet_text
+from xden1k.documents.card import citation_text, eval_text, readme_text
+from xden1k.documents.croissant import croissant_text
+from xden1k.documents.datasheet import DATASHEET_COLUMNS, datasheet_text
 from xden1k.errors import DataError
 from xden1k.folder.place import publish, staging
-from xden1k.manifest import MANIFEST_NAME, DataFile, Manifest
-from xden1k.records import object_row
-from xden1k.schema import DATA_SCHEMA, METADATA_SCHEMA
-from xden1k.shards import ShardWriter
-from xden1k.types import ALL_SPLITS, DensityObject
+from xden1k.format.manifest import MANIFEST_NAME, DataFile, Manifest
+from xden1k.format.records import object_row
+from xden1k.format.schema import DATA_SCHEMA, METADATA_SCHEMA
+from xden1k.format.shards import ShardWriter
+from xden1k.values.types import ALL_SPLITS, DensityObject
 
 __all__ = [
     "CHECKSUMS_NAME",
@@ -83,7 +83,7 @@ def write_rows(
     Parameters
     ----------
     rows
-        From :func:`xden1k.records.object_row`, in ascending order of ``object_id``.
+        From :func:`xden1k.format.records.object_row`, in ascending order of ``object_id``.
     out
         The folder to make.
     version

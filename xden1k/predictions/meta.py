@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal, get_args
 
-from xden1k.modality import INPUTS, Modality, Track, track_of
 from xden1k.predictions.problems import Problem
+from xden1k.values.modality import INPUTS, Modality, Track, track_of
 
 __all__ = ["MAX_TEXT", "SCHEMA", "SubmissionMeta", "Target", "Units", "parse_meta"]
 

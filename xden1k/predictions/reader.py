@@ -19,7 +19,7 @@ from xden1k.errors import MissingObjectError
 from xden1k.predictions.meta import SubmissionMeta, parse_meta
 from xden1k.predictions.npz import BadArchiveError, Member, NpzReader
 from xden1k.predictions.problems import Problem, listed, raise_errors, shortened
-from xden1k.types import FIELD_SIZE, MAX_PARTS
+from xden1k.values.types import FIELD_SIZE, MAX_PARTS
 
 __all__ = ["Predictions", "open_predictions"]
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from xden1k.arrays import Grid, Labels
 from xden1k.rays.regions import outer_surface
 from xden1k.rays.voxels import (
     CubeGrid,
@@ -19,7 +18,8 @@ from xden1k.rays.voxels import (
     part_fractions,
     voxel_labels,
 )
-from xden1k.types import DensityField
+from xden1k.values.arrays import Grid, Labels
+from xden1k.values.types import DensityField
 
 __all__ = ["COLUMN_SAMPLES", "ObjectGrids", "column_samples", "object_grids"]
 

@@ -20,11 +20,11 @@ import numpy as np
 import trimesh
 from jaxtyping import Bool, Float, Float32, Float64, Int32, Int64
 
-from xden1k.arrays import Image
 from xden1k.errors import DataError
 from xden1k.rays import kernels
 from xden1k.rays.surfaces import Surfaces, Window
-from xden1k.views import ViewGeometry
+from xden1k.values.arrays import Image
+from xden1k.values.views import ViewGeometry
 
 __all__ = ["PathLengths", "path_lengths"]
 

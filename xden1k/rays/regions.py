@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import trimesh
 
-from xden1k.arrays import Vec3
 from xden1k.errors import DataError, require
 from xden1k.rays.lengths import path_lengths
 from xden1k.rays.priority import check_order
-from xden1k.views import ViewGeometry
+from xden1k.values.arrays import Vec3
+from xden1k.values.views import ViewGeometry
 
 if TYPE_CHECKING:
     import manifold3d

@@ -13,7 +13,7 @@ from jaxtyping import Float64, Int16, Int32
 from xden1k.errors import DataError
 from xden1k.rays import kernels
 from xden1k.rays.priority import check_order
-from xden1k.views import ViewGeometry
+from xden1k.values.views import ViewGeometry
 
 __all__ = ["Surfaces", "Window"]
 

@@ -13,12 +13,12 @@ import numpy as np
 import trimesh
 from jaxtyping import Float32, Float64, Int64
 
-from xden1k.arrays import Labels, Vec3
 from xden1k.errors import DataError
 from xden1k.rays import kernels
 from xden1k.rays.surfaces import Surfaces, Window
-from xden1k.types import FIELD_SIZE, LABEL_SIZE, MAX_PARTS
-from xden1k.views import ViewGeometry
+from xden1k.values.arrays import Labels, Vec3
+from xden1k.values.types import FIELD_SIZE, LABEL_SIZE, MAX_PARTS
+from xden1k.values.views import ViewGeometry
 
 __all__ = [
     "CUBE_MARGIN",

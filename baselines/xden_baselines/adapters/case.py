@@ -20,9 +20,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Integer, Shaped
 
-from xden1k.arrays import Points
+from xden1k.access.samples import SampleView
 from xden1k.errors import DataError
-from xden1k.samples import SampleView
+from xden1k.values.arrays import Points
 from xden_baselines.adapters.cloud import Cloud
 from xden_baselines.adapters.files import read_json, read_npy, read_text
 from xden_baselines.gaussian_property.voting import winners

@@ -8,8 +8,8 @@ from typing import Final, Literal
 import numpy as np
 from jaxtyping import Float
 
-from xden1k.arrays import Points
 from xden1k.errors import DataError
+from xden1k.values.arrays import Points
 
 __all__ = ["DENSITIES_G_CM3", "Cloud", "Unit", "density_g_cm3", "middle"]
 

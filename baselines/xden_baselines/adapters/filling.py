@@ -10,10 +10,10 @@ from jaxtyping import Float
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from xden1k.arrays import Grid, Points
+from xden1k.access.samples import SampleView
 from xden1k.errors import DataError
-from xden1k.samples import SampleView
-from xden1k.types import FIELD_SIZE
+from xden1k.values.arrays import Grid, Points
+from xden1k.values.types import FIELD_SIZE
 from xden_baselines.adapters.cloud import Cloud, density_g_cm3
 from xden_baselines.adapters.frames import Similarity
 from xden_baselines.geometry import voxel_centres_cm

@@ -10,9 +10,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 from jaxtyping import Float
 
-from xden1k.arrays import Points, Vec3
+from xden1k.access.samples import SampleView
 from xden1k.errors import DataError
-from xden1k.samples import SampleView
+from xden1k.values.arrays import Points, Vec3
 from xden_baselines.adapters.cloud import Cloud
 from xden_baselines.adapters.files import numbers, read_json
 

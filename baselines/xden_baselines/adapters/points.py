@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Shaped
 
+from xden1k.access.samples import SampleView
 from xden1k.errors import DataError
-from xden1k.materials import load_materials
-from xden1k.samples import SampleView
+from xden1k.values.materials import load_materials
 from xden_baselines.adapters.case import read_case
 from xden_baselines.adapters.cloud import Cloud, Unit, middle
 from xden_baselines.adapters.files import (

@@ -11,11 +11,11 @@ from statistics import fmean
 
 import numpy as np
 
+from xden1k.access.samples import SampleView
 from xden1k.folder import DatasetFolder
-from xden1k.modality import Modality
 from xden1k.predictions import PredictionsWriter, SubmissionMeta, raise_errors
 from xden1k.predictions.meta import parse_meta
-from xden1k.samples import SampleView
+from xden1k.values.modality import Modality
 from xden_baselines.adapters.cloud import Cloud
 from xden_baselines.adapters.filling import fill
 from xden_baselines.adapters.frames import Frames

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float32, Int64, UInt8
 
 from xden1k.errors import DataError
 from xden1k.predictor import Example, Examples
-from xden1k.types import Part
+from xden1k.values.types import Part
 from xden_baselines.features.encoder import PATCH_PX
 from xden_baselines.features.names import NAME_FEATURES, embed_names
 from xden_baselines.features.statistics import STATISTICS, patch_statistics

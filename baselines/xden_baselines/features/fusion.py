@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float32, Int64
 
-from xden1k.arrays import Points
+from xden1k.values.arrays import Points
 from xden_baselines.features.encoder import PATCH_PX, PatchEncoder
 from xden_baselines.views.pictures import Pictures, visible
 

@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float32
 
-from xden1k.materials import families, load_materials
+from xden1k.values.materials import families, load_materials
 
 __all__ = ["NAME_FEATURES", "embed_names"]
 

@@ -10,7 +10,7 @@ import trimesh
 from jaxtyping import Int64
 from scipy.spatial import KDTree
 
-from xden1k.arrays import Points
+from xden1k.values.arrays import Points
 from xden_baselines.gaussian_property.library import ClosedList
 from xden_baselines.gaussian_property.regions import Segmentation
 from xden_baselines.gaussian_property.voters import Answer, Voter

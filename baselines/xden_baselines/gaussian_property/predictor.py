@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from xden1k.arrays import Grid
 from xden1k.errors import DataError
-from xden1k.modality import Modality
 from xden1k.predictor import Examples, Prediction, SampleView
+from xden1k.values.arrays import Grid
+from xden1k.values.modality import Modality
 from xden_baselines.chat.endpoint import ChatModel
 from xden_baselines.chat.settings import chat_settings, open_chat
 from xden_baselines.gaussian_property.appearance import Centroids, fit_centroids

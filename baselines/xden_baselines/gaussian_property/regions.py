@@ -15,7 +15,7 @@ from jaxtyping import Bool, Int32, Integer, UInt8
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from xden1k.arrays import Mask
+from xden1k.values.arrays import Mask
 from xden_baselines.chat.candidates import Picture
 from xden_baselines.views.cameras import Camera
 from xden_baselines.views.rendering import render

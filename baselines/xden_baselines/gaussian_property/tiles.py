@@ -7,7 +7,7 @@ import PIL.Image
 from jaxtyping import Bool, UInt8
 from scipy import ndimage
 
-from xden1k.arrays import Mask
+from xden1k.values.arrays import Mask
 from xden_baselines.chat.candidates import Picture
 
 __all__ = ["TILE_PX", "three_tiles"]

@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 from xden1k.errors import DataError
-from xden1k.modality import Modality
 from xden1k.predictor import Examples, Prediction, SampleView
+from xden1k.values.modality import Modality
 from xden_baselines.chat.candidates import Candidate, MaterialProposer, Picture
 from xden_baselines.chat.prior import PriorProposer
 from xden_baselines.chat.proposer import ChatProposer

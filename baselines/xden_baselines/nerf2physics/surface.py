@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Bool, Float
 
-from xden1k.arrays import Points
+from xden1k.values.arrays import Points
 
 __all__ = ["SurfaceCloud", "surface_cloud"]
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 
-from xden1k.arrays import Grid
+from xden1k.values.arrays import Grid
 from xden_baselines.chat.candidates import Candidate
 from xden_baselines.nerf2physics.kernel import areal_density_g_cm2, ranges
 from xden_baselines.nerf2physics.surface import SurfaceCloud

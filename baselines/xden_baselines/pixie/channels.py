@@ -14,11 +14,11 @@ import numpy as np
 from jaxtyping import Bool, Float32
 from scipy import ndimage
 
-from xden1k.arrays import Grid
+from xden1k.access.samples import SampleView
 from xden1k.errors import DataError
-from xden1k.modality import Modality
-from xden1k.samples import SampleView
-from xden1k.types import FIELD_SIZE
+from xden1k.values.arrays import Grid
+from xden1k.values.modality import Modality
+from xden1k.values.types import FIELD_SIZE
 from xden_baselines.geometry import SKIN, near_surface, nearest_filled, voxel_centres_cm
 from xden_baselines.views.pictures import Pictures, visible
 from xden_baselines.xray import back_projected_lac_per_cm

@@ -15,8 +15,8 @@ from jaxtyping import Bool, Float32
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
+from xden1k.access.samples import Examples, SampleView
 from xden1k.errors import DataError
-from xden1k.samples import Examples, SampleView
 from xden_baselines.features.encoder import PatchEncoder
 from xden_baselines.features.fusion import fused_features
 from xden_baselines.geometry import SKIN, near_surface, nearest_filled, voxel_centres_cm

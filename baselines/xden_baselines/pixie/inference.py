@@ -7,8 +7,8 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
 
-from xden1k.arrays import Grid
-from xden1k.types import FIELD_SIZE
+from xden1k.values.arrays import Grid
+from xden1k.values.types import FIELD_SIZE
 from xden_baselines.pixie.channels import ENVELOPE, Channels
 from xden_baselines.pixie.model import VoxelModel
 from xden_baselines.pixie.store import at_resolution

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xden1k.arrays import Grid
+from xden1k.access.samples import Examples, SampleView
 from xden1k.errors import DataError
-from xden1k.modality import Modality
 from xden1k.predictor import Budget, Prediction
-from xden1k.samples import Examples, SampleView
+from xden1k.values.arrays import Grid
+from xden1k.values.modality import Modality
 from xden_baselines.features.settings import clip_folder, clip_sha256, open_clip
 from xden_baselines.pixie.settings import Settings
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from xden1k.errors import DataError
-from xden1k.types import FIELD_SIZE
+from xden1k.values.types import FIELD_SIZE
 
 if TYPE_CHECKING:
     from xden_baselines.pixie.networks import Size

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float16, Float32, Int32, UInt8
 
-from xden1k.arrays import Labels
-from xden1k.materials import check_label, families, load_materials
-from xden1k.samples import Example
+from xden1k.access.samples import Example
+from xden1k.values.arrays import Labels
+from xden1k.values.materials import check_label, families, load_materials
 from xden_baselines.pixie.channels import ENVELOPE, Channels
 
 __all__ = ["UNKNOWN_FAMILY", "Stored", "at_resolution", "pooled", "stored"]

@@ -17,8 +17,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from xden1k.errors import DataError
-from xden1k.materials import families
 from xden1k.predictor import Budget
+from xden1k.values.materials import families
 from xden_baselines.pixie.categories import Categories, Kind
 from xden_baselines.pixie.channels import ENVELOPE
 from xden_baselines.pixie.losses import Batch, density_mae_g_cm3, gathered, loss, turned

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from xden1k.arrays import Points, Vec3
 from xden1k.errors import DataError
+from xden1k.values.arrays import Points, Vec3
 
 __all__ = ["Camera", "Rig", "look_at"]
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float32, Int64, UInt8
 
-from xden1k.arrays import Points
 from xden1k.errors import DataError
+from xden1k.values.arrays import Points
 from xden_baselines.views.cameras import Camera
 
 __all__ = ["BACKGROUND", "Pictures", "visible"]

@@ -17,8 +17,8 @@ import numpy as np
 import trimesh
 from jaxtyping import Float, Float32, Int32, UInt8
 
-from xden1k.arrays import Vec3
 from xden1k.errors import DataError, require
+from xden1k.values.arrays import Vec3
 from xden_baselines.views.cameras import Camera
 from xden_baselines.views.pictures import BACKGROUND, Pictures
 

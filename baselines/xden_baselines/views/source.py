@@ -10,7 +10,7 @@ import numpy as np
 
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
-from xden1k.types import DensityObject
+from xden1k.values.types import DensityObject
 from xden_baselines.views.cameras import Rig
 from xden_baselines.views.pictures import Pictures
 from xden_baselines.views.rendering import Rendered, Surface, render

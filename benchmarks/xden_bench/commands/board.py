@@ -43,8 +43,8 @@ def leaderboard(
     as_json: bool,
 ) -> None:
     """Rewrite LEADERBOARD.md from the results, or print other tables of them."""
-    from xden_bench.leaderboard import check_leaderboard, render, write_leaderboard
-    from xden_bench.result import read_entries
+    from xden_bench.entries.leaderboard import check_leaderboard, render, write_leaderboard
+    from xden_bench.entries.result import read_entries
 
     if check + (by is not None) + (hub_folder is not None) > 1:
         raise click.UsageError("Of --check, --by and --eval-results give one.")
@@ -68,7 +68,7 @@ def leaderboard(
 def _print_groups(
     entries: Sequence[Mapping[str, Any]], by: str, metric: str | None, as_json: bool
 ) -> None:
-    from xden_bench.leaderboard import group_tables
+    from xden_bench.entries.leaderboard import group_tables
 
     if as_json:
         kept = ("method", "protocol", "track", "target", "dataset", f"by_{by}")
@@ -80,8 +80,8 @@ def _print_groups(
 def _write_for_hub(
     entries: Sequence[Mapping[str, Any]], folder: Path, repo_id: str | None, as_json: bool
 ) -> None:
-    from xden1k.hub import REPO_ID
-    from xden_bench.eval_results import left_out_because, write_eval_results
+    from xden1k.access.hub import REPO_ID
+    from xden_bench.entries.eval_results import left_out_because, write_eval_results
 
     left_out = {
         one["method"]["name"]: reason for one in entries if (reason := left_out_because(one))

@@ -30,10 +30,10 @@ from xden_bench.commands.shared import (
 from xden_bench.commands.submissions import submit
 
 if TYPE_CHECKING:
-    from xden_bench.comparison import Comparison, Scored
-    from xden_bench.recomputed import How
-    from xden_bench.reference import Reference
-    from xden_bench.verification import Verification
+    from xden_bench.entries.recomputed import How
+    from xden_bench.entries.verification import Verification
+    from xden_bench.scoring.comparison import Comparison, Scored
+    from xden_bench.scoring.reference import Reference
 
 __all__ = ["compare", "verify"]
 
@@ -66,9 +66,9 @@ def compare(a: Path, b: Path, largest: int, as_json: bool, **asked: Any) -> None
     difference is a paired bootstrap's: where it excludes zero, one of them is better. Objects of
     the split private are not listed.
     """
-    from xden1k.types import PRIVATE
-    from xden_bench.comparison import compare as compare_scores
-    from xden_bench.protocol import load_protocol
+    from xden1k.values.types import PRIVATE
+    from xden_bench.scoring.comparison import compare as compare_scores
+    from xden_bench.scoring.protocol import load_protocol
 
     first, second = (_scored(path, **asked) for path in (a, b))
     rules = load_protocol(first.compared["protocol"])
@@ -115,8 +115,8 @@ def verify(
     Without --submission the method runs again, by the command that the entry prints, if that is one
     of `xden-bench baseline`. Exit code 1 if a number differs. Entries are never changed.
     """
-    from xden_bench.recomputed import write_recomputed
-    from xden_bench.result import read_entry
+    from xden_bench.entries.recomputed import write_recomputed
+    from xden_bench.entries.result import read_entry
 
     values = read_entry(entry)
     reference = open_reference(root, values["dataset"]["split"], sealed, key)
@@ -146,10 +146,10 @@ def _scored(
     protocol: str,
 ) -> Scored:
     """Scores of a submission or of an entry, by what the file is called."""
-    from xden_bench.comparison import Scored
-    from xden_bench.protocol import load_protocol
-    from xden_bench.result import entry_of, object_columns, read_entry
-    from xden_bench.scoring import score
+    from xden_bench.entries.result import entry_of, object_columns, read_entry
+    from xden_bench.scoring.comparison import Scored
+    from xden_bench.scoring.protocol import load_protocol
+    from xden_bench.scoring.score import score
 
     if path.suffix == ".json":
         entry = read_entry(path)
@@ -168,10 +168,10 @@ def _verified(
     scratch: Path,
 ) -> Verification:
     """Score a submission, or one made anew, and compare it with the entry."""
-    from xden_bench.protocol import load_protocol
-    from xden_bench.scoring import score
-    from xden_bench.verification import check_reference
-    from xden_bench.verification import verify as compare_numbers
+    from xden_bench.entries.verification import check_reference
+    from xden_bench.entries.verification import verify as compare_numbers
+    from xden_bench.scoring.protocol import load_protocol
+    from xden_bench.scoring.score import score
 
     check_reference(entry, reference)
     rules = load_protocol(entry["protocol"])
@@ -195,7 +195,7 @@ def _comparison_values(one: Comparison) -> dict[str, Any]:
 def _echo_comparison(a: str, b: str, found: Mapping[str, Comparison]) -> None:
     from tabulate import tabulate
 
-    from xden_bench.metrics import METRICS
+    from xden_bench.scoring.metrics import METRICS
 
     rows = [
         (

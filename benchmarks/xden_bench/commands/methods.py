@@ -23,7 +23,7 @@ from xden_bench.commands.shared import (
 if TYPE_CHECKING:
     from xden1k.folder import DatasetFolder
     from xden1k.predictions import SubmissionMeta
-    from xden_bench.running import Report
+    from xden_bench.methods.running import Report
 
 __all__ = ["baseline", "run_again"]
 
@@ -124,9 +124,9 @@ def _run(asked: Mapping[str, Any], folder: DatasetFolder, out: Path, command: st
     """Run the method that was asked for."""
     from xden1k.folder import open_folder
     from xden1k.predictor import Budget
-    from xden_bench.baseline import find_pictures, find_predictor
-    from xden_bench.rebuilt import Rebuilt
-    from xden_bench.running import Options, run_predictor
+    from xden_bench.methods.baseline import find_pictures, find_predictor
+    from xden_bench.methods.rebuilt import Rebuilt
+    from xden_bench.methods.running import Options, run_predictor
 
     built, target, budget = asked["built"], asked["target"], asked["budget"]
     method = (
@@ -185,7 +185,7 @@ def _echo_methods(as_json: bool) -> None:
 
     from tabulate import tabulate
 
-    from xden_bench.baseline import list_predictors
+    from xden_bench.methods.baseline import list_predictors
 
     methods = [asdict(one) for one in list_predictors()]
     if as_json:

@@ -12,10 +12,10 @@ import click
 from xden1k import commands
 from xden1k.commands import open_root
 from xden1k.errors import DataError
-from xden1k.modality import TRACKS
+from xden1k.values.modality import TRACKS
 
 if TYPE_CHECKING:
-    from xden_bench.reference import Reference
+    from xden_bench.scoring.reference import Reference
 
 __all__ = [
     "FILE",
@@ -82,8 +82,8 @@ def open_reference(
     DataError
         If there is no such split, or its answers are sealed or do not open.
     """
-    from xden1k.types import PRIVATE
-    from xden_bench.reference import Reference
+    from xden1k.values.types import PRIVATE
+    from xden_bench.scoring.reference import Reference
     from xden_bench.sealed import InputsReference, SealedReference, SealedTruth, read_key
 
     if sealed is None and key is None:

@@ -34,8 +34,8 @@ def speed(
     """
     from dataclasses import asdict
 
-    from xden_bench.baseline import find_predictor, run_predictor
-    from xden_bench.protocol import load_protocol
+    from xden_bench.methods.baseline import find_predictor, run_predictor
+    from xden_bench.scoring.protocol import load_protocol
     from xden_bench.speed import measure_speed
 
     folder = open_root(root)

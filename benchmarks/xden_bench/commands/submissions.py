@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xden1k.commands import json_option, print_json
-from xden1k.modality import TRACKS, Track
+from xden1k.values.modality import TRACKS, Track
 from xden_bench.commands.shared import (
     FILE,
     RESULTS,
@@ -31,9 +31,9 @@ from xden_bench.commands.shared import (
 )
 
 if TYPE_CHECKING:
-    from xden_bench.bootstrap import Estimate
-    from xden_bench.reference import Reference
-    from xden_bench.scoring import Score
+    from xden_bench.scoring.bootstrap import Estimate
+    from xden_bench.scoring.reference import Reference
+    from xden_bench.scoring.score import Score
 
 __all__ = ["Asked", "score", "submission_command", "submit", "template", "validate"]
 
@@ -113,8 +113,8 @@ def template(
     root: Path | None, split: str, track: Track, protocol: str, out: Path, as_json: bool
 ) -> None:
     """Write an empty submission that is valid, to be filled in."""
-    from xden_bench.protocol import load_protocol
-    from xden_bench.template import TO_FILL_IN, write_template
+    from xden_bench.methods.template import TO_FILL_IN, write_template
+    from xden_bench.scoring.protocol import load_protocol
 
     reference = open_reference(root, split, scoring=False)
     meta = write_template(out, reference, load_protocol(protocol), track)
@@ -131,9 +131,9 @@ def template(
 def validate(asked: Asked, out: Path | None, as_json: bool) -> None:
     """List everything that is wrong with a submission."""
     from xden1k.predictions import raise_errors
-    from xden_bench.durable import write_text
-    from xden_bench.protocol import load_protocol
-    from xden_bench.submission import validate as find_problems
+    from xden_bench.entries.durable import write_text
+    from xden_bench.scoring.protocol import load_protocol
+    from xden_bench.scoring.submission import validate as find_problems
 
     rules, reference = load_protocol(asked.protocol), asked.reference(scoring=False)
     found = find_problems(asked.submission, reference, rules, asked.track, progress_bar)
@@ -155,7 +155,7 @@ def validate(asked: Asked, out: Path | None, as_json: bool) -> None:
 @submission_command("Also write the result to this JSON file.")
 def score(asked: Asked, out: Path | None, as_json: bool) -> None:
     """Score a submission without entering it."""
-    from xden_bench.durable import write_text
+    from xden_bench.entries.durable import write_text
 
     scored, entry = _scored(asked, asked.reference())
     if out:
@@ -175,8 +175,8 @@ def submit(asked: Asked, out: Path | None, as_json: bool) -> None:
 
     Nothing is written if anything is wrong with it. `xden-bench leaderboard` makes the table.
     """
-    from xden_bench.baseline import check_trivial
-    from xden_bench.result import write_entry
+    from xden_bench.entries.result import write_entry
+    from xden_bench.methods.baseline import check_trivial
 
     if asked.sealed and out is None:
         raise click.UsageError(
@@ -207,9 +207,9 @@ def _entered(path: Path, out: Path | None) -> str:
 
 
 def _scored(asked: Asked, reference: Reference) -> tuple[Score, dict[str, Any]]:
-    from xden_bench.protocol import load_protocol
-    from xden_bench.result import entry_of
-    from xden_bench.scoring import score as score_file
+    from xden_bench.entries.result import entry_of
+    from xden_bench.scoring.protocol import load_protocol
+    from xden_bench.scoring.score import score as score_file
 
     rules = load_protocol(asked.protocol)
     scored = score_file(asked.submission, reference, rules, asked.track, progress_bar)
@@ -221,7 +221,7 @@ def _scored(asked: Asked, reference: Reference) -> tuple[Score, dict[str, Any]]:
 def _echo_score(scored: Score) -> None:
     from tabulate import tabulate
 
-    from xden_bench.metrics import METRICS
+    from xden_bench.scoring.metrics import METRICS
 
     meta = scored.meta
     click.echo(
@@ -239,7 +239,7 @@ def _echo_score(scored: Score) -> None:
 def _echo_groups(title: str, groups: Mapping[str, tuple[int, Mapping[str, Estimate]]]) -> None:
     from tabulate import tabulate
 
-    from xden_bench.metrics import METRICS
+    from xden_bench.scoring.metrics import METRICS
 
     names = [name for name in METRICS if name in next(iter(groups.values()))[1]]
     rows = [

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from xden1k.errors import DataError
-from xden1k.schema import ARRAY_COLUMNS
-from xden1k.shards import Row
-from xden1k.withheld import ANSWER_COLUMNS
+from xden1k.folder.withheld import ANSWER_COLUMNS
+from xden1k.format.schema import ARRAY_COLUMNS
+from xden1k.format.shards import Row
 from xden_bench.sealed.key import Key
 
 __all__ = ["SALT_BYTES", "answers_bytes", "answers_row", "commitment", "salt_of"]

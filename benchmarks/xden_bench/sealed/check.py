@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from xden1k.errors import DataError
+from xden_bench.scoring.submission import Progress
 from xden_bench.sealed.container import SealedTruth
-from xden_bench.submission import Progress
 
 __all__ = ["check_sealed"]
 

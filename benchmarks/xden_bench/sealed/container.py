@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from xden1k.errors import DataError, require
 from xden1k.folder import DatasetFolder
-from xden1k.shards import Row
-from xden1k.types import PRIVATE
+from xden1k.format.shards import Row
+from xden1k.values.types import PRIVATE
 from xden_bench.sealed.answers import (
     SALT_BYTES,
     answers_bytes,

@@ -12,12 +12,12 @@ from typing import Any
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder, write_rows
 from xden1k.folder.place import publish, staging
-from xden1k.types import PRIVATE
-from xden1k.withheld import withhold
+from xden1k.folder.withheld import withhold
+from xden1k.values.types import PRIVATE
+from xden_bench.scoring.submission import Progress
 from xden_bench.sealed.container import COMMITMENTS_NAME, SealWriter
 from xden_bench.sealed.division import private_ids
 from xden_bench.sealed.key import Key
-from xden_bench.submission import Progress
 
 __all__ = ["PUBLIC_NAME", "SEALED_NAME", "Sealing", "seal"]
 

@@ -8,11 +8,11 @@ from functools import cache
 
 import numpy as np
 
-from xden1k.codec import to_planes
-from xden1k.shards import Row
-from xden1k.types import FIELD_SIZE
-from xden1k.withheld import ANSWER_COLUMNS
-from xden_bench.reference import BY_ORGANISER, Reference
+from xden1k.folder.withheld import ANSWER_COLUMNS
+from xden1k.format.codec import to_planes
+from xden1k.format.shards import Row
+from xden1k.values.types import FIELD_SIZE
+from xden_bench.scoring.reference import BY_ORGANISER, Reference
 from xden_bench.sealed.container import SealedTruth
 
 __all__ = ["InputsReference", "SealedReference"]

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from xden1k.errors import DataError
-from xden_bench.durable import write_whole
+from xden_bench.entries.durable import write_whole
 
 __all__ = ["AuditLog", "Pseudonyms"]
 

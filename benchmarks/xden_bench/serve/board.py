@@ -9,12 +9,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from xden1k.types import PRIVATE
-from xden_bench.leaderboard import tables
-from xden_bench.metrics import METRICS
-from xden_bench.protocol import load_protocol
-from xden_bench.ranking import TRIVIAL, Entry, ranks, unranked_because
-from xden_bench.result import entry_path
+from xden1k.values.types import PRIVATE
+from xden_bench.entries.leaderboard import tables
+from xden_bench.entries.ranking import TRIVIAL, Entry, ranks, unranked_because
+from xden_bench.entries.result import entry_path
+from xden_bench.scoring.metrics import METRICS
+from xden_bench.scoring.protocol import load_protocol
 
 __all__ = [
     "best_first",

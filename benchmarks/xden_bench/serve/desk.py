@@ -30,10 +30,10 @@ from typing import Any, Final
 from filelock import FileLock, Timeout
 
 from xden1k.errors import DataError
-from xden_bench.durable import sync_folder
-from xden_bench.protocol import Protocol
-from xden_bench.reference import Reference
-from xden_bench.result import read_entries
+from xden_bench.entries.durable import sync_folder
+from xden_bench.entries.result import read_entries
+from xden_bench.scoring.protocol import Protocol
+from xden_bench.scoring.reference import Reference
 from xden_bench.serve.audit_log import AuditLog, Pseudonyms
 from xden_bench.serve.disk import Copy, copy_upload, is_full
 from xden_bench.serve.limits import Limits
@@ -156,7 +156,7 @@ class Desk:
         return replace(status, checked=checked, total=total)
 
     def entries(self) -> tuple[dict[str, Any], ...]:
-        """Every entry among the results, as :func:`xden_bench.result.read_entries` gives them.
+        """Every entry, as :func:`xden_bench.entries.result.read_entries` gives them.
 
         They are read again only when a file of the results has changed.
 

@@ -16,15 +16,15 @@ from jaxtyping import Float
 from matplotlib.cm import ScalarMappable
 from PIL.Image import Image as Picture
 
-from xden1k.arrays import Grid
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
+from xden1k.pictures.radiographs import compare
 from xden1k.predictions import Target, open_predictions
-from xden1k.radiographs import compare
-from xden1k.types import PRIVATE, DensityField, DensityObject, Part
-from xden_bench.expand import grid_of_parts, part_shares
-from xden_bench.metrics import METRICS
-from xden_bench.result import entry_path
+from xden1k.values.arrays import Grid
+from xden1k.values.types import PRIVATE, DensityField, DensityObject, Part
+from xden_bench.entries.result import entry_path
+from xden_bench.scoring.expand import grid_of_parts, part_shares
+from xden_bench.scoring.metrics import METRICS
 from xden_bench.serve import figures, glb
 
 __all__ = ["COLOURS", "PART_HEADINGS", "Colour", "Explorer", "Fields", "best_and_worst"]

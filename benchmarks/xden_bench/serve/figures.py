@@ -20,8 +20,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from PIL import Image as Pictures
 
-from xden1k.arrays import Vec3
-from xden1k.radiographs import MADE_WORDS, Comparison
+from xden1k.pictures.radiographs import MADE_WORDS, Comparison
+from xden1k.values.arrays import Vec3
 
 __all__ = [
     "AXES",

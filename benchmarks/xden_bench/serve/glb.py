@@ -12,8 +12,8 @@ from jaxtyping import Float, UInt8
 from matplotlib.cm import ScalarMappable
 from scipy.ndimage import map_coordinates
 
-from xden1k.arrays import Grid, Vec3
-from xden1k.types import Part
+from xden1k.values.arrays import Grid, Vec3
+from xden1k.values.types import Part
 
 __all__ = [
     "M_PER_CM",

@@ -11,7 +11,7 @@ __all__ = ["Limits"]
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Limits:
-    """Settings of the desk, read from TOML by :func:`xden1k.settings.load_settings`.
+    """Settings of the desk, read from TOML by :func:`xden1k.values.settings.load_settings`.
 
     Parameters
     ----------

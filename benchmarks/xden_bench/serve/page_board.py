@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import gradio as gr
 
-from xden_bench.leaderboard import TRACK_TITLES
-from xden_bench.metrics import METRICS
+from xden_bench.entries.leaderboard import TRACK_TITLES
+from xden_bench.scoring.metrics import METRICS
 from xden_bench.serve import board
 from xden_bench.serve.figures import interval_picture
 from xden_bench.serve.told import GRID, PICTURE, PRIVATE, frame, offer, told

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from xden1k.errors import require
-from xden1k.settings import load_settings
-from xden_bench.protocol import load_protocol
-from xden_bench.reference import Reference
+from xden1k.values.settings import load_settings
+from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.reference import Reference
 from xden_bench.serve.desk import Desk
 from xden_bench.serve.limits import Limits
 

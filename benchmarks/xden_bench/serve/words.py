@@ -10,8 +10,8 @@ import numpy as np
 
 from xden1k.errors import XDenError
 from xden1k.predictions import CODES, Problem
-from xden1k.types import DensityObject
-from xden_bench.metrics import METRICS
+from xden1k.values.types import DensityObject
+from xden_bench.scoring.metrics import METRICS
 from xden_bench.serve.tickets import Status
 
 __all__ = ["object_line", "problem_rows", "result_rows", "status_html", "user_of"]

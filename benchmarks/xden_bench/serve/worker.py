@@ -26,9 +26,9 @@ from xden1k.errors import DataError, SubmissionError
 from xden_bench.serve.outcome import Outcome, find_entered
 
 if TYPE_CHECKING:
-    from xden_bench.protocol import Protocol
-    from xden_bench.reference import Reference
-    from xden_bench.scoring import Score
+    from xden_bench.scoring.protocol import Protocol
+    from xden_bench.scoring.reference import Reference
+    from xden_bench.scoring.score import Score
 
 __all__ = ["Setting", "score_upload"]
 
@@ -88,9 +88,9 @@ def score_upload(
     OSError
         If the entry cannot be written.
     """
-    from xden_bench.baseline import check_trivial
-    from xden_bench.scoring import score
-    from xden_bench.submission import validate
+    from xden_bench.methods.baseline import check_trivial
+    from xden_bench.scoring.score import score
+    from xden_bench.scoring.submission import validate
 
     try:
         scored = score(path, reference, rules, progress=progress)
@@ -105,7 +105,7 @@ def score_upload(
 
 def _enter(scored: Score, reference: Reference, results: Path) -> Outcome:
     """Write the entry; one that is there is left as it is."""
-    from xden_bench.result import EnteredError, entry_of, write_entry
+    from xden_bench.entries.result import EnteredError, entry_of, write_entry
 
     today = datetime.datetime.now(tz=datetime.UTC).date()
     command = _command(reference.split, scored.protocol.name)
@@ -133,7 +133,7 @@ def _entered(scored: Score, reference: Reference, results: Path) -> Outcome | No
 
 def _command(split: str, protocol: str) -> str:
     """Return the command that gives the same entry; the file's own name may tell of its author."""
-    from xden_bench.protocol import load_protocol
+    from xden_bench.scoring.protocol import load_protocol
 
     words = ["xden-bench", "submit", "preds.npz"]
     words += [] if split == "test" else ["--split", split]
@@ -207,8 +207,8 @@ def _main() -> None:
 
 def _truth(setting: Setting) -> tuple[Reference, Any]:
     from xden1k.folder import open_folder
-    from xden_bench.protocol import load_protocol
-    from xden_bench.reference import Reference
+    from xden_bench.scoring.protocol import load_protocol
+    from xden_bench.scoring.reference import Reference
 
     reference = Reference(open_folder(setting.root), setting.split)
     return reference, load_protocol(setting.protocol)

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from xden1k.arrays import Image, Mask
 from xden1k.errors import DataError
-from xden1k.views import XRayView
+from xden1k.values.arrays import Image, Mask
+from xden1k.values.views import XRayView
 from xden_builder.capture.formats import read_image
 from xden_builder.capture.images import ImageFile, Polarity
 from xden_builder.capture.scanner import Detector, ViewFile

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32
 
-from xden1k.arrays import Labels, Vec3
 from xden1k.errors import DataError
+from xden1k.values.arrays import Labels, Vec3
 from xden_builder.capture.damage import decoding
 
 __all__ = ["CTReference", "read_ct"]

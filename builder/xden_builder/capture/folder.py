@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast, get_args
 
-from xden1k.arrays import Image
 from xden1k.errors import DataError, MissingObjectError
-from xden1k.types import SPLITS, Source, Split
-from xden1k.views import XRayView
+from xden1k.values.arrays import Image
+from xden1k.values.types import SPLITS, Source, Split
+from xden1k.values.views import XRayView
 from xden_builder.capture.calibration import CalibratedView, calibrate
 from xden_builder.capture.ct import CTReference, read_ct
 from xden_builder.capture.meshes import MESH_SUFFIXES

@@ -11,7 +11,7 @@ import numpy as np
 import trimesh
 
 from xden1k.errors import DataError
-from xden1k.materials import check_label
+from xden1k.values.materials import check_label
 from xden_builder.capture.meshes import read_meshes
 from xden_builder.capture.solids import closed_mesh
 from xden_builder.capture.tables import CsvRow, read_csv

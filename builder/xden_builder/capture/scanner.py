@@ -15,13 +15,13 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Final, Literal, cast, get_args
 
 from xden1k.errors import DataError, require
-from xden1k.materials import load_materials
-from xden1k.settings import read_toml
-from xden1k.views import ViewGeometry
-from xden_builder.attenuation import ENERGY_RANGE_KEV
+from xden1k.values.materials import load_materials
+from xden1k.values.settings import read_toml
+from xden1k.values.views import ViewGeometry
 from xden_builder.capture.dicom import spacing_note
 from xden_builder.capture.images import Polarity
 from xden_builder.capture.tables import TomlTable, is_number, is_positive, is_vector
+from xden_builder.physics.attenuation import ENERGY_RANGE_KEV
 
 __all__ = [
     "SCHEMA",

@@ -10,9 +10,9 @@ from jaxtyping import Float
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from xden1k.arrays import Faces, Vec3
-from xden1k.closed import edge_faults
 from xden1k.errors import DataError
+from xden1k.values.arrays import Faces, Vec3
+from xden1k.values.closed import edge_faults
 
 __all__ = ["closed_mesh"]
 

@@ -11,9 +11,9 @@ import numpy as np
 import trimesh
 from jaxtyping import Float64
 
-from xden1k.materials import families, load_materials
-from xden1k.physics import apparent_density_g_cm3
 from xden1k.rays import path_lengths
+from xden1k.values.materials import families, load_materials
+from xden1k.values.physics import apparent_density_g_cm3
 from xden_builder.capture import Capture, CapturePart
 from xden_builder.fit import fit_lac_adam
 from xden_builder.poly.candidates import candidates

@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 
 from xden1k.rays import object_grids, outer_surface
-from xden_builder.audit import ViewAudit, audit_image, noise_floor
+from xden_builder.audit.view import ViewAudit, audit_image, noise_floor
 from xden_builder.capture import Capture, CapturePart
 from xden_builder.evaluate.methods import poly
 from xden_builder.evaluate.truth import Truth

@@ -15,8 +15,8 @@ import trimesh
 from jaxtyping import Float64
 
 from xden1k.errors import DataError
-from xden1k.mass import mass_of_meshes
 from xden1k.rays import disjoint_regions, ownership_order
+from xden1k.values.mass import mass_of_meshes
 from xden_builder.capture import Capture, CaptureFolder
 from xden_builder.evaluate.methods import (
     ABLATIONS,

@@ -11,9 +11,9 @@ import numpy as np
 import trimesh
 from jaxtyping import Float64
 
-from xden1k.arrays import Vec3
 from xden1k.errors import DataError
-from xden1k.mass import mass_of_meshes
+from xden1k.values.arrays import Vec3
+from xden1k.values.mass import mass_of_meshes
 from xden_builder.capture import CapturePart
 
 __all__ = ["Errors", "Truth", "errors_of", "read_truth"]

@@ -11,7 +11,7 @@ from typing import Final
 
 from xden1k.errors import DataError
 from xden1k.rays import PathLengths
-from xden1k.views import XRayView
+from xden1k.values.views import XRayView
 from xden_builder.fit.diagnostics import finish
 from xden_builder.fit.problem import Fitted, Problem
 from xden_builder.fit.values import PAPER_OBJECTIVE, LacFit

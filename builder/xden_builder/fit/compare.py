@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from xden1k.rays import PathLengths
-from xden1k.views import XRayView
+from xden1k.values.views import XRayView
 from xden_builder.fit.adam import DEFAULT_ADAM, AdamSettings, fit_lac_adam
 from xden_builder.fit.lac import fit_lac
 from xden_builder.fit.levenberg import minimise

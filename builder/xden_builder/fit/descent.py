@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from jaxtyping import Float32, Float64
 
-from xden1k.views import XRayView
+from xden1k.values.views import XRayView
 from xden_builder.fit.adam import AdamSettings
 from xden_builder.fit.observed import ViewData
 from xden_builder.fit.problem import Problem

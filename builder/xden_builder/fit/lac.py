@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from xden1k.rays import PathLengths
-from xden1k.views import XRayView
+from xden1k.values.views import XRayView
 from xden_builder.fit.diagnostics import finish
 from xden_builder.fit.levenberg import Minimum, minimise
 from xden_builder.fit.problem import Fitted, Problem, Weighting

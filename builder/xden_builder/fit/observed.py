@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64
 from scipy.ndimage import binary_dilation
 
-from xden1k.arrays import Mask
 from xden1k.errors import DataError
 from xden1k.rays import PathLengths
-from xden1k.views import XRayView
+from xden1k.values.arrays import Mask
+from xden1k.values.views import XRayView
 from xden_builder.fit import kernels
 from xden_builder.fit.crops import Crop
 from xden_builder.fit.values import FitSettings

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float64
 
 from xden1k.errors import DataError
 from xden1k.rays import PathLengths
-from xden1k.views import XRayView
+from xden1k.values.views import XRayView
 from xden_builder.fit import kernels
 from xden_builder.fit.observed import ViewData
 from xden_builder.fit.values import FitSettings

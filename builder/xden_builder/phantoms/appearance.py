@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from xden1k.materials import load_materials
+from xden1k.values.materials import load_materials
 
 __all__ = ["draw_color", "draw_finish", "draw_paint"]
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from xden1k.errors import DataError
-from xden1k.materials import load_materials
+from xden1k.values.materials import load_materials
 from xden_builder.phantoms.archetypes import ARCHETYPES
 
 __all__ = ["CATALOGUE", "Category", "read_catalogue"]

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from xden1k.closed import edge_faults
 from xden1k.errors import DataError, XDenError
 from xden1k.rays import disjoint_regions
+from xden1k.values.closed import edge_faults
 from xden_builder.capture import CaptureFolder
 from xden_builder.capture.damage import decoding
 from xden_builder.phantoms.grid import TruthGrid

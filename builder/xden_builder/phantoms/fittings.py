@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from manifold3d import CrossSection, Manifold
 
-from xden1k.arrays import Points
+from xden1k.values.arrays import Points
 from xden_builder.phantoms import shapes, skins
 from xden_builder.phantoms.pieces import Piece
 

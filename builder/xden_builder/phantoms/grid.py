@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from xden1k.arrays import Labels
 from xden1k.rays import column_samples, density_grid, object_cube, part_fractions, voxel_labels
-from xden1k.types import DensityField
+from xden1k.values.arrays import Labels
+from xden1k.values.types import DensityField
 from xden_builder.capture.damage import decoding
 from xden_builder.phantoms.phantom import Phantom
 

@@ -15,9 +15,9 @@ import numpy as np
 import trimesh
 
 from xden1k.errors import DataError, MissingObjectError
-from xden1k.mass import MassProperties, mass_of_meshes
-from xden1k.materials import load_materials
-from xden1k.types import Split
+from xden1k.values.mass import MassProperties, mass_of_meshes
+from xden1k.values.materials import load_materials
+from xden1k.values.types import Split
 from xden_builder.phantoms.appearance import draw_color, draw_finish, draw_paint
 from xden_builder.phantoms.archetypes import ARCHETYPES
 from xden_builder.phantoms.catalogue import CATALOGUE, Category

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from xden1k.errors import DataError
-from xden1k.materials import load_materials
+from xden1k.values.materials import load_materials
 
 __all__ = ["LIFELIKE", "TIDY", "Realism", "draw_label", "draw_solid_share"]
 

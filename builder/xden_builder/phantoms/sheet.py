@@ -9,9 +9,9 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
-from xden1k.arrays import Image, Vec3
 from xden1k.errors import require
-from xden1k.views import XRayView
+from xden1k.values.arrays import Image, Vec3
+from xden1k.values.views import XRayView
 from xden_builder.phantoms.catalogue import CATALOGUE
 from xden_builder.phantoms.phantom import Phantom, make_phantom, plan_objects
 from xden_builder.phantoms.scanner import VIEWS, Scanner

@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 from manifold3d import Error, Manifold, Mesh64
 
-from xden1k.arrays import Points
 from xden1k.errors import DataError
+from xden1k.values.arrays import Points
 from xden_builder.phantoms.shapes import segments
 
 __all__ = ["bent_path", "helix", "loft", "pipe", "skin", "smooth_path", "spring"]

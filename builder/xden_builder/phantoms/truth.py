@@ -10,12 +10,12 @@ from pathlib import Path
 
 from xden1k import __version__
 from xden1k.folder import write_rows
-from xden1k.manifest import Manifest
-from xden1k.physics import apparent_density_g_cm3
+from xden1k.format.manifest import Manifest
+from xden1k.format.records import object_row
+from xden1k.format.shards import Row
 from xden1k.rays import object_grids
-from xden1k.records import object_row
-from xden1k.shards import Row
-from xden1k.types import DensityObject, Part, Split
+from xden1k.values.physics import apparent_density_g_cm3
+from xden1k.values.types import DensityObject, Part, Split
 from xden_builder.phantoms.phantom import Phantom, PhantomPart, Plan, make_phantom, plan_objects
 from xden_builder.phantoms.realism import TIDY, Realism
 from xden_builder.phantoms.scanner import VIEWS, Scanner

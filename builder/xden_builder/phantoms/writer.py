@@ -14,7 +14,7 @@ import numpy as np
 import trimesh
 
 from xden1k.errors import DataError, require
-from xden1k.types import Split
+from xden1k.values.types import Split
 from xden_builder.capture import write_scanner
 from xden_builder.phantoms.glb import write_glb
 from xden_builder.phantoms.grid import truth_grid

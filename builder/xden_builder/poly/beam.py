@@ -9,14 +9,14 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Float64, Int64
 
-from xden1k.arrays import Image
 from xden1k.errors import require
-from xden1k.materials import Composition
-from xden1k.views import ViewGeometry, XRayView
-from xden_builder.attenuation import element_fractions, mac_cm2_g
+from xden1k.values.arrays import Image
+from xden1k.values.materials import Composition
+from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.capture import Capture, Tube
-from xden_builder.spectrum import Spectrum, absorbed_share, tube_fluence, tube_spectrum
-from xden_builder.spectrum.tables import TABLE_SLOPES
+from xden_builder.physics.attenuation import element_fractions, mac_cm2_g
+from xden_builder.physics.spectrum import Spectrum, absorbed_share, tube_fluence, tube_spectrum
+from xden_builder.physics.spectrum.tables import TABLE_SLOPES
 
 __all__ = ["GROUPS", "EnergyGroups", "Heel", "ViewBeam", "energy_groups", "find_heel", "view_beam"]
 

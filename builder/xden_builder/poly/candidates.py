@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float64
 
-from xden1k.materials import Material, families, load_materials
+from xden1k.values.materials import Material, families, load_materials
 from xden_builder.capture import CapturePart
 from xden_builder.poly.beam import EnergyGroups
 

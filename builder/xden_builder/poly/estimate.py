@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float64
 
-from xden1k.arrays import Image
 from xden1k.errors import DataError
 from xden1k.rays import PathLengths, path_lengths
-from xden1k.views import ViewGeometry, XRayView
+from xden1k.values.arrays import Image
+from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.capture import Capture
 from xden_builder.fit.levenberg import Minimum
 from xden_builder.poly.beam import ViewBeam, energy_groups, view_beam

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from xden1k.arrays import Image, Mask
 from xden1k.errors import DataError
-from xden1k.materials import load_materials
 from xden1k.rays import PathLengths, path_lengths
-from xden1k.types import DensityObject
-from xden1k.views import ViewGeometry, XRayView
+from xden1k.values.arrays import Image, Mask
+from xden1k.values.materials import load_materials
+from xden1k.values.types import DensityObject
+from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.capture import Capture
 from xden_builder.poly import kernels
 from xden_builder.poly.beam import EnergyGroups, ViewBeam, energy_groups, view_beam

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float32, Float64, Int64
 from scipy.ndimage import distance_transform_edt
 
 from xden1k.rays import PathLengths
-from xden1k.views import XRayView
+from xden1k.values.views import XRayView
 from xden_builder.fit.crops import Crop
 from xden_builder.fit.outline import on_outline
 from xden_builder.poly import kernels

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float, Float64
 from scipy.spatial.transform import Rotation
 
-from xden1k.arrays import Image, Mask, Vec3
-from xden1k.views import ViewGeometry, XRayView
+from xden1k.values.arrays import Image, Mask, Vec3
+from xden1k.values.views import ViewGeometry, XRayView
 
 __all__ = ["POSE_UNKNOWNS", "Pose", "binned", "coarse", "posed"]
 

@@ -15,9 +15,9 @@ import numpy as np
 import trimesh
 from jaxtyping import Float, Float64
 
-from xden1k.arrays import Mask
 from xden1k.rays import PathLengths, path_lengths
-from xden1k.views import ViewGeometry, XRayView
+from xden1k.values.arrays import Mask
+from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.fit.box import box_minimum
 from xden_builder.fit.problem import Evaluation
 from xden_builder.poly import huber

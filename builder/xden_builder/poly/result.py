@@ -10,10 +10,10 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from xden1k.materials import families
-from xden1k.types import DensitySource
+from xden1k.values.materials import families
+from xden1k.values.types import DensitySource
 from xden_builder.capture import CapturePart
-from xden_builder.density import PartDensity
+from xden_builder.fit.density import PartDensity
 from xden_builder.poly.diagnose import Diagnosis, diagnose
 from xden_builder.poly.estimate import Solution
 from xden_builder.poly.image import TERMS

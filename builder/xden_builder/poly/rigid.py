@@ -10,8 +10,8 @@ import numpy as np
 import trimesh
 from jaxtyping import Float, Float64
 
-from xden1k.arrays import Vec3
-from xden1k.mass import mass_of_meshes
+from xden1k.values.arrays import Vec3
+from xden1k.values.mass import mass_of_meshes
 
 __all__ = ["SCALE_SD", "RigidSD", "rigid_sd"]
 

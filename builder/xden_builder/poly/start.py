@@ -10,7 +10,7 @@ import trimesh
 from jaxtyping import Float64
 
 from xden1k.rays import path_lengths
-from xden1k.views import XRayView
+from xden1k.values.views import XRayView
 from xden_builder.fit import fit_lac
 from xden_builder.poly.beam import EnergyGroups
 from xden_builder.poly.candidates import CandidateTable

@@ -9,7 +9,7 @@ from jaxtyping import Float64, Int64
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from xden1k.rays import PathLengths
-from xden1k.views import XRayView
+from xden1k.values.views import XRayView
 from xden_builder.poly import kernels
 from xden_builder.poly.beam import ViewBeam
 from xden_builder.poly.pose import binned

@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Float
 
 from xden1k.errors import require
-from xden1k.materials import Composition
-from xden_builder.attenuation import element_fractions, mac_cm2_g
+from xden1k.values.materials import Composition
 from xden_builder.capture import Tube
-from xden_builder.spectrum import Spectrum, absorbed_share, tube_fluence, tube_spectrum
-from xden_builder.spectrum.tables import TABLE_DISTANCE_CM
+from xden_builder.physics.attenuation import element_fractions, mac_cm2_g
+from xden_builder.physics.spectrum import Spectrum, absorbed_share, tube_fluence, tube_spectrum
+from xden_builder.physics.spectrum.tables import TABLE_DISTANCE_CM
 
 __all__ = ["Beam", "kept_beam", "make_beam"]
 

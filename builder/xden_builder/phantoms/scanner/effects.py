@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 from tabulate import tabulate
 
-from xden1k.arrays import Image, Mask
+from xden1k.values.arrays import Image, Mask
 from xden_builder.phantoms.catalogue import CATALOGUE
 from xden_builder.phantoms.phantom import Phantom, make_phantom, plan_objects
 from xden_builder.phantoms.scanner.file import load_scanner

@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 from xden1k.errors import DataError
-from xden1k.settings import read_toml
+from xden1k.values.settings import read_toml
 from xden_builder.capture import Detector, ScannerFile, ViewFile
 from xden_builder.capture.tables import is_number
 from xden_builder.phantoms.scanner.model import VIEWS, Scanner

@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt16
 
-from xden1k.arrays import Image
 from xden1k.errors import DataError
-from xden1k.materials import load_materials
 from xden1k.rays import path_lengths
-from xden1k.views import ViewGeometry, XRayView
-from xden_builder.attenuation import mac_cm2_g
+from xden1k.values.arrays import Image
+from xden1k.values.materials import load_materials
+from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.capture import Tube
 from xden_builder.capture.tables import is_number
 from xden_builder.phantoms.phantom import Phantom, PhantomPart, Plan, random_numbers
@@ -29,6 +28,7 @@ from xden_builder.phantoms.scanner.primary import Absorber, Primary, pixel_kerne
 from xden_builder.phantoms.scanner.scatter import ScatterDraw, draw_scatter, scatter_image
 from xden_builder.phantoms.scanner.signal import Signal
 from xden_builder.phantoms.scanner.spread import gaussian_spread
+from xden_builder.physics.attenuation import mac_cm2_g
 
 __all__ = ["VIEWS", "Raw", "Scanner"]
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, UInt16
 
-from xden1k.arrays import Image, Mask
+from xden1k.values.arrays import Image, Mask
 from xden_builder.capture.calibration import LEAST_OPEN_FIELD
 
 __all__ = ["Calibration", "Panel"]

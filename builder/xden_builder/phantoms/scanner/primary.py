@@ -14,9 +14,9 @@ import trimesh
 from jaxtyping import Float, Float32, Int64
 from scipy.special import ndtr
 
-from xden1k.arrays import Image
 from xden1k.rays import PathLengths, path_lengths
-from xden1k.views import ViewGeometry
+from xden1k.values.arrays import Image
+from xden1k.values.views import ViewGeometry
 from xden_builder.phantoms.scanner.beam import Beam
 
 __all__ = ["Absorber", "Primary", "pixel_kernel", "render"]

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xden1k.arrays import Image
+from xden1k.values.arrays import Image
 from xden_builder.phantoms.scanner.spread import gaussian_spread
 
 __all__ = ["ScatterDraw", "draw_scatter", "scatter_image"]

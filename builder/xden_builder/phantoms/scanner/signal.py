@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from xden1k.arrays import Image
+from xden1k.values.arrays import Image
 
 __all__ = ["Signal"]
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float32
 from scipy.special import ndtr
 
-from xden1k.arrays import Image
+from xden1k.values.arrays import Image
 
 __all__ = ["gaussian_spread"]
 

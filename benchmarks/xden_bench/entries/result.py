@@ -1,0 +1,324 @@
+"""Results: one JSON file for each entry of the leaderboard, its objects beside it as Parquet."""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from xden1k.errors import DataError
+from xden_bench.entries.durable import results_lock, sync_folder, write_whole
+from xden_bench.entries.entry_form import SCHEMA, read_form
+from xden_bench.entries.provenance import code_commit, package_version
+from xden_bench.entries.recomputed import SUFFIX, read_recomputed
+from xden_bench.entries.untrusted import read_table
+from xden_bench.scoring.bootstrap import Estimate
+from xden_bench.scoring.metrics import METRICS
+from xden_bench.scoring.protocol import Protocol, load_protocol
+from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.score import ObjectScore, Score, by_category, by_size, summary
+
+__all__ = [
+    "EnteredError",
+    "entry_of",
+    "entry_path",
+    "figures",
+    "object_columns",
+    "read_entries",
+    "read_entry",
+    "write_entry",
+]
+
+_OBJECT_COLUMNS: Final = ("object_id", "category", "source", "extent_cm")
+
+
+class EnteredError(DataError):
+    """A submission is among the results already."""
+
+
+def entry_of(
+    score: Score, reference: Reference, *, command: str, date: datetime.date
+) -> dict[str, Any]:
+    """Return what is kept of a score, of JSON's types.
+
+    Parameters
+    ----------
+    score, reference
+        The score and the truth it was made with.
+    command
+        That scored it.
+    date
+        When.
+    """
+    meta, rules = score.meta, score.protocol
+    return {
+        "schema": SCHEMA,
+        "method": {
+            "name": meta.method,
+            "inputs": list(meta.inputs),
+            "training_data": list(meta.training_data),
+            "external_data": meta.external_data,
+            "seed": meta.seed,
+            "seconds_per_object": meta.seconds_per_object,
+            "command": meta.command,
+            "code": meta.code,
+            "paper": meta.paper,
+            "notes": meta.notes,
+        },
+        "protocol": rules.name,
+        "metric_version": rules.metric_version,
+        "track": meta.track,
+        "target": meta.target,
+        "dataset": {
+            "revision": reference.revision,
+            "config": rules.config,
+            "split": reference.split,
+            "source": "+".join(score.sources),
+            "manifest_sha256": reference.manifest_sha256,
+        },
+        "submission_sha256": score.submission_sha256,
+        "xden_version": package_version(),
+        "commit": code_commit(),
+        "command": command,
+        "date": date.isoformat(),
+        **figures(score.objects, rules),
+        "status": reference.status,
+        "warnings": [str(problem) for problem in score.warnings],
+    }
+
+
+def write_entry(entry: Mapping[str, Any], score: Score, results: Path) -> Path:
+    """Add an entry, under the lock of the results: the objects, then the JSON file that counts.
+
+    It is on the disk when this returns; after an error neither file is there.
+
+    Parameters
+    ----------
+    entry
+        From :func:`entry_of`.
+    score
+        Whose objects go into the Parquet file of the same name.
+    results
+        Folder of all entries.
+
+    Returns
+    -------
+    Path
+        The JSON file, ``PROTOCOL/DATASET/TRACK/METHOD-CHECKSUM.json`` in ``results``.
+
+    Raises
+    ------
+    EnteredError
+        If this submission is entered already.
+    OSError
+        If the disk does not take it.
+    """
+    path = results / entry_path(entry)
+    objects, table = path.with_suffix(".parquet"), _parquet(object_columns(score))
+    digest = hashlib.sha256(table).hexdigest()
+    stored = {**entry, "objects": {"file": objects.name, "sha256": digest}}
+    text = json.dumps(stored, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with results_lock(results):
+        if path.exists():
+            raise EnteredError(
+                f"this submission is entered already: {path}; entries are never changed"
+            )
+        for left in path.parent.glob(f".{path.stem}.*.partial"):  # by one that was killed
+            left.unlink()
+        try:
+            write_whole(objects, table)
+            write_whole(path, text.encode("utf-8"))
+        except BaseException:
+            for one in (path, objects):
+                one.unlink(missing_ok=True)
+            raise
+        for folder in path.parents[: len(path.parents) - len(results.parents)]:
+            sync_folder(folder)
+    return path
+
+
+def _parquet(columns: Mapping[str, Sequence[Any]]) -> bytes:
+    stream = pa.BufferOutputStream()
+    pq.write_table(pa.table(columns), stream, compression="zstd")
+    data: bytes = stream.getvalue().to_pybytes()
+    return data
+
+
+def entry_path(entry: Mapping[str, Any]) -> Path:
+    """Where an entry lies among the results; two entries of one submission collide."""
+    data = entry["dataset"]
+    version = f"{data['revision']}-{data['manifest_sha256'][:8]}"
+    table = f"{version}-{data['split']}-{data['source']}-{entry['target']}"
+    name = f"{_slug(entry['method']['name'])}-{entry['submission_sha256'][:8]}.json"
+    return Path(_slug(entry["protocol"]), _slug(table), entry["track"], name)
+
+
+def read_entries(results: Path) -> tuple[dict[str, Any], ...]:
+    """Every entry below a folder, sorted by path.
+
+    Parameters
+    ----------
+    results
+        The folder.
+
+    Returns
+    -------
+    tuple of dict
+        See :func:`read_entry`.
+
+    Raises
+    ------
+    DataError
+        If there is no such folder, or a JSON file in it is neither an entry nor a note beside one.
+    """
+    if not results.is_dir():
+        raise DataError(f"there is no folder of results at {results}")
+    paths = sorted(results.rglob("*.json"))
+    entries = [path for path in paths if not path.name.endswith(SUFFIX)]
+    if alone := set(paths) - {*entries, *(path.with_suffix(SUFFIX) for path in entries)}:
+        raise DataError(f"{min(alone)}: there is no entry beside it")
+    return tuple(read_entry(path, results) for path in entries)
+
+
+def read_entry(path: Path, results: Path | None = None) -> dict[str, Any]:
+    """One entry. Its numbers are made again from the objects beside it.
+
+    Parameters
+    ----------
+    path
+        Its JSON file.
+    results
+        The folder of all entries; None = the one that the file's place gives.
+
+    Returns
+    -------
+    dict
+        As stored, and ``object_scores``: every column of the Parquet file, as lists. A note beside
+        it (:mod:`xden_bench.entries.recomputed`) is there as ``recomputed``, and ``status`` says
+        so.
+
+    Raises
+    ------
+    DataError
+        If the file is no entry of this schema, contradicts itself, lies where another belongs, or
+        does not agree with its objects, or these are missing or changed.
+    OSError
+        If there is no such file.
+    """
+    entry = read_form(path)
+    place = entry_path(entry)
+    here = path.absolute()
+    root = results.absolute() if results else Path(*here.parts[: -len(place.parts)])
+    if root / place != here:
+        raise DataError(f"{path}: its content belongs to {place}")
+    entry["object_scores"] = _checked_objects(path, entry)
+    if note := read_recomputed(path):
+        entry |= {"status": "recomputed", "recomputed": note}
+    return entry
+
+
+def _checked_objects(path: Path, entry: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """Make the numbers again from the objects beside the entry, compare, and return the objects."""
+    objects = path.with_suffix(".parquet")
+    if entry["objects"]["file"] != objects.name or not objects.is_file():
+        raise DataError(f"{path}: its objects must lie beside it, in {objects.name}")
+    data = objects.read_bytes()
+    if (found := hashlib.sha256(data).hexdigest()) != (stored := entry["objects"]["sha256"]):
+        raise DataError(f"{objects}: sha256 is {found}, {path.name} says {stored}")
+    try:
+        rules = load_protocol(entry["protocol"])
+        table = read_table(data)
+        made = figures(_objects_of(table, rules), rules)
+    except (DataError, pa.ArrowException, ValueError, TypeError, KeyError) as err:
+        raise DataError(f"{path}: its objects cannot be summed up: {err!r}") from err
+    for key, value in made.items():
+        if not _agree(entry.get(key), json.loads(json.dumps(value))):
+            raise DataError(f"{path}: {key} is not what the objects in {objects.name} give")
+    columns: dict[str, list[Any]] = table.to_pydict()
+    if (source := "+".join(sorted(set(columns["source"])))) != entry["dataset"]["source"]:
+        raise DataError(f"{path}: source is not that of the objects, {source}")
+    return columns
+
+
+def _objects_of(table: pa.Table, rules: Protocol) -> tuple[ObjectScore, ...]:
+    has_sd = not set(rules.sd_metrics).isdisjoint(table.column_names)
+    return tuple(
+        ObjectScore(
+            **{name: row[name] for name in _OBJECT_COLUMNS},
+            metrics={name: row[name] for name in rules.metrics_of(has_sd=has_sd)},
+        )
+        for row in table.to_pylist()
+    )
+
+
+def _agree(one: Any, other: Any) -> bool:
+    """Whether two values of JSON are the same, numbers up to the rounding of another machine."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_agree(one[key], other[key]) for key in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_agree, one, other))
+    if isinstance(one, float) and isinstance(other, float):
+        return math.isclose(one, other, rel_tol=1e-9, abs_tol=1e-12)
+    return type(one) is type(other) and bool(one == other)
+
+
+def figures(objects: Sequence[ObjectScore], rules: Protocol) -> dict[str, Any]:
+    """Every number of an entry that follows from its objects.
+
+    Parameters
+    ----------
+    objects
+        Of the split, sorted by id.
+    rules
+        The protocol.
+    """
+    metrics = summary(objects, rules)
+    return {
+        "bootstrap": {"seed": rules.bootstrap_seed, "resamples": rules.bootstrap_resamples},
+        "n_objects": len(objects),
+        "metrics": _metrics(metrics),
+        "higher_is_better": {name: METRICS[name].higher_is_better for name in metrics},
+        "by_category": _groups(by_category(objects, rules)),
+        "by_size": _groups(by_size(objects, rules)),
+    }
+
+
+def object_columns(score: Score) -> dict[str, list[Any]]:
+    """Scores of the objects, sorted by id, by column: what lies beside an entry as Parquet."""
+    columns: dict[str, list[Any]] = {
+        name: [getattr(one, name) for one in score.objects] for name in _OBJECT_COLUMNS
+    }
+    for name in score.metrics:
+        columns[name] = [one.metrics[name] for one in score.objects]
+    return columns
+
+
+def _metrics(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
+    return {name: one.to_json() for name, one in estimates.items()}
+
+
+def _groups(groups: Mapping[str, tuple[int, Mapping[str, Estimate]]]) -> dict[str, Any]:
+    return {
+        name: {"n_objects": count, "metrics": _metrics(estimates)}
+        for name, (count, estimates) in groups.items()
+    }
+
+
+def _slug(text: str) -> str:
+    """Letters and digits of a name, for a file.
+
+    Examples
+    --------
+    >>> _slug("../My Net (v2)")
+    'my-net-v2'
+    """
+    return re.sub(r"[^a-z0-9.]+", "-", text.lower()).strip("-.")[:60] or "unnamed"

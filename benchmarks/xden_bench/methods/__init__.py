@@ -1,0 +1,1 @@
+"""Running a method on a dataset folder, resumably, until it is a submission."""

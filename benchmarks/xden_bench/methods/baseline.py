@@ -1,0 +1,176 @@
+"""The methods that are installed, and whether a submission is that of a trivial one."""
+
+from __future__ import annotations
+
+import inspect
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from xden1k.errors import DataError
+from xden1k.predictions import open_predictions
+from xden1k.predictor import Illustrated, PictureSource, Predictor
+from xden1k.values.modality import Modality, track_of
+from xden_bench.methods.running import Options, Report, run_predictor
+from xden_bench.scoring.protocol import Protocol, is_trivial
+from xden_bench.scoring.reference import Reference
+
+__all__ = [
+    "Listed",
+    "Options",
+    "Report",
+    "check_trivial",
+    "find_pictures",
+    "find_predictor",
+    "list_predictors",
+    "run_predictor",
+]
+
+PREDICTORS = "xden1k.predictors"
+"""Entry points of this group name methods."""
+PICTURES = "xden1k.pictures"
+"""Of this one, sources of pictures: ``rendered``, called without arguments, and ``scenes``, called
+with a folder."""
+
+
+@dataclass(frozen=True, slots=True)
+class Listed:
+    """A method that is installed.
+
+    Parameters
+    ----------
+    name
+        What ``xden-bench baseline`` calls it.
+    track
+        Where it runs; ``-`` if it does not load.
+    summary
+        First line of its docstring, or why it does not load.
+    """
+
+    name: str
+    track: str
+    summary: str
+
+
+def list_predictors() -> tuple[Listed, ...]:
+    """Every installed method, by name."""
+    return tuple(map(_listed, sorted(_entries(PREDICTORS))))
+
+
+def _listed(name: str) -> Listed:
+    try:
+        predictor = find_predictor(name)
+    except DataError as err:
+        return Listed(name, "-", str(err))
+    oracle = "oracle: " if Modality.TRUTH in predictor.reads else ""
+    summary = (inspect.getdoc(predictor) or "").split("\n")[0]
+    return Listed(name, track_of(predictor.reads), oracle + summary)
+
+
+def find_predictor(name: str, settings: Mapping[str, Any] | None = None) -> Predictor:
+    """Return an installed method by the name of its entry point.
+
+    Parameters
+    ----------
+    name
+        Of the entry point.
+    settings
+        Keyword arguments it is made with.
+
+    Raises
+    ------
+    DataError
+        If there is none of that name, it cannot be imported or made, or it is no predictor.
+    """
+    entries = _entries(PREDICTORS)
+    if name not in entries:
+        raise DataError(f"no method {name!r} is installed; there are {sorted(entries)}")
+    try:
+        predictor = entries[name].load()(**(settings or {}))
+    except (ImportError, AttributeError, TypeError, ValueError) as err:
+        raise DataError(f"the method {name} ({entries[name].value}) does not load: {err}") from err
+    if not isinstance(predictor, Predictor):
+        raise DataError(f"the method {name} ({entries[name].value}) is no xden1k Predictor")
+    return predictor
+
+
+def find_pictures(predictor: Predictor, views: Path | None) -> PictureSource | None:
+    """Return where a method's colour pictures come from; None if it reads none.
+
+    Parameters
+    ----------
+    predictor
+        The method.
+    views
+        A folder of scenes; None takes the method's own source, or renders the part meshes in
+        their stored colours.
+
+    Raises
+    ------
+    DataError
+        If there are scenes but the method reads none, the folder holds none, or no package that
+        knows how is installed.
+    """
+    if Modality.RGB not in predictor.reads:
+        if views is not None:
+            raise DataError(f"the method {predictor.name} reads no pictures: no views")
+        return None
+    if views is None and isinstance(predictor, Illustrated):
+        return predictor.pictures_of
+    name = "rendered" if views is None else "scenes"
+    entries = _entries(PICTURES)
+    if name not in entries:
+        raise DataError(f"no source of pictures {name!r} is installed; there are {sorted(entries)}")
+    source: PictureSource = entries[name].load()(*([] if views is None else [views]))
+    return source
+
+
+def check_trivial(path: Path, reference: Reference, protocol: Protocol) -> None:
+    """Refuse a submission under the name of a trivial method that is not its prediction.
+
+    The installed method runs again on the dataset and each value is compared. It guards what
+    enters by ``xden-bench submit``; an entry written by hand is a matter for whoever reviews it.
+
+    Parameters
+    ----------
+    path
+        A valid submission.
+    reference
+        What it predicts.
+    protocol
+        Which names are those of trivial methods.
+
+    Raises
+    ------
+    DataError
+        If a value differs.
+    """
+    with open_predictions(path) as found, tempfile.TemporaryDirectory() as scratch:
+        meta = found.meta
+        if meta is None or not is_trivial(meta.method, protocol):
+            return
+        own, name = Path(scratch) / "own.npz", meta.method.strip().casefold()
+        predictor = find_predictor(name)
+        options = Options(target=meta.target)
+        run_predictor(predictor, reference.folder, reference.split, own, options)
+        with open_predictions(own) as expected:
+            for object_id in reference.ids:
+                if not _equal(found.read(object_id), expected.read(object_id)):
+                    raise DataError(
+                        f"{path}: the name {name!r} is that of a trivial method, and its value of "
+                        f"{object_id} is another: give the method a name of its own"
+                    )
+
+
+def _equal(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two grids are the same, whichever of the two dtypes they were stored as."""
+    return one.shape == other.shape and np.allclose(one, other, rtol=2**-10, atol=2**-24)
+
+
+def _entries(group: str) -> dict[str, EntryPoint]:
+    return {entry.name: entry for entry in entry_points(group=group)}

@@ -1,0 +1,102 @@
+"""A dataset folder as a submission: what the builder reconstructed, against the truth.
+
+On phantoms this is the upper row of the X-ray track: the simulator knows the truth and the builder
+has seen none of it. On scans the truth *is* the builder's reconstruction: the row compares a thing
+with itself, says so, and has no rank.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from xden1k.errors import DataError
+from xden1k.folder import DatasetFolder
+from xden1k.format.records import decode_array
+from xden1k.predictions import Target
+from xden1k.predictor import Examples, Prediction, SampleView
+from xden1k.values.modality import Modality
+
+__all__ = ["Rebuilt"]
+
+SAME_PLACE = 0.01
+"""Grids further apart than this share of a voxel are not the same."""
+CIRCULAR = "circular: the truth of scans is the builder's own"
+
+
+class Rebuilt:
+    """The densities of another dataset folder of the same objects.
+
+    Parameters
+    ----------
+    built
+        What the builder wrote.
+    target
+        ``density`` or ``apparent_density``.
+    """
+
+    name = "builder"
+    version = "1"
+    reads = Modality.GEOMETRY | Modality.PARTS | Modality.XRAY
+    trainable = False
+    external_data = False
+
+    def __init__(self, built: DatasetFolder, target: Target) -> None:
+        self._built = built
+        self._target = target
+
+    @property
+    def notes(self) -> str:
+        """By what it was made, from which folder and settings."""
+        made, settings = self._built.manifest.builder, self._built.manifest.config_sha256
+        facts = [
+            f"reconstructed by {made}",
+            f"manifest {self._built.manifest_sha256[:12]}",
+            f"settings {settings[:12] or 'unknown'}",
+        ]
+        return ", ".join(facts)
+
+    @property
+    def fingerprint(self) -> str:
+        """Checksum of the manifest of what was built."""
+        return self._built.manifest_sha256
+
+    def fit(self, train: Examples, *, seed: int) -> None:
+        """Learn nothing."""
+
+    def predict(self, sample: SampleView) -> Prediction:
+        """Look up an object's density: its grid, or that of each part if its grid lies elsewhere.
+
+        A rebuilt object lies where its annotated meshes do, which on phantoms are a little off the
+        true ones. Parts of the same names then say what fills the true parts.
+
+        Raises
+        ------
+        MissingObjectError
+            If it was not rebuilt.
+        DataError
+            If it lies on another grid and has other parts, or only its attenuation is known.
+        """
+        columns = ["source", self._target, "grid_origin_cm", "voxel_size_cm"]
+        row = self._built.row(sample.object_id, columns)
+        remark = CIRCULAR if row["source"] == "scan" else ""
+        if row[self._target] is None:
+            raise DataError(f"{sample.object_id}: {self._built.root} has no {self._target} of it")
+        apart = np.abs(np.array(row["grid_origin_cm"]) - sample.origin_cm).max()
+        stretched = abs(row["voxel_size_cm"] / sample.voxel_size_cm - 1)
+        if apart < SAME_PLACE * sample.voxel_size_cm and stretched < SAME_PLACE / 64:
+            return Prediction(decode_array(row, self._target), remark=remark)
+        return Prediction(self._by_part(sample), remark=remark)
+
+    def _by_part(self, sample: SampleView) -> Float[np.ndarray, "parts"]:
+        """Density of air and of each part, in the order of the dataset's parts."""
+        column = f"part_{self._target}_g_cm3"
+        built = self._built.row(sample.object_id, ["part_names", column])
+        known = dict(zip(built["part_names"], built[column], strict=True))
+        names = sample.part_names
+        if sorted(names) != sorted(known):
+            raise DataError(
+                f"{sample.object_id}: in {self._built.root} it lies on another grid and has other "
+                f"parts: {sorted(known)}, expected {sorted(names)}"
+            )
+        return np.array([0.0, *(known[name] for name in names)], dtype=np.float32)

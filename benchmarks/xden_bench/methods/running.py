@@ -1,0 +1,311 @@
+"""Running a method on a split and writing its submission, in as many goes as it takes."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+import numpy as np
+
+from xden1k.errors import DataError
+from xden1k.folder import DatasetFolder
+from xden1k.predictions import MAX_TEXT, PredictionsWriter, SubmissionMeta, Target
+from xden1k.predictor import (
+    Budget,
+    Examples,
+    Fingerprinted,
+    PictureSource,
+    Prediction,
+    Predictor,
+    SampleView,
+    Storable,
+)
+from xden1k.values.modality import Modality
+from xden_bench.methods.fits import Fit, fit_or_take_up, load_fit
+from xden_bench.methods.partial import (
+    Facts,
+    Kept,
+    PartialRun,
+    code_sha256,
+    folder_sha256,
+    partial_run,
+)
+from xden_bench.methods.rebuilt import Rebuilt
+from xden_bench.scoring.submission import Progress
+
+__all__ = ["Options", "Report", "run_predictor"]
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How a method is run.
+
+    Parameters
+    ----------
+    target
+        ``density`` or ``apparent_density``.
+    seed
+        Of the method.
+    budget
+        Of its training; None = its own.
+    model
+        A folder with what it learned before, in place of learning.
+    save
+        The folder to keep what it learns in.
+    pictures
+        Where colour pictures come from.
+    command
+        That runs this again.
+    """
+
+    target: Target = "density"
+    seed: int = 0
+    budget: Budget | None = None
+    model: Path | None = None
+    save: Path | None = None
+    pictures: PictureSource | None = None
+    command: str = ""
+
+    def check(self, predictor: Predictor) -> None:
+        """Refuse what asks a method for something it cannot do.
+
+        Raises
+        ------
+        DataError
+            If it is told how to learn but learns nothing, is to learn and not to learn, or cannot
+            store what it learned.
+        """
+        if not predictor.trainable and (self.budget or self.model or self.save):
+            raise DataError(f"the method {predictor.name} learns nothing: no budget, model or save")
+        if self.model and (self.budget or self.save):
+            raise DataError("a method that is loaded does not learn: model without budget and save")
+        if (self.model or self.save) and not isinstance(predictor, Storable):
+            verb = "load" if self.model else "store"
+            raise DataError(f"the method {predictor.name} cannot {verb} what it learned")
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What came of a run.
+
+    Parameters
+    ----------
+    meta
+        What the file says about itself.
+    continued
+        How many objects an interrupted run had left.
+    mass_native_g
+        By object: the mass by the method's own rule, where it has one. Never scored.
+    """
+
+    meta: SubmissionMeta
+    continued: int
+    mass_native_g: Mapping[str, float]
+
+
+def run_predictor(
+    predictor: Predictor,
+    folder: DatasetFolder,
+    split: str,
+    out: Path,
+    options: Options = Options(),
+    progress: Progress = iter,
+) -> Report:
+    """Let a method learn from the training split, predict objects, and write its submission.
+
+    What is done is kept beside the submission until that is complete: the same run again, after
+    an error or a kill, goes on from there (:mod:`xden_bench.methods.partial`).
+
+    Parameters
+    ----------
+    predictor
+        The method.
+    folder
+        The dataset.
+    split
+        What to predict.
+    out
+        The ``preds.npz`` to write.
+    options
+        How it is run.
+    progress
+        Goes through the ids of the objects that are left to do.
+
+    Raises
+    ------
+    DataError
+        If a training object lacks the target, a prediction breaks the format, the options ask for
+        what the method cannot do, or another process is writing the same submission.
+    ModalityError
+        If the method touches what it did not declare.
+    """
+    options.check(predictor)
+    run = _Run(predictor, folder, split, options)
+    with partial_run(out, run.identity) as partial:
+        fit = run.made_ready(partial.fit_folder)
+        continued = partial.count
+        with PredictionsWriter(partial.submission) as writer:
+            facts = dict(run.predictions(writer, partial, progress))
+            meta = run.meta(fit, tuple(facts.values()))
+            writer.finish(meta)
+        partial.submission.replace(out)
+    masses = {one: found.mass_native_g for one, found in facts.items()}
+    native = {one: mass for one, mass in masses.items() if mass is not None}
+    return Report(meta, continued, native)
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """A method on a split."""
+
+    predictor: Predictor
+    folder: DatasetFolder
+    split: str
+    options: Options
+
+    @property
+    def fit(self) -> Fit:
+        """What a fit depends on that is made here and now."""
+        method, options = self.predictor, self.options
+        return Fit(
+            method=method.name,
+            version=method.version,
+            inputs=method.reads.inputs,
+            target=options.target,
+            seed=options.seed,
+            budget=asdict(options.budget) if options.budget else None,
+            manifest_sha256=self.folder.manifest_sha256,
+            code_sha256=code_sha256(type(method)),
+            fingerprint=_fingerprint(method),
+            pictures=f"{options.pictures.description} {_fingerprint(options.pictures)}".strip()
+            if options.pictures
+            else "",
+        )
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """All that the predictions depend on."""
+        model = self.options.model
+        return asdict(self.fit) | {
+            "split": self.split,
+            "model": folder_sha256(model) if model else "",
+        }
+
+    def made_ready(self, folder: Path) -> Fit | None:
+        """Let the method learn, or take up what it learned; None if it learns nothing."""
+        options = self.options
+        if not self.predictor.trainable:
+            return None
+        if options.model and isinstance(self.predictor, Storable):
+            return load_fit(self.predictor, self.fit, options.model)
+        source = (self.folder, "train", self.predictor.reads, options.target, options.pictures)
+        train = Examples(*source)
+        fit_or_take_up(self.predictor, train, self.fit, options.budget, options.save or folder)
+        return self.fit
+
+    def predictions(
+        self, writer: PredictionsWriter, partial: PartialRun, progress: Progress
+    ) -> Iterator[tuple[str, Facts]]:
+        """Write every object: first those that are kept, then the others."""
+        ids, done = self.folder.ids(self.split), partial.count
+        for place, object_id in enumerate(ids[:done]):
+            kept = partial.read(place)
+            writer.add(object_id, kept.values, kept.sd)
+            yield object_id, kept.facts
+        for place, object_id in enumerate(progress(ids[done:]), start=done):
+            kept = self._predict(object_id)
+            writer.add(object_id, kept.values, kept.sd)
+            _check_parts(self.folder, object_id, kept.values, self.predictor.reads)
+            partial.keep(place, kept)
+            yield object_id, kept.facts
+
+    def _predict(self, object_id: str) -> Kept:
+        reads, options = self.predictor.reads, self.options
+        sample = SampleView(self.folder, object_id, reads, options.pictures, options.target)
+        start = time.perf_counter()
+        found = self.predictor.predict(sample)
+        seconds = time.perf_counter() - start
+        if not isinstance(found, Prediction):
+            return Kept(found, None, Facts(seconds))
+        facts = Facts(
+            seconds,
+            found.mass_native_g,
+            found.model,
+            found.fallbacks,
+            found.device,
+            found.remark,
+        )
+        return Kept(found.density_g_cm3, found.density_sd_g_cm3, facts)
+
+    def meta(self, fit: Fit | None, facts: Sequence[Facts]) -> SubmissionMeta:
+        """Return what the file says about itself."""
+        return SubmissionMeta(
+            method=self.predictor.name,
+            dataset_revision=self.folder.manifest.version,
+            config="default",
+            split=self.split,
+            inputs=self.predictor.reads.inputs,
+            training_data=("xden1k/train",) if fit else (),
+            external_data=self.predictor.external_data,
+            target=self.options.target,
+            command=self.options.command,
+            notes=_short([self.predictor.notes, *self._notes(fit, facts)]),
+            seconds_per_object=self._seconds(facts),
+            seed=fit.seed if fit else None,
+            manifest_sha256=self.folder.manifest_sha256,
+        )
+
+    def _seconds(self, facts: Sequence[Facts]) -> float | None:
+        """Time of an object; that of a rebuilt folder was spent elsewhere."""
+        if isinstance(self.predictor, Rebuilt):
+            return None
+        return float(f"{fmean(one.seconds for one in facts):.2g}")
+
+    def _notes(self, fit: Fit | None, facts: Sequence[Facts]) -> Iterator[str]:
+        """Tell what the run knows and a reader of the row must."""
+        if fit and fit.manifest_sha256 != self.folder.manifest_sha256:
+            yield f"trained on the dataset of manifest {fit.manifest_sha256[:12]}"
+        if self.options.pictures:
+            yield self.options.pictures.description
+        yield from _counted([f"model {one.model}" if one.model else "" for one in facts])
+        yield from _counted([one.remark for one in facts])
+        if fallbacks := sum(one.fallbacks for one in facts):
+            yield f"{fallbacks} fallbacks on {sum(one.fallbacks > 0 for one in facts)} objects"
+        if devices := sorted({one.device for one in facts} - {"cpu"}):
+            yield f"computed on {', '.join(devices)}"
+
+
+def _short(notes: Sequence[str]) -> str:
+    """Join notes; what is over the length that a submission may have is cut off."""
+    text = "; ".join(filter(None, notes))
+    return text if len(text) <= MAX_TEXT else f"{text[: MAX_TEXT - 1]}…"
+
+
+def _counted(texts: Sequence[str]) -> Iterator[str]:
+    """Each text once, and of how many objects it is unless it is of all."""
+    for text, count in sorted(Counter(filter(None, texts)).items()):
+        yield text if count == len(texts) else f"{text} ({count} of {len(texts)} objects)"
+
+
+def _fingerprint(value: object) -> str:
+    return value.fingerprint if isinstance(value, Fingerprinted) else ""
+
+
+def _check_parts(
+    folder: DatasetFolder, object_id: str, values: np.ndarray, reads: Modality
+) -> None:
+    """Refuse part densities of the wrong number, or by a method that declares no parts."""
+    if values.ndim != 1:
+        return
+    if Modality.PARTS not in reads:
+        raise DataError(f"{object_id}: part densities need the modality PARTS: give a grid")
+    parts = len(folder.row(object_id, ["part_names"])["part_names"])
+    if len(values) != parts + 1:
+        raise DataError(
+            f"{object_id}: shape must be ({parts + 1},), air and {parts} parts, got {values.shape}"
+        )

@@ -1,0 +1,1 @@
+"""From a submission and the truth to numbers with intervals."""

@@ -1,0 +1,132 @@
+"""The rules of scoring, read from a file that never changes once released."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Final
+
+from xden1k.errors import DataError
+from xden1k.predictions import Target
+from xden1k.values.settings import load_settings
+from xden_bench.scoring.metrics import METRICS
+
+__all__ = ["PROTOCOLS", "Protocol", "is_trivial", "load_protocol"]
+
+PROTOCOLS: Final = ("v1", "paper")
+"""Every protocol there is, the default first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Protocol:
+    """How submissions are scored.
+
+    Parameters
+    ----------
+    name
+        Printed with every number.
+    config
+        Of the dataset.
+    targets
+        What a submission may predict.
+    metric_version
+        Of the code that computes the metrics: raised when it gives other values for the same
+        files. The one key that may change after a release; rows of two versions are kept apart.
+    metrics
+        Names from :data:`xden_bench.scoring.metrics.METRICS`, in the order of the tables.
+    sd_metrics
+        More of them, of submissions that give a standard deviation.
+    rank_by
+        One of them.
+    mass_ratio_limit
+        ``mass_alde`` ends at the logarithm of it.
+    bootstrap_resamples, bootstrap_seed
+        Of the intervals.
+    size_edges_cm
+        Ascending borders between the classes of the table by size.
+    max_density_g_cm3
+        By target: a higher value gets the footnote W501.
+    max_outside_share
+        More of the mass outside the object gets the footnote W503.
+    max_identical_share
+        Of the objects: more that equal the reference are the warning W504. Of homogeneous objects
+        a good method hits a few.
+    unranked
+        Names of methods that are printed without a rank.
+    open_choices
+        What a source that this protocol follows leaves open, and what is taken here.
+
+    Raises
+    ------
+    DataError
+        If a metric is unknown, the ranking is by none of them, or the borders do not ascend.
+    """
+
+    name: str
+    config: str
+    targets: Sequence[Target]
+    metric_version: int
+    metrics: Sequence[str]
+    sd_metrics: Sequence[str]
+    rank_by: str
+    mass_ratio_limit: float
+    bootstrap_resamples: int
+    bootstrap_seed: int
+    size_edges_cm: Sequence[float]
+    max_density_g_cm3: Mapping[str, float]
+    max_outside_share: float
+    max_identical_share: float
+    unranked: Sequence[str]
+    open_choices: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if unknown := sorted({*self.metrics, *self.sd_metrics} - METRICS.keys()):
+            raise DataError(
+                f"protocol {self.name}: unknown metrics {unknown}; known: {list(METRICS)}"
+            )
+        if set(self.max_density_g_cm3) != set(self.targets):
+            raise DataError(
+                f"protocol {self.name}: max_density_g_cm3 must name the targets "
+                f"{list(self.targets)}, got {list(self.max_density_g_cm3)}"
+            )
+        if self.rank_by not in self.metrics:
+            raise DataError(f"protocol {self.name}: rank_by {self.rank_by!r} is not in metrics")
+        if list(self.size_edges_cm) != sorted(set(self.size_edges_cm)):
+            raise DataError(f"protocol {self.name}: size_edges_cm must ascend")
+
+    def metrics_of(self, *, has_sd: bool) -> tuple[str, ...]:
+        """Names of the metrics of a submission, which depend on whether it gives deviations."""
+        return (*self.metrics, *(self.sd_metrics if has_sd else ()))
+
+
+def load_protocol(name: str = PROTOCOLS[0]) -> Protocol:
+    """Return a protocol by name.
+
+    Raises
+    ------
+    DataError
+        If there is none of that name.
+
+    Examples
+    --------
+    >>> load_protocol("v1").rank_by
+    'density_mae_g_cm3'
+    """
+    if name not in PROTOCOLS:
+        raise DataError(f"no protocol {name!r}; there are {list(PROTOCOLS)}")
+    file = resources.files("xden_bench.scoring") / f"protocol-{name}.toml"
+    with resources.as_file(file) as path:
+        return load_settings(Protocol, Path(path))
+
+
+def is_trivial(method: str, protocol: Protocol) -> bool:
+    """Whether a name is one of a trivial method, in whatever case.
+
+    Examples
+    --------
+    >>> [is_trivial(name, load_protocol("v1")) for name in ("water", " Water", "my water")]
+    [True, True, False]
+    """
+    return method.strip().casefold() in protocol.unranked

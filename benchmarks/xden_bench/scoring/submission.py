@@ -1,0 +1,234 @@
+"""Checking a submission against the truth: every problem is found before any number counts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from xden1k.predictions import CODES, Predictions, Problem, SubmissionMeta, listed
+from xden1k.values.arrays import Grid
+from xden1k.values.modality import Modality, Track
+from xden_bench.scoring.expand import PartShares, grid_of_parts, part_shares, sd_grid_of_parts
+from xden_bench.scoring.protocol import Protocol
+from xden_bench.scoring.reference import Reference, Truth
+
+__all__ = ["Check", "Progress", "validate"]
+
+Progress = Callable[[Sequence[str]], Iterable[str]]
+"""What shows a bar while it goes through ids."""
+
+CONSTANT_TOLERANCE = 1e-3
+"""Relative: float16 rounds by half of it."""
+
+
+@dataclass(eq=False)
+class Check:
+    """The check of one submission, run by going through :meth:`fields`.
+
+    Parameters
+    ----------
+    predictions
+        The open file.
+    reference
+        The truth.
+    protocol
+        The rules.
+    track
+        The track it is meant for; None = the one its inputs lead to.
+    progress
+        Goes through the object ids; tqdm, for instance.
+    """
+
+    predictions: Predictions
+    reference: Reference
+    protocol: Protocol
+    track: Track | None = None
+    progress: Progress = iter
+    _found: list[Problem] = field(default_factory=list, init=False)
+    _warned: dict[str, list[str]] = field(default_factory=dict, init=False)
+    _highest: float = field(default=0.0, init=False)
+    _inner: tuple[float, float] = field(default=(np.inf, -np.inf), init=False)
+    """Lowest and highest value in voxels wholly inside an object."""
+
+    def fields(self) -> Iterator[tuple[Truth, Grid, Grid | None]]:
+        """Check object by object, giving the truth, the grid and its deviation of each sound one.
+
+        The deviation is None where the submission has none.
+
+        :attr:`problems` is complete when the iteration has ended.
+        """
+        self._found = [*self.predictions.problems]
+        meta = self.predictions.meta
+        if meta is None:
+            return
+        self._found += _meta_problems(meta, self.reference, self.protocol, self.track)
+        self._found += _id_problems(self.predictions, self.reference)
+        for object_id in self.progress(self.reference.ids):
+            if object_id in self.predictions:
+                truth = self.reference.truth(object_id, meta.target)
+                shares = cache(partial(self._shares, truth))  # cut once, if at all
+                grid = self._grid(truth, meta, shares)
+                sd, sound = self._sd(truth, shares)
+                if grid is not None and sound:
+                    self._watch(truth, grid)
+                    yield truth, grid, sd
+
+    @property
+    def problems(self) -> tuple[Problem, ...]:
+        """Every error, then every warning."""
+        return (*self._found, *self._warnings())
+
+    def _shares(self, truth: Truth) -> PartShares:
+        meshes = self.reference.part_meshes(truth.object_id)
+        return part_shares(meshes, truth.origin_cm, truth.voxel_size_cm)
+
+    def _grid(
+        self, truth: Truth, meta: SubmissionMeta, shares: Callable[[], PartShares]
+    ) -> Grid | None:
+        """Return an object's predicted grid, or None if it has a problem, which is noted."""
+        values, problems = self.predictions.examine(truth.object_id)
+        if values is not None and values.ndim == 1:
+            if problem := _part_problem(truth, len(values), meta.reads):
+                problems, values = [problem], None
+            else:
+                values = grid_of_parts(values, shares())
+        if values is not None and values.any() and not values[truth.envelope > 0].any():
+            message = "it has mass, but none where the object is: check axes and origin"
+            problems, values = [Problem("E405", truth.object_id, message)], None
+        self._found += problems
+        return values
+
+    def _sd(self, truth: Truth, shares: Callable[[], PartShares]) -> tuple[Grid | None, bool]:
+        """Return the deviation of an object's grid, if there is one, and whether it is sound."""
+        values, problems = self.predictions.examine_sd(truth.object_id)
+        self._found += problems
+        if values is not None and values.ndim == 1:
+            if len(values) != truth.parts + 1:  # as is its density, and that is told
+                return None, False
+            values = sd_grid_of_parts(values, shares())
+        return values, not problems
+
+    def _watch(self, truth: Truth, grid: Grid) -> None:
+        """Note what the warnings are made of."""
+        self._highest = max(self._highest, float(grid.max()))
+        inner = grid[truth.envelope == 1]
+        if inner.size:
+            low, high = self._inner
+            self._inner = (min(low, float(inner.min())), max(high, float(inner.max())))
+        outside = grid[truth.envelope == 0].sum(dtype=np.float64)
+        if outside > self.protocol.max_outside_share * grid.sum(dtype=np.float64):
+            self._warned.setdefault("W503", []).append(truth.object_id)
+        if _same_to_float16(grid, truth.density_g_cm3):
+            self._warned.setdefault("W504", []).append(truth.object_id)
+
+    def _warnings(self) -> Iterator[Problem]:
+        yield from self._unit_warnings()
+        low, high = self._inner
+        if high >= low >= high * (1 - CONSTANT_TOLERANCE):
+            yield Problem("W502", None, f"{high:.4g} g/cm³ inside every object")
+        if ids := self._warned.get("W503"):
+            share = self.protocol.max_outside_share
+            message = f"over {share:.0%} of the mass lies outside the object, not scored: "
+            yield Problem("W503", None, message + listed(ids))
+        ids = self._warned.get("W504", [])
+        if len(ids) > self.protocol.max_identical_share * len(self.reference.ids):
+            yield Problem("W504", None, f"{CODES['W504']}: {listed(ids)}")
+
+    def _unit_warnings(self) -> Iterator[Problem]:
+        meta = self.predictions.meta
+        if meta is None or meta.target not in self.protocol.targets:  # an error already
+            return
+        limit = self.protocol.max_density_g_cm3[meta.target]
+        if self._highest > limit:
+            message = f"highest value {self._highest:.6g} g/cm³, above {limit:g}: units?"
+            yield Problem("W501", None, message)
+        elif meta.units == "kg/m3" and 0 < self._highest * 1000 <= limit:
+            message = f"kg/m3 declared, but the highest value is {self._highest * 1000:.4g}"
+            yield Problem("W501", None, message)
+
+
+def validate(
+    path: Path,
+    reference: Reference,
+    protocol: Protocol,
+    track: Track | None = None,
+    progress: Progress = iter,
+) -> tuple[Problem, ...]:
+    """Return everything that is wrong with a submission, errors first.
+
+    Parameters
+    ----------
+    path
+        The ``preds.npz``.
+    reference
+        What it should have predicted.
+    protocol
+        The rules.
+    track
+        The track it is meant for; None = the one its inputs lead to.
+    progress
+        Goes through the object ids.
+
+    Raises
+    ------
+    OSError
+        If there is no such file.
+    DataError
+        If the truth cannot be read.
+    """
+    with Predictions(path) as predictions:
+        check = Check(predictions, reference, protocol, track, progress)
+        for _ in check.fields():
+            pass
+        return check.problems
+
+
+def _meta_problems(
+    meta: SubmissionMeta, reference: Reference, protocol: Protocol, track: Track | None
+) -> Iterator[Problem]:
+    """Compare what the file says it predicts with what is being scored."""
+    here = reference.manifest_sha256
+    for name, found, expected in (
+        ("dataset_revision", meta.dataset_revision, reference.revision),
+        ("manifest_sha256", meta.manifest_sha256 or here, here),
+        ("config", meta.config, protocol.config),
+        ("split", meta.split, reference.split),
+        ("track", meta.track, track or meta.track),
+    ):
+        if found != expected:
+            because = f", from the inputs {list(meta.inputs)}" if name == "track" else ""
+            message = f"{name} must be {expected!r} here, got {found!r}{because}"
+            yield Problem("E205", None, message)
+    if meta.target not in protocol.targets:
+        message = f"target must be one of {list(protocol.targets)}, got {meta.target!r}"
+        yield Problem("E205", None, message)
+
+
+def _id_problems(predictions: Predictions, reference: Reference) -> Iterator[Problem]:
+    """Compare the objects named in the file with those of the split."""
+    expected = frozenset(reference.ids)
+    where = f"{len(expected)} in the split {reference.split}"
+    if missing := expected - predictions.named_ids:
+        yield Problem("E301", None, f"objects missing of the {where}: {listed(missing)}")
+    if extra := predictions.named_ids - expected:
+        yield Problem("E302", None, f"objects that are none of the {where}: {listed(extra)}")
+
+
+def _part_problem(truth: Truth, count: int, reads: Modality) -> Problem | None:
+    """Refuse part densities of the wrong number, or from a method that does not see parts."""
+    if Modality.PARTS not in reads:
+        message = "part_density is for methods whose inputs include 'parts'; send a density grid"
+        return Problem("E402", truth.object_id, message)
+    if count != truth.parts + 1:
+        message = f"shape must be ({truth.parts + 1},), air and {truth.parts} parts, got ({count},)"
+        return Problem("E402", truth.object_id, message)
+    return None
+
+
+def _same_to_float16(one: Grid, other: Grid) -> bool:
+    """Whether no value is further off than a step of float16, as which the truth is stored."""
+    return np.allclose(one, other, rtol=2**-10, atol=2**-10)

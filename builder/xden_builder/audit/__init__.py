@@ -1,0 +1,1 @@
+"""How well a dataset explains the captures it was made from."""

@@ -1,0 +1,1 @@
+"""What ``xden-build`` can do, a module for each family of commands."""

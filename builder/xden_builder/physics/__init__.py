@@ -1,0 +1,1 @@
+"""X-ray sources, their spectra, and what matter does to them."""

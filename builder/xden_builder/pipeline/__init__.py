@@ -1,0 +1,1 @@
+"""Captures in, a dataset folder out: many objects, resumably, here or on a cluster."""

@@ -1,0 +1,1 @@
+"""One capture into one density object."""

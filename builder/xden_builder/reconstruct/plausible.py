@@ -1,0 +1,95 @@
+"""Whether a capture hangs together: parts where the images show them, and as large."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool
+
+from xden1k.errors import DataError
+from xden1k.values.views import XRayView
+from xden_builder.audit.view import ViewAudit
+from xden_builder.capture import CapturePart
+
+__all__ = ["check_places", "check_size", "view_flags"]
+
+SHADOW_DEPTH = 0.05
+"""Transmission below the open field by which a pixel counts as shadow."""
+SAME_SIZE = 0.2
+"""Sizes that differ by less than this share may be the same."""
+UNIT_RATIOS = {"100": 100.0, "10": 10.0, "25.4": 25.4, "2.54": 2.54, "39.4": 39.37}
+
+
+def check_places(parts: Sequence[CapturePart], views: Sequence[XRayView]) -> None:
+    """Refuse parts that reach behind the X-ray source or through the detector.
+
+    Raises
+    ------
+    DataError
+        Naming the part and the view.
+    """
+    for view in views:
+        geometry = view.geometry
+        if geometry.source_cm is None:
+            continue
+        inverse = np.linalg.inv(geometry.matrix)[2]  # depth: 0 at the source, 1 on the detector
+        for part in parts:
+            depth = (np.asarray(part.mesh.vertices) - geometry.source_cm) @ inverse
+            if depth.min() <= 0 or depth.max() > 1:
+                place = "behind the source" if depth.min() <= 0 else "through the detector"
+                raise DataError(
+                    f"part {part.name} reaches {place} of view {view.name}; check mesh_units and "
+                    "the view's geometry"
+                )
+
+
+def view_flags(audits: Sequence[ViewAudit]) -> tuple[str, ...]:
+    """Say which views do not show the parts: ``VIEW:not_seen``, ``VIEW:does_not_fit``."""
+    flags = []
+    for audit in audits:
+        if not audit.object_pixels:
+            flags.append(f"{audit.name}:not_seen")
+        elif not audit.good:
+            flags.append(f"{audit.name}:does_not_fit")
+    return tuple(flags)
+
+
+def check_size(
+    parts: Sequence[CapturePart], views: Sequence[XRayView], audits: Sequence[ViewAudit]
+) -> None:
+    """Refuse meshes in the wrong units: shadows that do not fit, and larger by a unit's factor.
+
+    Raises
+    ------
+    DataError
+        Naming both sizes in pixels and the factor.
+    """
+    if all(audit.good for audit in audits):
+        return
+    points = np.concatenate([np.asarray(part.mesh.vertices) for part in parts])
+    sizes = []
+    for view, audit in zip(views, audits, strict=True):
+        shadow = view.valid & (view.transmission < audit.gain - SHADOW_DEPTH)
+        if not shadow.any():
+            return
+        drawn = float(np.ptp(view.geometry.project(points)[:, :2], axis=0).max())
+        sizes.append((_longest_side(shadow), drawn))
+    for name, factor in UNIT_RATIOS.items():
+        for power, words in ((1, f"{name} times"), (-1, f"1/{name} of")):
+            if all(abs(seen / (drawn * factor**power) - 1) < SAME_SIZE for seen, drawn in sizes):
+                seen, drawn = sizes[0]
+                raise DataError(
+                    f"the shadow in {views[0].name} is {seen} pixels long, {words} the "
+                    f"{drawn:.1f} that the meshes give: check mesh_units in objects.csv"
+                )
+
+
+def _longest_side(mask: Bool[np.ndarray, "rows columns"]) -> int:
+    """Longest side of what a mask shows, a few stray pixels left out."""
+    sides = []
+    for axis in (0, 1):
+        places = np.repeat(np.arange(mask.shape[axis]), mask.sum(axis=1 - axis))
+        low, high = np.percentile(places, (0.5, 99.5))
+        sides.append(int(high - low) + 1)
+    return max(sides)

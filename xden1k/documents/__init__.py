@@ -1,0 +1,1 @@
+"""What a dataset folder says of itself: card, Croissant, datasheet."""

@@ -1,0 +1,132 @@
+"""The Croissant description of a dataset folder (MLCommons, version 1.1)."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pyarrow as pa
+
+from xden1k.documents.card import CONFIGS, bibtex
+from xden1k.format.manifest import Manifest
+from xden1k.format.schema import IMAGE, Column
+
+__all__ = ["croissant_text"]
+
+CONTEXT: dict[str, Any] = {
+    "@language": "en",
+    "@vocab": "https://schema.org/",
+    "sc": "https://schema.org/",
+    "cr": "http://mlcommons.org/croissant/",
+    "rai": "http://mlcommons.org/croissant/RAI/",
+    "dct": "http://purl.org/dc/terms/",
+    "conformsTo": "dct:conformsTo",
+    "data": {"@id": "cr:data", "@type": "@json"},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+    "name": {"@container": "@language"},
+    "description": {"@container": "@language"},
+} | {
+    key: f"cr:{key}"
+    for key in (
+        *("arrayShape", "citeAs", "column", "containedIn", "equivalentProperty", "extract"),
+        *("field", "fileObject", "fileProperty", "fileSet", "format", "includes", "isArray"),
+        *("isLiveDataset", "jsonPath", "key", "md5", "parentField", "path", "recordSet"),
+        *("references", "regex", "repeated", "replace", "samplingRate", "separator", "source"),
+        *("subField", "transform"),
+    )
+}
+"""The context of the specification: its own words, and those of schema.org."""
+
+_TYPES = {pa.float64(): "cr:Float64", pa.int32(): "cr:Int32", pa.string(): "sc:Text"}
+
+
+def croissant_text(manifest: Manifest) -> str:
+    """Text of ``croissant.json``: a file object per shard, a record set per config."""
+    values = {
+        "@context": CONTEXT,
+        "@type": "sc:Dataset",
+        "conformsTo": "http://mlcommons.org/croissant/1.1",
+        "name": "XDen-1K",
+        "description": "Biplanar X-rays, part meshes and volumetric density of everyday objects.",
+        "version": manifest.version,
+        "license": "https://creativecommons.org/licenses/by/4.0/",
+        "url": "https://arxiv.org/abs/2512.10668",
+        "citeAs": "\n".join(bibtex().splitlines()[1:-1]),
+        "distribution": [*_file_objects(manifest), *(_file_set(name) for name in CONFIGS)],
+        "recordSet": [_record_set(name) for name in CONFIGS],
+    }
+    return json.dumps(values, indent=2, ensure_ascii=False) + "\n"
+
+
+def _file_objects(manifest: Manifest) -> list[dict[str, Any]]:
+    return [
+        {
+            "@type": "cr:FileObject",
+            "@id": file.path,
+            "name": file.path,
+            "contentUrl": file.path,
+            "contentSize": f"{file.bytes} B",
+            "encodingFormat": "application/x-parquet",
+            "sha256": file.sha256,
+        }
+        for file in manifest.files
+    ]
+
+
+def _file_set(config: str) -> dict[str, Any]:
+    folder = "data" if config == "default" else config
+    return {
+        "@type": "cr:FileSet",
+        "@id": f"{config}-files",
+        "name": f"{config}-files",
+        "encodingFormat": "application/x-parquet",
+        "includes": f"{folder}/*.parquet",
+    }
+
+
+def _record_set(config: str) -> dict[str, Any]:
+    return {
+        "@type": "cr:RecordSet",
+        "@id": config,
+        "name": config,
+        "description": "One record per object.",
+        "key": {"@id": f"{config}/object_id"},
+        "field": [_field(config, column) for column in CONFIGS[config]],
+    }
+
+
+def _field(config: str, column: Column) -> dict[str, Any]:
+    # An image is a struct of its bytes and a path.
+    transform = {"transform": {"jsonPath": "bytes"}} if column.type == IMAGE else {}
+    return {
+        "@type": "cr:Field",
+        "@id": f"{config}/{column.name}",
+        "name": column.name,
+        "description": column.text,
+        **_type(column),
+        "source": {
+            "fileSet": {"@id": f"{config}-files"},
+            "extract": {"column": column.name},
+            **transform,
+        },
+    }
+
+
+def _type(column: Column) -> dict[str, Any]:
+    """Return data type and shape of lists; bytes have no type of their own in Croissant."""
+    if column.type == IMAGE:
+        return {"dataType": "sc:ImageObject"}
+    if column.codec is not None:
+        return {"dataType": "sc:Text"}
+    shape, item = [], column.type
+    while pa.types.is_list(item) or pa.types.is_fixed_size_list(item):
+        shape.append(item.list_size if pa.types.is_fixed_size_list(item) else -1)
+        item = item.value_type
+    if not shape:
+        return {"dataType": _TYPES[item]}
+    return {
+        "dataType": _TYPES[item],
+        "isArray": True,
+        "arrayShape": ",".join(map(str, shape)),
+    }

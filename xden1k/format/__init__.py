@@ -1,0 +1,1 @@
+"""One object as bytes: columns, codecs, rows, shards, and the manifest that lists them."""

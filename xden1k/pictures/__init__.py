@@ -1,0 +1,1 @@
+"""An object to look at: radiographs beside their models, slices, parts."""

@@ -1,0 +1,383 @@
+"""Pictures of objects: one on a page, many on a sheet. Needs the extra ``view``.
+
+Figures are drawn on their own canvas; matplotlib's global state is left alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize, PowerNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import MaxNLocator
+
+from xden1k.errors import DataError
+from xden1k.pictures.radiographs import MADE_WORDS, Window, compare, object_window
+from xden1k.values.arrays import Image
+from xden1k.values.types import DensityField, DensityObject, Part
+from xden1k.values.views import XRayView
+
+__all__ = ["contact_sheet", "object_sheet"]
+
+INK, FAINT, STRIPE, RULE = "#1b1b1b", "#777777", "#f4f4f1", "#c9c9c4"
+NO_VALUE = "#e9a23b"
+"""Colour of pixels without a value: invalid, or seen through a part of unknown attenuation."""
+DPI = 120
+SOURCE_WORDS = {
+    "scan": "scan",
+    "phantom": "simulated, never on a scanner",
+    "ct": "views computed from a CT",
+}
+AXES = ("x", "y", "z")
+LINE = 0.2
+"""Height of a line of the part table, inches."""
+TABLE_ROWS = 12
+TABLE_COLUMNS = (
+    *((0.24, "left", 24), (2.05, "left", 20), (4.15, "right", 10)),
+    *((5.45, "right", 16), (5.62, "left", 9), (6.3, "left", 23)),
+)
+"""Of the part table: position in inches, alignment, characters that fit."""
+CELL_GAP = 0.06
+"""Between the pictures of an object on a contact sheet, inches."""
+Cell = tuple[str, str, str, tuple[np.ndarray, ...]]
+"""On a contact sheet: name, mass, plane of the slice, pictures."""
+
+
+def object_sheet(obj: DensityObject, path: Path) -> None:
+    """Draw one object: radiographs against their reprojection, density slices, parts.
+
+    Parameters
+    ----------
+    obj
+        What to draw.
+    path
+        The PNG to write.
+
+    Raises
+    ------
+    DataError
+        If the answers of the object are withheld.
+    MissingExtraError
+        If the projector's libraries (extra ``build``) are not installed.
+    """
+    page = _Page(16.7, 7.85)
+    _title(page, obj)
+    for left, view in zip((0.35, 8.65), obj.views, strict=True):
+        _radiographs(page, left, obj, view)
+    _slices(page, obj)
+    _part_table(page, obj.parts)
+    page.save(path)
+
+
+class _Page:
+    """A figure whose axes are placed in inches from its top left corner."""
+
+    def __init__(self, width: float, height: float) -> None:
+        self.width, self.height = width, height
+        self.figure = Figure(figsize=(width, height), facecolor="white")
+        FigureCanvasAgg(self.figure)
+
+    def axes(self, left: float, top: float, width: float, height: float) -> Axes:
+        bottom = self.height - top - height
+        return self.figure.add_axes(
+            (left / self.width, bottom / self.height, width / self.width, height / self.height)
+        )
+
+    def text(self, left: float, top: float, text: str, **style: Any) -> None:
+        self.figure.text(
+            left / self.width, 1 - top / self.height, text, **{"color": INK, "va": "top"} | style
+        )
+
+    def colour_bar(
+        self,
+        box: tuple[float, float, float, float],
+        scale: ScalarMappable,
+        label: str,
+        ticks: Sequence[float] | None = None,
+    ) -> None:
+        axes = self.axes(*box)
+        upright = box[3] > box[2]
+        bar = self.figure.colorbar(
+            scale, cax=axes, orientation="vertical" if upright else "horizontal", ticks=ticks
+        )
+        bar.outline.set_linewidth(0.4)
+        bar.set_label(label, fontsize=9, color=INK)
+        axes.tick_params(labelsize=8, length=2, width=0.4, colors=FAINT)
+
+    def save(self, path: Path) -> None:
+        # No version of the library in the file: the same object gives the same bytes.
+        self.figure.savefig(path, dpi=DPI, metadata={"Software": None})
+
+
+def _title(page: _Page, obj: DensityObject) -> None:
+    page.text(0.35, 0.28, obj.object_id, fontsize=20, weight="bold")
+    centre = ", ".join(_centimetres(value) for value in obj.com_cm)
+    words = [
+        obj.category,
+        f"{obj.mass_g:.4g} g" if np.isfinite(obj.mass_g) else "mass unknown",
+        *([] if obj.weighed_mass_g is None else [f"weighed {obj.weighed_mass_g:.4g} g"]),
+        *([f"centre of mass ({centre}) cm"] if np.isfinite(obj.com_cm).all() else []),
+        SOURCE_WORDS[obj.source],
+        f"{obj.split} split",
+        *obj.flags,
+    ]
+    page.text(0.35, 0.68, _cut_short("   ·   ".join(words), 180), fontsize=11, color=FAINT)
+
+
+def _centimetres(value: float) -> str:
+    return f"{round(float(value), 2) + 0.0:.2f}"  # no minus zero
+
+
+def _cut_short(text: str, room: int) -> str:
+    return text if len(text) <= room else f"{text[: room - 1]}…"
+
+
+def _radiographs(page: _Page, left: float, obj: DensityObject, view: XRayView) -> None:
+    """Draw a view as it is, as reprojected, and the difference, all cut to the object."""
+    top, size, gap, made = 1.45, 2.5, 0.1, MADE_WORDS[obj.source]
+    found = compare(obj, view)
+    limit, residual = found.limit, found.residual
+    grey = _scale("gray", Normalize(0, max(1.0, float(np.nanmax(found.model)))))
+    split = _scale("RdBu", Normalize(-limit, limit))
+    columns = (
+        (made, found.measured, grey),
+        ("reprojected", found.model, grey),
+        (f"residual, mean |r| = {found.mean_abs_residual:.2g}", residual, split),
+    )
+    for column, (label, image, scale) in enumerate(columns):
+        start = left + column * (size + gap)
+        page.text(start, top - 0.24, f"{view.name.upper()} {label}", fontsize=10)
+        _picture(page.axes(start, top, size, size), image, scale, aspect=found.aspect)
+    note = " (orange: no value)" if np.isnan(residual).any() else ""
+    bar, inset = top + size + 0.1, 0.25
+    wide = (left + inset, bar, 2 * size + gap - 2 * inset, 0.09)
+    page.colour_bar(wide, grey, f"transmission I / I₀{note}")
+    narrow = (left + 2 * (size + gap) + inset, bar, size - 2 * inset, 0.09)
+    page.colour_bar(narrow, split, f"{made} - reprojected", [-limit, 0, limit])
+
+
+def _scale(name: str, norm: Normalize) -> ScalarMappable:
+    return ScalarMappable(norm, colormaps[name].with_extremes(bad=NO_VALUE))
+
+
+def _picture(axes: Axes, image: np.ndarray, scale: ScalarMappable, **how: Any) -> None:
+    norm = cast("Normalize", scale.norm)
+    axes.imshow(image, cmap=scale.cmap, norm=norm, interpolation="antialiased", **how)
+    axes.set(xticks=[], yticks=[], anchor="NW")
+    for spine in axes.spines.values():
+        spine.set(linewidth=0.5, color=RULE)
+
+
+def _slices(page: _Page, obj: DensityObject) -> None:
+    """Draw three slices through the centre of mass, or of the attenuation if that is all."""
+    field = obj.best_field
+    what = "density" if obj.density else "apparent density, LAC / 0.17"
+    centre = field.com_cm if field.mass_g > 0 else field.origin_cm
+    cuts = [_cut(field, axis, centre) for axis in (1, 0, 2)]
+    top, size, gap = 5.2, 1.95, 0.56
+    scale = _scale("magma_r", Normalize(0, max(1e-3, *(float(cut.max()) for cut in cuts))))
+    for number, (axis, cut) in enumerate(zip((1, 0, 2), cuts, strict=True)):
+        left = 0.75 + number * (size + gap)
+        page.text(
+            left, top - 0.24, f"plane {AXES[axis]} = {_centimetres(centre[axis])} cm", fontsize=10
+        )
+        axes = page.axes(left, top, size, size)
+        _draw_cut(axes, field, axis, cut, centre, scale)
+    page.colour_bar((0.83 + 3 * size + 2 * gap, top, 0.1, size), scale, f"{what}, g/cm³")
+
+
+def _cut(field: DensityField, axis: int, centre: np.ndarray) -> Float[np.ndarray, "down across"]:
+    """Plane of voxels at the centre, rows downwards along the last axis left."""
+    index = round((centre[axis] - field.origin_cm[axis]) / field.voxel_size_cm)
+    index = min(max(index, 0), field.density_g_cm3.shape[axis] - 1)
+    plane: Float[np.ndarray, "across down"] = np.take(field.density_g_cm3, index, axis=axis)
+    return plane.T.astype(np.float32)
+
+
+def _draw_cut(
+    axes: Axes,
+    field: DensityField,
+    axis: int,
+    cut: Float[np.ndarray, "down across"],
+    centre: np.ndarray,
+    scale: ScalarMappable,
+) -> None:
+    across, up = (other for other in range(3) if other != axis)
+    low = field.origin_cm - field.voxel_size_cm / 2
+    high = low + field.voxel_size_cm * np.array(field.density_g_cm3.shape)
+    extent = (low[across], high[across], low[up], high[up])
+    empty = np.where(cut > 0, cut, np.nan)
+    clear = ScalarMappable(scale.norm, scale.cmap.with_extremes(bad="white"))
+    _picture(axes, empty, clear, origin="lower", extent=extent)
+    axes.plot(centre[across], centre[up], "+", color="#1f9e89", markersize=9, markeredgewidth=1.4)
+    columns, rows = _filled(cut, 1), _filled(cut, 0)
+    half = 0.6 * field.voxel_size_cm * max(np.ptp(columns), np.ptp(rows))
+    for side, number, span in ((axes.xaxis, across, columns), (axes.yaxis, up, rows)):
+        middle = low[number] + field.voxel_size_cm * span.mean()
+        side.set_view_interval(middle - half, middle + half, ignore=True)
+        side.set_major_locator(MaxNLocator(4))
+    axes.tick_params(labelsize=8, length=2, width=0.4, colors=FAINT)
+    axes.set_xlabel(f"{AXES[across]}, cm", fontsize=9, color=INK, labelpad=2)
+    axes.set_ylabel(f"{AXES[up]}, cm", fontsize=9, color=INK, labelpad=1)
+
+
+def _filled(cut: Float[np.ndarray, "down across"], axis: int) -> Float[np.ndarray, "2"]:
+    """First and last edge of what is filled along an axis, in voxels; all if nothing is."""
+    filled = np.flatnonzero(cut.any(axis=1 - axis))
+    return np.array([filled[0], filled[-1] + 1.0] if len(filled) else [0.0, cut.shape[axis]])
+
+
+def _part_table(page: _Page, parts: Sequence[Part]) -> None:
+    """Draw one line for each part, as many as there is room for."""
+    left, top, width, height = 8.65, 4.93, 7.7, 2.65
+    axes = page.axes(left, top, width, height)
+    axes.set(xlim=(0, width), ylim=(height, 0))
+    axes.axis("off")
+    rows: list[tuple[tuple[float, float, float] | None, tuple[str, ...]]] = [
+        (part.color_rgb, _part_cells(part)) for part in parts
+    ]
+    if len(rows) > TABLE_ROWS:
+        more = f"and {len(rows) - TABLE_ROWS + 1} more parts"
+        rows = [*rows[: TABLE_ROWS - 1], (None, (more, *[""] * 5))]
+    heads = ("part", "material", "LAC 1/cm", "density g/cm³", "source", "flags")
+    _table_line(axes, 0, heads, color=FAINT)
+    axes.plot([0, width], [0.22, 0.22], color=RULE, linewidth=0.8)
+    for number, (color, cells) in enumerate(rows, start=1):
+        if number % 2 == 0:
+            axes.add_patch(Rectangle((0, number * LINE + 0.02), width, LINE, color=STRIPE))
+        if color is not None:
+            axes.add_patch(Rectangle((0.03, number * LINE + 0.06), 0.12, 0.12, color=color))
+        _table_line(axes, number, cells, color=INK)
+
+
+def _table_line(axes: Axes, number: int, cells: Sequence[str], color: str) -> None:
+    for text, (position, side, room) in zip(cells, TABLE_COLUMNS, strict=True):
+        middle = number * LINE + 0.02 + LINE / 2
+        axes.text(
+            position,
+            middle,
+            _cut_short(text, room),
+            ha=side,
+            va="center",
+            fontsize=8.5,
+            color=color,
+        )
+
+
+def _part_cells(part: Part) -> tuple[str, ...]:
+    known = not np.isnan(part.density_g_cm3)
+    spread = f" ± {part.density_sd_g_cm3:.3f}" if part.density_sd_g_cm3 > 0 else ""
+    return (
+        part.name,
+        part.material or "unknown",
+        "-" if np.isnan(part.lac_per_cm) else f"{part.lac_per_cm:.4f}",
+        f"{part.density_g_cm3:.3f}{spread}" if known else "unknown",
+        part.density_source,
+        ", ".join(part.flags),
+    )
+
+
+def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4) -> None:
+    """Draw many objects: both radiographs, a density slice, name and mass.
+
+    The slice is the one of the three planes through the centre of mass in which the object is
+    largest; which one is written below it. One colour scale for all, by the square root of the
+    density. An object of which only the attenuation is known shows the apparent density, and no
+    mass; it says so. A note says whether the objects are scans or simulated.
+
+    Parameters
+    ----------
+    objects
+        What to draw, in this order; at least one. Taken one at a time.
+    path
+        The PNG to write.
+    columns
+        Objects in a row.
+
+    Raises
+    ------
+    DataError
+        If there are no objects.
+    """
+    cells, sources = [], set()
+    for obj in objects:
+        cells.append(_cell(obj))
+        sources.add(obj.source)
+    if not cells:
+        raise DataError("a contact sheet needs at least one object")
+    size = 1.25
+    width, height = 3 * size + 2 * CELL_GAP + 0.35, size + 0.62
+    rows = -(-len(cells) // columns)
+    columns = min(columns, len(cells))
+    page = _Page(columns * width + 0.35, rows * height + 1.2)
+    densest = max(float(np.nanmax(cut)) for *_, (*_, cut) in cells)
+    scale = _scale("magma_r", PowerNorm(0.5, 0, max(densest, 1e-3)))
+    clear = ScalarMappable(scale.norm, scale.cmap.with_extremes(bad="white"))
+    grey = _scale("gray", Normalize(0, 1))
+    for number, cell in enumerate(cells):
+        left, top = 0.35 + number % columns * width, 0.15 + number // columns * height
+        _draw_cell(page, left, top, size, cell, (grey, grey, clear))
+    bar = (0.35, rows * height + 0.25, min(5.0, page.width - 0.7), 0.09)
+    page.colour_bar(bar, scale, "density, g/cm³")
+    words = " / ".join(SOURCE_WORDS[source] for source in sorted(sources, reverse=True))
+    page.text(
+        0.35,
+        page.height - 0.3,
+        f"PA, LAT, and the widest slice through the centre of mass; {words}",
+        fontsize=9,
+        color=FAINT,
+    )
+    page.save(path)
+
+
+def _draw_cell(
+    page: _Page,
+    left: float,
+    top: float,
+    size: float,
+    cell: Cell,
+    looks: Sequence[ScalarMappable],
+) -> None:
+    name, note, plane, pictures = cell
+    right = left + 3 * size + 2 * CELL_GAP
+    page.text(left, top + 0.07, name, fontsize=9, weight="bold")
+    page.text(right, top + 0.07, note, fontsize=9, ha="right", color=FAINT)
+    for column, (image, look) in enumerate(zip(pictures, looks, strict=True)):
+        start = left + column * (size + CELL_GAP)
+        _picture(page.axes(start, top + 0.3, size, size), image, look)
+        below = ("PA", "LAT", plane)[column]
+        page.text(start, top + 0.33 + size, below, fontsize=7, color=FAINT)
+
+
+def _cell(obj: DensityObject) -> Cell:
+    """Name, mass, plane, and the three pictures, reduced so that many fit into memory."""
+    mass = (
+        f"{obj.mass_g:.4g} g" if np.isfinite(obj.mass_g) else "attenuation only: apparent density"
+    )
+    field = obj.best_field
+    centre = field.com_cm if field.mass_g > 0 else field.origin_cm
+    cuts = {axis: _cut(field, axis, centre) for axis in (1, 0, 2)}
+    axis = max(cuts, key=lambda each: _filled_area(cuts[each]))
+    what = "" if obj.density else "apparent, "
+    plane, cut = f"{what}{AXES[axis]} = {_centimetres(centre[axis])} cm", cuts[axis][::-1]
+    small = (_small(view, object_window(obj, view)) for view in obj.views)
+    return obj.object_id, mass, plane, (*small, np.where(cut > 0, cut, np.nan))
+
+
+def _filled_area(cut: Float[np.ndarray, "down across"]) -> float:
+    return float(np.ptp(_filled(cut, 0)) * np.ptp(_filled(cut, 1)))
+
+
+def _small(view: XRayView, window: Window) -> Image:
+    image = np.where(view.valid, view.transmission, np.float32(np.nan))[window]
+    step = -(-max(image.shape) // 256)
+    return image[::step, ::step]

@@ -1,0 +1,1 @@
+"""The dataset as values: views, parts, fields, objects, materials, and their physics."""

@@ -1,0 +1,272 @@
+"""The values the dataset is made of: parts, density fields and objects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal, get_args
+
+import numpy as np
+import trimesh
+
+from xden1k.errors import DataError
+from xden1k.values.arrays import Grid, Labels, Vec3
+from xden1k.values.mass import MassProperties, mass_of_grid, mass_of_meshes
+from xden1k.values.views import XRayView
+
+__all__ = [
+    "ALL_SPLITS",
+    "FIELD_SIZE",
+    "LABEL_SIZE",
+    "MAX_PARTS",
+    "PRIVATE",
+    "SPLITS",
+    "DensityField",
+    "DensityObject",
+    "DensitySource",
+    "Part",
+    "Source",
+    "Split",
+]
+
+FIELD_SIZE = 64
+"""Voxels along each edge of the density, occupancy and envelope grids."""
+LABEL_SIZE = 128
+"""Voxels along each edge of the label grid, which fills the same cube."""
+MAX_PARTS = 255
+"""Labels are one byte, and 0 is air."""
+
+Split = Literal["train", "val", "test", "private"]
+ALL_SPLITS: tuple[Split, ...] = get_args(Split)
+PRIVATE: Split = "private"
+"""The split of a published folder whose objects come without answers."""
+SPLITS = tuple(split for split in ALL_SPLITS if split != PRIVATE)
+"""What a capture or a simulator may name."""
+Source = Literal["scan", "phantom", "ct"]
+DensitySource = Literal["xray", "prior", "weighed", "truth", "none", "withheld"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """One homogeneous region of an object.
+
+    Parameters
+    ----------
+    name
+        Unique in its object.
+    mesh
+        Closed, outward-wound, in cm, in the object frame. Parts of one object do not overlap.
+    material
+        A name or a family of the material library; empty = unknown.
+    lac_per_cm
+        Linear attenuation coefficient as the X-rays give it; nan where none was measured.
+    apparent_density_g_cm3
+        LAC / 0.17, the paper's rule; nan where no LAC was measured.
+    density_g_cm3
+        Best estimate; nan where only attenuation is known.
+    density_sd_g_cm3
+        Its standard deviation; nan where no density is known.
+    density_source
+        ``xray`` (measured), ``prior`` (from the material alone), ``weighed`` (a scale had the
+        last word), ``truth`` (a simulator's), ``none`` (no density), ``withheld`` (not published).
+    flags
+        What a user should know before trusting the figures.
+    color_rgb
+        Base colour, three values from 0 to 1.
+
+    Raises
+    ------
+    DataError
+        If a density is negative or infinite, or the source is not a known one.
+    """
+
+    name: str
+    mesh: trimesh.Trimesh
+    material: str
+    lac_per_cm: float
+    apparent_density_g_cm3: float
+    density_g_cm3: float
+    density_sd_g_cm3: float
+    density_source: DensitySource
+    flags: tuple[str, ...] = ()
+    color_rgb: tuple[float, float, float] = (0.7, 0.7, 0.7)
+
+    def __post_init__(self) -> None:
+        for name in ("lac_per_cm", "apparent_density_g_cm3", "density_g_cm3", "density_sd_g_cm3"):
+            value = getattr(self, name)
+            if value < 0 or np.isinf(value):
+                raise DataError(f"part {self.name}: {name} must be finite and >= 0, got {value}")
+        if self.density_source not in get_args(DensitySource):
+            raise DataError(
+                f"part {self.name}: density_source must be one of {get_args(DensitySource)}, "
+                f"got {self.density_source!r}"
+            )
+        if np.isnan(self.density_g_cm3) != (self.density_source in ("none", "withheld")):
+            raise DataError(
+                f"part {self.name}: density {self.density_g_cm3} does not go with "
+                f"density_source {self.density_source!r}"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class DensityField:
+    """Voxel means of a density on a cubic grid, in the object frame.
+
+    Parameters
+    ----------
+    density_g_cm3
+        Shape (x, y, z), finite, never negative; zero outside the object.
+    origin_cm
+        Shape (3,): centre of voxel (0, 0, 0).
+    voxel_size_cm
+        Edge of one cubic voxel.
+
+    Raises
+    ------
+    DataError
+        If a density is negative or not finite, or the voxel size is not positive.
+
+    Examples
+    --------
+    >>> water = DensityField(np.ones((2, 2, 2)), np.zeros(3), voxel_size_cm=0.5)
+    >>> water.mass_g
+    1.0
+    """
+
+    density_g_cm3: Grid
+    origin_cm: Vec3
+    voxel_size_cm: float
+
+    def __post_init__(self) -> None:
+        if not self.voxel_size_cm > 0:
+            raise DataError(f"voxel_size_cm must be positive, got {self.voxel_size_cm}")
+        bad = ~np.isfinite(self.density_g_cm3) | (self.density_g_cm3 < 0)
+        if bad.any():
+            first = tuple(int(i) for i in np.argwhere(bad)[0])
+            raise DataError(
+                f"density_g_cm3 has {bad.sum()} negative or non-finite voxels, first at {first}"
+            )
+
+    @cached_property
+    def mass_properties(self) -> MassProperties:
+        """Mass, centre of mass and inertia, integrated on the grid."""
+        return mass_of_grid(self.density_g_cm3, self.origin_cm, self.voxel_size_cm)
+
+    @property
+    def mass_g(self) -> float:
+        """Total mass."""
+        return self.mass_properties.mass_g
+
+    @property
+    def com_cm(self) -> Vec3:
+        """Centre of mass, shape (3,)."""
+        return self.mass_properties.com_cm
+
+
+@dataclass(frozen=True, eq=False)
+class DensityObject:
+    """One object of the dataset: radiographs, parts and what is inside.
+
+    Parameters
+    ----------
+    object_id, category
+        Its name and its class.
+    split
+        ``train``, ``val``, ``test`` or ``private``.
+    source
+        ``scan``, ``phantom`` (simulated with known truth) or ``ct`` (views computed from a CT).
+    views
+        The radiographs ``pa`` and ``lat``, in this order.
+    parts
+        1 to 255 parts that do not overlap; part k of the labels is ``parts[k - 1]``.
+    labels
+        Shape (128, 128, 128) uint8: the part at each voxel's centre, 0 = air.
+    occupancy
+        Shape (64, 64, 64), 0 to 1: share of the voxel filled with material.
+    envelope
+        Shape (64, 64, 64), 0 to 1: share inside the outer surface, enclosed cavities included.
+    density, apparent_density
+        Voxel means on the field grid; ``density`` is None where only attenuation is known, both
+        are where the answers are withheld.
+    origin_cm
+        Shape (3,): centre of field voxel (0, 0, 0).
+    voxel_size_cm
+        Edge of a field voxel. Label voxels have half of it and start a quarter lower.
+    weighed_mass_g
+        From a scale; None if it never was on one.
+    flags
+        Remarks on the object as a whole.
+    meta
+        Fit report and provenance, of JSON's types.
+
+    Raises
+    ------
+    DataError
+        If the views are not ``pa`` and ``lat``, the split is unknown, or there are no parts or
+        more than 255, or two of one name.
+    """
+
+    object_id: str
+    category: str
+    split: Split
+    source: Source
+    views: tuple[XRayView, XRayView]
+    parts: tuple[Part, ...]
+    labels: Labels
+    occupancy: Grid
+    envelope: Grid
+    density: DensityField | None
+    apparent_density: DensityField | None
+    origin_cm: Vec3
+    voxel_size_cm: float
+    weighed_mass_g: float | None = None
+    flags: tuple[str, ...] = ()
+    meta: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        names = [view.name for view in self.views]
+        if names != ["pa", "lat"]:
+            raise DataError(f"{self.object_id}: views must be pa and lat, got {names}")
+        if self.split not in ALL_SPLITS:
+            raise DataError(
+                f"{self.object_id}: split must be one of {ALL_SPLITS}, got {self.split!r}"
+            )
+        if not 1 <= len(self.parts) <= MAX_PARTS:
+            raise DataError(f"{self.object_id}: 1 to {MAX_PARTS} parts, got {len(self.parts)}")
+        if len({part.name for part in self.parts}) < len(self.parts):
+            raise DataError(f"{self.object_id}: part names must be unique")
+
+    @property
+    def best_field(self) -> DensityField:
+        """The density, or the apparent density where that is all there is.
+
+        Raises
+        ------
+        DataError
+            If the answers are withheld.
+        """
+        field = self.density or self.apparent_density
+        if field is None:
+            raise DataError(f"{self.object_id}: its density is withheld: there is no field")
+        return field
+
+    @cached_property
+    def mass_properties(self) -> MassProperties:
+        """Exact mass, centre of mass and inertia, from meshes and densities, not from voxels.
+
+        Not a number where a part has no density.
+        """
+        return mass_of_meshes(
+            [part.mesh for part in self.parts], [part.density_g_cm3 for part in self.parts]
+        )
+
+    @property
+    def mass_g(self) -> float:
+        """Exact mass."""
+        return self.mass_properties.mass_g
+
+    @property
+    def com_cm(self) -> Vec3:
+        """Exact centre of mass, shape (3,), object frame."""
+        return self.mass_properties.com_cm
