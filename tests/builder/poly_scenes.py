@@ -9,8 +9,9 @@ from tests.builder.fit_scenes import cone
 from xden1k.rays import disjoint_regions, ownership_order, path_lengths
 from xden1k.values.materials import load_materials
 from xden1k.values.views import XRayView
-from xden_builder.capture import Capture, CapturePart, Detector, Tube
+from xden_builder.capture import Capture, CapturePart
 from xden_builder.physics.attenuation import mac_cm2_g
+from xden_builder.physics.source import Detector, Tube
 from xden_builder.physics.spectrum import tube_spectrum
 from xden_builder.poly.estimate import estimate
 from xden_builder.poly.result import judged

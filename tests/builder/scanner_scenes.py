@@ -3,8 +3,8 @@
 import numpy as np
 import trimesh
 
-from xden_builder.capture import Tube
 from xden_builder.phantoms import Phantom, PhantomPart, Plan, Scanner
+from xden_builder.physics.source import Tube
 
 WATER = (("H2O", 1.0),)
 TUBE = Tube(kv=100.0, mas=126.0, filtration_cm={"Al": 0.25})

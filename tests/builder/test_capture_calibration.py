@@ -11,7 +11,8 @@ from hypothesis.extra.numpy import arrays
 from xden1k.errors import DataError
 from xden1k.values.views import ViewGeometry
 from xden_builder.capture.calibration import CalibratedView, calibrate
-from xden_builder.capture.scanner import Detector, Polarity, ViewFile
+from xden_builder.capture.scanner import Polarity, ViewFile
+from xden_builder.physics.source import Detector
 
 SHAPE = (10, 12)
 GEOMETRY = ViewGeometry.from_dict(

@@ -22,7 +22,6 @@ from tests.builder.damage import assert_an_image_or_one_error
 from xden1k.errors import DataError, MissingExtraError
 from xden1k.values.views import ViewGeometry
 from xden_builder.capture import (
-    Detector,
     ScannerFile,
     ViewFile,
     dicom_pixel_spacing_cm,
@@ -32,6 +31,7 @@ from xden_builder.capture import (
 )
 from xden_builder.capture.calibration import calibrate
 from xden_builder.capture.dicom import spacing_note
+from xden_builder.physics.source import Detector
 
 
 def write_dicom(path: Path, pixels: np.ndarray, compress: bool = False, **tags: Any) -> Path:

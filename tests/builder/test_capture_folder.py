@@ -11,14 +11,8 @@ import trimesh
 
 from xden1k.errors import DataError, MissingObjectError
 from xden1k.values.views import ViewGeometry
-from xden_builder.capture import (
-    CaptureFolder,
-    Detector,
-    ScannerFile,
-    Tube,
-    ViewFile,
-    write_scanner,
-)
+from xden_builder.capture import CaptureFolder, ScannerFile, ViewFile, write_scanner
+from xden_builder.physics.source import Detector, Tube
 
 HEADER = "object_id,category,mesh_units,mass_g,split,source,notes\n"
 ROWS = HEADER + 'mug-01,mug,mm,312.5,test,phantom,"blue, chipped"\npen,pen,,,,,\n'

@@ -13,14 +13,8 @@ from hypothesis import strategies as st
 from xden1k.errors import DataError
 from xden1k.values.materials import load_materials
 from xden1k.values.views import ViewGeometry
-from xden_builder.capture.scanner import (
-    Detector,
-    ScannerFile,
-    Tube,
-    ViewFile,
-    read_scanner,
-    write_scanner,
-)
+from xden_builder.capture.scanner import ScannerFile, ViewFile, read_scanner, write_scanner
+from xden_builder.physics.source import Detector, Tube
 
 WHOLE = """
 schema = "xden-scanner/1"

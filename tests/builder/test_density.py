@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 
 from xden1k.errors import DataError
 from xden1k.values.materials import load_materials
-from xden_builder.capture import CapturePart, Tube
+from xden_builder.capture import CapturePart
 from xden_builder.fit import LacFit
 from xden_builder.fit.density import part_densities
 from xden_builder.physics.attenuation import mac_cm2_g
+from xden_builder.physics.source import Tube
 
 LIBRARY = load_materials()
 MONO = Tube(energy_kev=100.0)

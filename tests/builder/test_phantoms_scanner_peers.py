@@ -10,12 +10,13 @@ import pytest
 import trimesh
 
 from xden1k.values.arrays import Image
-from xden_builder.capture import CaptureFolder, Tube
+from xden_builder.capture import CaptureFolder
 from xden_builder.phantoms import CATALOGUE, Phantom, PhantomPart, Plan, Scanner, make_phantom
 from xden_builder.phantoms.scanner.beam import make_beam
 from xden_builder.phantoms.scanner.effects import effect_sizes, effect_table, main
 from xden_builder.phantoms.scanner.primary import Absorber, pixel_kernel, render
 from xden_builder.physics.attenuation import mac_cm2_g
+from xden_builder.physics.source import Tube
 
 KEV = 60.0
 

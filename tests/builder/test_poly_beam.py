@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from tests.builder.fit_scenes import FLAT, cone
 from tests.builder.poly_scenes import TUBE, composition
 from xden1k.values.materials import load_materials
-from xden_builder.capture import Tube
 from xden_builder.phantoms import Scanner
 from xden_builder.physics.attenuation import mac_cm2_g
+from xden_builder.physics.source import Tube
 from xden_builder.physics.spectrum import tube_spectrum
 from xden_builder.poly.beam import GROUPS, EnergyGroups, Heel, ViewBeam, energy_groups, find_heel
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from xden1k.errors import DataError
 from xden1k.values.materials import load_materials
-from xden_builder.capture import Tube
 from xden_builder.physics.attenuation import mac_cm2_g
+from xden_builder.physics.source import Tube
 from xden_builder.physics.spectrum import (
     Spectrum,
     absorbed_share,

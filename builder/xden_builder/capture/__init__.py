@@ -7,9 +7,7 @@ from xden_builder.capture.formats import read_image
 from xden_builder.capture.images import ImageFile
 from xden_builder.capture.parts import CapturePart
 from xden_builder.capture.scanner import (
-    Detector,
     ScannerFile,
-    Tube,
     ViewFile,
     read_scanner,
     write_scanner,
@@ -20,11 +18,9 @@ __all__ = [
     "Capture",
     "CaptureFolder",
     "CapturePart",
-    "Detector",
     "ImageFile",
     "ObjectRow",
     "ScannerFile",
-    "Tube",
     "ViewFile",
     "dicom_pixel_spacing_cm",
     "read_image",

@@ -18,7 +18,8 @@ from xden1k.values.arrays import Image, Mask
 from xden1k.values.views import XRayView
 from xden_builder.capture.formats import read_image
 from xden_builder.capture.images import ImageFile, Polarity
-from xden_builder.capture.scanner import Detector, ViewFile
+from xden_builder.capture.scanner import ViewFile
+from xden_builder.physics.source import Detector
 
 __all__ = ["CalibratedView", "calibrate"]
 

@@ -19,8 +19,9 @@ from xden_builder.capture.calibration import CalibratedView, calibrate
 from xden_builder.capture.ct import CTReference, read_ct
 from xden_builder.capture.meshes import MESH_SUFFIXES
 from xden_builder.capture.parts import CM_PER_UNIT, CapturePart, read_parts
-from xden_builder.capture.scanner import Detector, ScannerFile, Tube, read_scanner
+from xden_builder.capture.scanner import ScannerFile, read_scanner
 from xden_builder.capture.tables import CsvRow, read_csv
+from xden_builder.physics.source import Detector, Tube
 
 __all__ = ["Capture", "CaptureFolder", "ObjectRow"]
 

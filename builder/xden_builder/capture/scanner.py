@@ -22,13 +22,12 @@ from xden_builder.capture.dicom import spacing_note
 from xden_builder.capture.images import Polarity
 from xden_builder.capture.tables import TomlTable, is_number, is_positive, is_vector
 from xden_builder.physics.attenuation import ENERGY_RANGE_KEV
+from xden_builder.physics.source import Detector, Tube
 
 __all__ = [
     "SCHEMA",
-    "Detector",
     "Quantity",
     "ScannerFile",
-    "Tube",
     "ViewFile",
     "read_scanner",
     "write_scanner",
@@ -44,42 +43,6 @@ _ABSENT: tuple[object, ...] = (None, "", {})
 _EMITTERS = {"cone": "source_cm", "parallel": "direction"}
 _CALIBRATION = ("polarity", "flat", "flat_value", "dark", "dark_value")
 _VIEW_KEYS = ("image", "quantity", *_CALIBRATION, "beam", *_EMITTERS.values(), *_POSITIONS, "shape")
-
-
-@dataclass(frozen=True)
-class Tube:
-    """The X-ray source: monochromatic (``energy_kev``) or a tube (``kv``).
-
-    Parameters
-    ----------
-    energy_kev
-        Photon energy of a monochromatic source.
-    kv, mas
-        Voltage and charge of a polychromatic tube.
-    filtration_cm
-        Thickness of each filter, by the symbol of an element or a name of the material library.
-    """
-
-    energy_kev: float | None = None
-    kv: float | None = None
-    mas: float | None = None
-    filtration_cm: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Detector:
-    """The X-ray detector.
-
-    Parameters
-    ----------
-    scintillator
-        Its name; empty where it is not known.
-    bits
-        Of the converter; without it no pixel is called saturated.
-    """
-
-    scintillator: str = ""
-    bits: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +90,7 @@ class ScannerFile:
 
     views: Mapping[str, ViewFile]
     tube: Tube | None = None
-    detector: Detector = Detector()
+    detector: Detector = field(default_factory=Detector)
 
 
 def read_scanner(path: Path, object_folder: Path | None = None) -> ScannerFile:

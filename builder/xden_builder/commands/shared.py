@@ -1,15 +1,18 @@
-"""What the commands of ``xden-build`` share: how many processes, and a progress bar."""
+"""What the commands of ``xden-build`` share: folders, how many processes, and a progress bar."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import click
 
-__all__ = ["progress_bar", "workers_option"]
+__all__ = ["FOLDER", "progress_bar", "workers_option"]
+
+FOLDER = click.Path(path_type=Path, file_okay=False)
 
 workers_option = click.option(
     "--workers",

@@ -6,73 +6,16 @@ Kept as the reference that :func:`xden_builder.fit.fit_lac` is compared with.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import replace
 
-from xden1k.errors import DataError
 from xden1k.rays import PathLengths
 from xden1k.values.views import XRayView
 from xden_builder.fit.diagnostics import finish
 from xden_builder.fit.problem import Fitted, Problem
-from xden_builder.fit.values import PAPER_OBJECTIVE, LacFit
+from xden_builder.fit.values import DEFAULT_ADAM, PAPER_OBJECTIVE, AdamSettings, LacFit
 from xden_builder.fit.weighting import uniform
 
-__all__ = ["DEFAULT_ADAM", "AdamSettings", "fit_lac_adam"]
-
-
-@dataclass(frozen=True, slots=True)
-class AdamSettings:
-    """Choices of the Adam solver; the paper names none of them.
-
-    Parameters
-    ----------
-    gain
-        Whether each view has an open-field factor; the paper's have none.
-    start_per_cm
-        Coefficient every part starts from.
-    learning_rate_per_cm
-        First step of each coefficient. It is halved whenever the loss has not fallen for
-        ``patience`` steps, since a constant one circles the optimum at its own size.
-    patience
-        Steps.
-    tolerance
-        The fit ends when the loss has changed by less than this share over ``patience`` steps.
-    max_steps
-        Or after so many steps.
-    target_loss
-        Or as soon as the loss is at most this: to measure the time to an equal loss.
-    upper_per_cm
-        Bound on every coefficient; 0 is the lower one.
-
-    Raises
-    ------
-    DataError
-        If a number is not positive.
-    """
-
-    gain: bool = False
-    start_per_cm: float = 0.2
-    learning_rate_per_cm: float = 0.1
-    patience: int = 10
-    tolerance: float = 1e-7
-    max_steps: int = 2000
-    target_loss: float | None = None
-    upper_per_cm: float = PAPER_OBJECTIVE.upper_per_cm
-
-    def __post_init__(self) -> None:
-        for name in (
-            "start_per_cm",
-            "learning_rate_per_cm",
-            "patience",
-            "tolerance",
-            "max_steps",
-            "upper_per_cm",
-        ):
-            if not getattr(self, name) > 0:
-                raise DataError(f"{name} must be positive, got {getattr(self, name)}")
-
-
-DEFAULT_ADAM: Final = AdamSettings()
+__all__ = ["fit_lac_adam"]
 
 
 def fit_lac_adam(

@@ -11,11 +11,11 @@ import numpy as np
 
 from xden1k.rays import PathLengths
 from xden1k.values.views import XRayView
-from xden_builder.fit.adam import DEFAULT_ADAM, AdamSettings, fit_lac_adam
+from xden_builder.fit.adam import fit_lac_adam
 from xden_builder.fit.lac import fit_lac
 from xden_builder.fit.levenberg import minimise
 from xden_builder.fit.problem import Problem
-from xden_builder.fit.values import PAPER_OBJECTIVE, LacFit
+from xden_builder.fit.values import DEFAULT_ADAM, PAPER_OBJECTIVE, AdamSettings, LacFit
 from xden_builder.fit.weighting import uniform
 
 __all__ = ["SolverComparison", "compare_solvers"]

@@ -27,9 +27,10 @@ from typing import Final
 from xden1k.values.materials import Material, load_materials
 from xden1k.values.physics import PAPER_MAC_CM2_G, apparent_density_g_cm3
 from xden1k.values.types import DensitySource
-from xden_builder.capture import CapturePart, Tube
+from xden_builder.capture import CapturePart
 from xden_builder.fit import LacFit
 from xden_builder.physics.attenuation import mac_cm2_g
+from xden_builder.physics.source import Tube
 
 __all__ = ["PartDensity", "part_densities"]
 

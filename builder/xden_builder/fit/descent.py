@@ -10,9 +10,9 @@ import torch
 from jaxtyping import Float32, Float64
 
 from xden1k.values.views import XRayView
-from xden_builder.fit.adam import AdamSettings
 from xden_builder.fit.observed import ViewData
 from xden_builder.fit.problem import Problem
+from xden_builder.fit.values import AdamSettings
 
 __all__ = ["descend"]
 

@@ -13,8 +13,9 @@ from xden1k.errors import require
 from xden1k.values.arrays import Image
 from xden1k.values.materials import Composition
 from xden1k.values.views import ViewGeometry, XRayView
-from xden_builder.capture import Capture, Tube
+from xden_builder.capture import Capture
 from xden_builder.physics.attenuation import element_fractions, mac_cm2_g
+from xden_builder.physics.source import Tube
 from xden_builder.physics.spectrum import Spectrum, absorbed_share, tube_fluence, tube_spectrum
 from xden_builder.physics.spectrum.tables import TABLE_SLOPES
 

@@ -7,9 +7,10 @@ from pathlib import Path
 
 from xden1k.errors import DataError
 from xden1k.values.settings import read_toml
-from xden_builder.capture import Detector, ScannerFile, ViewFile
+from xden_builder.capture import ScannerFile, ViewFile
 from xden_builder.capture.tables import is_number
 from xden_builder.phantoms.scanner.model import VIEWS, Scanner
+from xden_builder.physics.source import Detector
 
 __all__ = ["load_scanner", "panel_name", "scanner_file"]
 

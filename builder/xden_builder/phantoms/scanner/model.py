@@ -18,7 +18,6 @@ from xden1k.rays import path_lengths
 from xden1k.values.arrays import Image
 from xden1k.values.materials import load_materials
 from xden1k.values.views import ViewGeometry, XRayView
-from xden_builder.capture import Tube
 from xden_builder.capture.tables import is_number
 from xden_builder.phantoms.phantom import Phantom, PhantomPart, Plan, random_numbers
 from xden_builder.phantoms.scanner.beam import Beam, kept_beam
@@ -29,6 +28,7 @@ from xden_builder.phantoms.scanner.scatter import ScatterDraw, draw_scatter, sca
 from xden_builder.phantoms.scanner.signal import Signal
 from xden_builder.phantoms.scanner.spread import gaussian_spread
 from xden_builder.physics.attenuation import mac_cm2_g
+from xden_builder.physics.source import Tube
 
 __all__ = ["VIEWS", "Raw", "Scanner"]
 

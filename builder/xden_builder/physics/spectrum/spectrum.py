@@ -11,8 +11,8 @@ from scipy.optimize import brentq
 
 from xden1k.errors import DataError, require
 from xden1k.values.materials import Composition, load_materials
-from xden_builder.capture import Tube
 from xden_builder.physics.attenuation import mac_cm2_g
+from xden_builder.physics.source import Tube
 from xden_builder.physics.spectrum.tables import bare_fluence, bin_centres_kev
 
 __all__ = [
