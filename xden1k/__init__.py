@@ -7,7 +7,7 @@ Importing it takes 20 ms: each name below is loaded when it is first used. It al
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from xden1k.access import alias as _alias
+import xden1k.access.alias as _alias
 
 if TYPE_CHECKING:
     from xden1k.access.dataset import XDen1K, collate
