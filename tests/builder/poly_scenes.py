@@ -14,7 +14,9 @@ from xden_builder.physics.attenuation import mac_cm2_g
 from xden_builder.physics.source import Detector, Tube
 from xden_builder.physics.spectrum import tube_spectrum
 from xden_builder.poly.estimate import estimate
-from xden_builder.poly.result import judged
+from xden_builder.poly.judgement import judge
+from xden_builder.poly.line import sampled
+from xden_builder.poly.posterior.problem import Mass
 from xden_builder.poly.settings import PolySettings
 
 TUBE = Tube(kv=100.0, mas=126.0, filtration_cm={"Al": 0.25})
@@ -140,10 +142,13 @@ def true_mass_g(solids):
 def solved(capture, **choices):
     """Where the fit ends."""
     order = ownership_order([part.mesh for part in capture.parts])
-    return estimate(capture, order, owned_volumes_cm3(capture), PolySettings(**choices))
+    settings, mass = PolySettings(**choices), None
+    if capture.weighed_mass_g is not None:
+        mass = Mass(capture.weighed_mass_g, owned_volumes_cm3(capture))
+    return estimate(sampled(capture, order, settings), mass, settings)
 
 
 def fitted(capture, **choices):
     """What the fit says of each part, by name."""
-    fit = judged(solved(capture, **choices), capture.parts)
+    fit = judge(solved(capture, **choices))
     return {part.name: found for part, found in zip(capture.parts, fit.parts, strict=True)}

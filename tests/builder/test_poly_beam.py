@@ -14,9 +14,10 @@ from tests.builder.poly_scenes import TUBE, composition
 from xden1k.values.materials import load_materials
 from xden_builder.phantoms import Scanner
 from xden_builder.physics.attenuation import mac_cm2_g
+from xden_builder.physics.groups import GROUPS, EnergyGroups, energy_groups
 from xden_builder.physics.source import Tube
 from xden_builder.physics.spectrum import tube_spectrum
-from xden_builder.poly.beam import GROUPS, EnergyGroups, Heel, ViewBeam, energy_groups, find_heel
+from xden_builder.poly.model.beam import Heel, ViewBeam, find_heel
 
 ONE_LINE = Tube(energy_kev=60.0)
 SCANNER = Scanner.realistic(64)

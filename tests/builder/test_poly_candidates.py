@@ -10,8 +10,8 @@ import pytest
 from tests.builder.poly_scenes import TUBE, box
 from xden1k.values.materials import families, load_materials
 from xden_builder.capture import CapturePart
-from xden_builder.poly.beam import energy_groups
-from xden_builder.poly.candidates import Candidate, candidate_table, candidates
+from xden_builder.physics.groups import energy_groups
+from xden_builder.poly.materials.candidates import Candidate, candidate_table, candidates
 
 LIBRARY = load_materials()
 EVERY_LABEL = ["", *families(), *sorted(LIBRARY)]

@@ -23,10 +23,10 @@ from tests.builder.poly_scenes import (
 )
 from xden1k.format.records import object_row
 from xden1k.values.types import DensityObject
-from xden_builder.audit.view import audit_object
+from xden_builder.audit.object import audit_object
 from xden_builder.capture import Capture, CapturePart
 from xden_builder.physics.source import Tube
-from xden_builder.poly.pose import Pose
+from xden_builder.poly.model.frames import Pose
 from xden_builder.reconstruct.object import reconstruct
 from xden_builder.reconstruct.settings import BuildSettings
 

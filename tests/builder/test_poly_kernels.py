@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from tests.builder.poly_scenes import TUBE
 from xden1k.values.materials import load_materials
-from xden_builder.poly import kernels
-from xden_builder.poly.beam import energy_groups
-from xden_builder.poly.huber import HUBER
+from xden_builder.fit.huber import HUBER
+from xden_builder.physics.groups import energy_groups
+from xden_builder.poly.model import kernels
 
 LIBRARY = load_materials()
 GROUPS = energy_groups(TUBE, "CsI")

@@ -11,13 +11,14 @@ from tests.builder.poly_scenes import TUBE, captured, tool
 from xden1k.rays import ownership_order, path_lengths
 from xden_builder.capture import Capture
 from xden_builder.fit.outline import on_outline
-from xden_builder.poly.beam import Heel, ViewBeam, energy_groups
-from xden_builder.poly.candidates import candidate_table
-from xden_builder.poly.pixels import BLOCK_PX, BLOCK_RAYS, ViewPixels, choose_pixels
-from xden_builder.poly.pose import coarse
+from xden_builder.physics.groups import energy_groups
+from xden_builder.poly.materials.candidates import candidate_table
+from xden_builder.poly.materials.stand_ins import certain
+from xden_builder.poly.model.beam import Heel, ViewBeam
+from xden_builder.poly.model.frames import coarse
+from xden_builder.poly.model.pixels import BLOCK_PX, BLOCK_RAYS, ViewPixels, choose_pixels
+from xden_builder.poly.posterior.trust import sample_sd
 from xden_builder.poly.settings import PolySettings
-from xden_builder.poly.stand_ins import certain
-from xden_builder.poly.trust import sample_sd
 
 GROUPS = energy_groups(TUBE, "CsI")
 MESHES = [solid.mesh for solid in tool()]

@@ -24,9 +24,10 @@ from tests.builder.poly_scenes import (
 )
 from xden1k.rays import ownership_order, path_lengths
 from xden1k.values.views import XRayView
-from xden_builder.poly.beam import Heel, ViewBeam, energy_groups
-from xden_builder.poly.pose import Pose, binned, coarse, posed
-from xden_builder.poly.refine import PoseFit, refine_pose
+from xden_builder.physics.groups import energy_groups
+from xden_builder.poly.model.beam import Heel, ViewBeam
+from xden_builder.poly.model.frames import Pose, binned, coarse, posed
+from xden_builder.poly.pose import PoseFit, refine_pose
 
 PARALLEL = replace(FLAT, pixel00_cm=np.array([-1.13, -4.0, 1.17]))
 small = st.floats(-0.4, 0.4)

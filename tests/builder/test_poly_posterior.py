@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.builder.poly_scenes import captured, owned_volumes_cm3, solved, tool, true_mass_g
 from xden_builder.poly.estimate import Solution
-from xden_builder.poly.posterior import NUISANCES, Mass, solve
+from xden_builder.poly.posterior.problem import NUISANCES, Mass, solve
 from xden_builder.poly.settings import PolySettings
 
 SIZE = 64

@@ -7,7 +7,7 @@ import pytest
 
 from tests.builder.poly_scenes import box, cylinder
 from xden1k.values.mass import mass_of_meshes
-from xden_builder.poly.rigid import SURFACE_SD_CM, rigid_sd
+from xden_builder.reconstruct.rigid import SURFACE_SD_CM, rigid_sd
 
 MESHES = [box((2, 3, 4), (-3, 0, 0)), box((1, 1, 5), (2, 1, 0)), cylinder(0.8, 3, (0, -3, 1))]
 DENSITY = np.array([0.9, 7.8, 1.2])

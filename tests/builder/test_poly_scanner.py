@@ -13,7 +13,7 @@ from xden1k.rays import disjoint_regions, ownership_order
 from xden1k.values.types import DensityObject
 from xden_builder.capture import Capture
 from xden_builder.phantoms import Phantom, PhantomPart, Plan, Scanner
-from xden_builder.poly.pose import Pose
+from xden_builder.poly.model.frames import Pose
 from xden_builder.reconstruct.object import reconstruct
 
 SCANNER = replace(Scanner.realistic(256), panel_cm=20.0)

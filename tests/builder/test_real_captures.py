@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from xden1k.rays import ownership_order, path_lengths
-from xden_builder.audit.view import audit_object
+from xden_builder.audit.object import audit_object
 from xden_builder.capture import Capture, CaptureFolder
 from xden_builder.cli import cli
 from xden_builder.fit import FitSettings, fit_lac

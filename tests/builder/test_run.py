@@ -14,7 +14,8 @@ from tests.builder.folders import contents
 from xden1k.errors import DataError
 from xden1k.folder import open_folder, write_folder
 from xden1k.rays import path_lengths
-from xden_builder.audit.view import audit_object, audit_view
+from xden_builder.audit.object import audit_object
+from xden_builder.audit.view import audit_view
 from xden_builder.capture import CaptureFolder
 from xden_builder.cli import cli
 from xden_builder.phantoms import write_captures

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from xden1k.folder import open_folder
-from xden_builder.audit.view import ObjectAudit, audit_object
+from xden_builder.audit.object import ObjectAudit, audit_object
 from xden_builder.capture import CaptureFolder
 from xden_builder.workers import explain, run_each
 

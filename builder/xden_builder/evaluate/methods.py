@@ -16,10 +16,10 @@ from xden1k.values.materials import families, load_materials
 from xden1k.values.physics import apparent_density_g_cm3
 from xden_builder.capture import Capture, CapturePart
 from xden_builder.fit import fit_lac_adam
-from xden_builder.poly.candidates import candidates
-from xden_builder.poly.estimate import densities, prepare
-from xden_builder.poly.posterior import Mass
-from xden_builder.poly.result import PolyFit, judged
+from xden_builder.poly.judgement import PolyFit
+from xden_builder.poly.line import fit_samples, sampled
+from xden_builder.poly.materials.candidates import candidates
+from xden_builder.poly.posterior.problem import Mass
 from xden_builder.poly.settings import PolySettings
 
 __all__ = ["ABLATIONS", "MODES", "Ablation", "Mode", "nominal", "paper", "poly", "scaled", "told"]
@@ -121,6 +121,6 @@ def poly(
 ) -> list[PolyFit]:
     """Fit the tube's spectrum, once for each mass that may be known; the pose does not need it."""
     volumes = np.array([float(region.volume) for region in regions])
-    scene = prepare(capture, order, settings)
+    samples = sampled(capture, order, settings)
     weighed = [None if mass is None else Mass(mass, volumes) for mass in masses_g]
-    return [judged(densities(scene, mass, settings), capture.parts) for mass in weighed]
+    return [fit_samples(samples, mass, settings) for mass in weighed]

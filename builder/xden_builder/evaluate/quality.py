@@ -14,7 +14,7 @@ from xden_builder.audit.view import ViewAudit, audit_image, noise_floor
 from xden_builder.capture import Capture, CapturePart
 from xden_builder.evaluate.methods import poly
 from xden_builder.evaluate.truth import Truth
-from xden_builder.poly.result import PolyFit
+from xden_builder.poly.judgement import PolyFit
 from xden_builder.poly.settings import PolySettings
 
 __all__ = ["SHOWN", "Quality", "QualityPair", "quality_of"]

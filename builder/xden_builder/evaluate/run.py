@@ -31,9 +31,9 @@ from xden_builder.evaluate.methods import (
 )
 from xden_builder.evaluate.quality import SHOWN, QualityPair, quality_of
 from xden_builder.evaluate.truth import Errors, Truth, errors_of, read_truth
-from xden_builder.poly.result import PolyFit
-from xden_builder.poly.rigid import rigid_sd
+from xden_builder.poly.judgement import PolyFit
 from xden_builder.poly.settings import PolySettings
+from xden_builder.reconstruct.rigid import rigid_sd
 from xden_builder.workers import explain, run_each
 
 __all__ = ["BodyCheck", "Evaluation", "ObjectResult", "PartCheck", "evaluate"]

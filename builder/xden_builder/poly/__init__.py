@@ -1,9 +1,19 @@
 """The polychromatic fit: from two radiographs, part meshes and a tube to densities.
 
 Unknown are the density of each part, the material where no label says it, a gain and the strength
-of scatter and glare in each view, and the pose of the meshes. Modules, in the order of their work:
-:mod:`beam` (energies that reach each pixel), :mod:`candidates` (what a part may be made of and how
-dense that is), :mod:`pose` (meshes onto their shadows), :mod:`pixels` (what is compared),
-:mod:`posterior` (densities by maximum a posteriori), :mod:`evidence` (which material), and
-:mod:`estimate`, which runs them.
+of scatter and glare in each view, and the pose of the meshes. The fit is a line of stages, each of
+which takes the value that the one before it made (:func:`xden_builder.poly.line.fit_poly`):
+
+===================  ==================  ========================================================
+:mod:`scene`         ``Scene``           beams, and what each part may be
+:mod:`start`         ``Guess``           each part taken for one material
+:mod:`pose`          ``Placement``       meshes onto their shadows
+:mod:`samples`       ``Samples``         path lengths there, and the pixels that are compared
+:mod:`estimate`      ``Solution``        densities and materials, in turn
+:mod:`judgement`     ``PolyFit``         densities with their uncertainty and flags
+===================  ==================  ========================================================
+
+What the stages use: :mod:`model` (what a radiograph of known densities looks like),
+:mod:`materials` (what a part may be made of, and how probable that is), :mod:`posterior` (the
+function that is minimised).
 """

@@ -1,131 +1,209 @@
-"""Where an object stands on the scanner, against the frame of its meshes."""
+"""Stage 3 of the fit: meshes onto their shadows, in the pose both radiographs agree with best.
+
+Comes from :mod:`start`, leads to :mod:`samples`. Seven unknowns are found by Gauss-Newton steps,
+together with the densities and a gain of each view, on images averaged over 8 x 8, 4 x 4 and
+2 x 2 pixels (:mod:`pyramid`).
+"""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Final
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
-from jaxtyping import Float, Float64
-from scipy.spatial.transform import Rotation
+import trimesh
+from jaxtyping import Float64
 
-from xden1k.values.arrays import Image, Mask, Vec3
 from xden1k.values.views import ViewGeometry, XRayView
+from xden_builder.fit.box import box_minimum
+from xden_builder.fit.problem import Evaluation
+from xden_builder.poly.model.beam import ViewBeam
+from xden_builder.poly.model.frames import POSE_UNKNOWNS, Pose, posed
+from xden_builder.poly.pyramid import Level
+from xden_builder.poly.settings import PolySettings
+from xden_builder.poly.start import Guess
 
-__all__ = ["POSE_UNKNOWNS", "Pose", "binned", "coarse", "posed"]
+__all__ = ["Placement", "PoseFit", "find_pose", "refine_pose"]
 
-POSE_UNKNOWNS: Final = 7
+BINNINGS: Final = ((8, 2), (4, 1), (2, 1))
+"""Pixels averaged along each side, and how often derivatives are taken on such images."""
+DENSITY_SHARES: Final = (0.3, 10.0)
+"""Least and most density in shares of the first guess: a part that fades away has no pose."""
+COARSEST_PX: Final = 32
+"""Images are never smaller."""
+FIRST_DAMPING: Final = 1e-3
+MOST_STEPS: Final = 5
+"""Between two derivatives."""
+SETTLED_SHARE: Final = 1e-3
+"""Of the loss: a step that gains less ends a resolution."""
 
-Three = tuple[float, float, float]
 
-
-@dataclass(frozen=True, slots=True)
-class Pose:
-    """A rigid pose, and the relative height of the two views.
-
-    A point x of a mesh stands at R (x - centre) + centre + shift. Shifts of both images across
-    the beam are translations of the object, but for one: rows of the two views may disagree.
+@dataclass(frozen=True, slots=True, eq=False)
+class Placement:
+    """Where the object stands before the scanner.
 
     Parameters
     ----------
-    rotation_rad
-        Rotation vector.
-    shift_cm
-        Translation.
-    row_shift_cm
-        By which the panel of ``lat`` is displaced along its rows' step, beside the file's word.
-    centre_cm
-        What the object turns about.
+    guess
+        What it was found with; its densities are those found along with the pose.
+    fit
+        None where it was not sought.
+    geometries
+        Of the views, in the frame of the meshes, after the pose.
     """
 
-    rotation_rad: Three = (0.0, 0.0, 0.0)
-    shift_cm: Three = (0.0, 0.0, 0.0)
-    row_shift_cm: float = 0.0
-    centre_cm: Three = (0.0, 0.0, 0.0)
-
-    @property
-    def vector(self) -> Float64[np.ndarray, "7"]:
-        """Rotation, shift and row shift."""
-        return np.array([*self.rotation_rad, *self.shift_cm, self.row_shift_cm])
-
-    def moved(self, vector: Float[np.ndarray, "7"]) -> Pose:
-        """Return the pose of another vector about the same centre."""
-        rx, ry, rz, x, y, z, row = vector.tolist()
-        return Pose((rx, ry, rz), (x, y, z), row, self.centre_cm)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Values for JSON."""
-        return {
-            name: list(value) if isinstance(value, tuple) else value
-            for name, value in asdict(self).items()
-        }
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Pose:
-        """Read what :meth:`to_dict` gives, beside other keys.
-
-        Examples
-        --------
-        >>> pose = Pose((0.0, 0.0, 0.1), row_shift_cm=0.01)
-        >>> Pose.from_dict(pose.to_dict()) == pose
-        True
-        """
-        rotation, shift, centre = (
-            tuple(values[name]) for name in ("rotation_rad", "shift_cm", "centre_cm")
-        )
-        return cls(rotation, shift, values["row_shift_cm"], centre)
+    guess: Guess
+    fit: PoseFit | None
+    geometries: tuple[ViewGeometry, ...]
 
 
-def posed(geometry: ViewGeometry, pose: Pose, *, shifted_rows: bool) -> ViewGeometry:
-    """Move a scanner so that meshes at rest look like meshes in a pose.
+def find_pose(guess: Guess, settings: PolySettings) -> Placement:
+    """Move the scanner so that meshes at rest look as the object did, if the pose is sought."""
+    scene = guess.scene
+    geometries = [view.geometry for view in scene.views]
+    if not settings.pose:
+        return Placement(guess, None, tuple(geometries))
+    fit = refine_pose(
+        scene.views,
+        scene.outlines.beams,
+        scene.meshes,
+        scene.order,
+        scene.outlines.taken_for(guess.choice).mac_cm2_g,
+        guess.density_g_cm3,
+    )
+    return Placement(
+        replace(guess, density_g_cm3=fit.density_g_cm3),
+        fit,
+        tuple(
+            posed(geometry, fit.pose, shifted_rows=number == 1)
+            for number, geometry in enumerate(geometries)
+        ),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseFit:
+    """Result of :func:`refine_pose`.
 
     Parameters
     ----------
-    geometry
-        Where the scanner file says the panel is.
     pose
-        Of the object.
-    shifted_rows
-        Whether the row shift is this view's.
+        The best one.
+    sd
+        Shape (7,): its standard deviation, radians and cm.
+    density_g_cm3, gain
+        Fitted along with it, coarsely.
+    rms_before, rms_after
+        Root mean square residual of transmission on the coarsest and the finest images used.
     """
-    back = Rotation.from_rotvec(pose.rotation_rad).as_matrix().T
 
-    centre, shift = np.array(pose.centre_cm), np.array(pose.shift_cm)
+    pose: Pose
+    sd: Float64[np.ndarray, "7"]
+    density_g_cm3: Float64[np.ndarray, "k"]
+    gain: Float64[np.ndarray, "v"]
+    rms_before: float
+    rms_after: float
 
-    def point(place: Vec3) -> Vec3:
-        return np.asarray(back @ (place - centre - shift) + centre)
 
-    row = geometry.row_step_cm
-    slide = pose.row_shift_cm * row / np.linalg.norm(row) if shifted_rows else np.zeros(3)
-    return replace(
-        geometry,
-        pixel00_cm=point(geometry.pixel00_cm + slide),
-        column_step_cm=back @ geometry.column_step_cm,
-        row_step_cm=back @ row,
-        source_cm=None if geometry.source_cm is None else point(geometry.source_cm),
-        direction=None if geometry.direction is None else back @ geometry.direction,
+def refine_pose(
+    views: Sequence[XRayView],
+    beams: Sequence[ViewBeam],
+    meshes: Sequence[trimesh.Trimesh],
+    order: Sequence[int],
+    mac_cm2_g: Float64[np.ndarray, "k groups"],
+    density_g_cm3: Float64[np.ndarray, "k"],
+) -> PoseFit:
+    """Find the pose in which meshes and radiographs agree best.
+
+    Parameters
+    ----------
+    views, beams
+        The radiographs, and what reaches their panels.
+    meshes, order
+        Parts and their ownership, as of :func:`xden1k.rays.path_lengths`.
+    mac_cm2_g
+        Shape (K, groups): of the material each part is taken for.
+    density_g_cm3
+        Shape (K,): to start from. Densities move freely here, so that a wrong material does not
+        turn the object.
+    """
+    points = np.concatenate([np.asarray(mesh.vertices) for mesh in meshes])
+    centre = (points.min(axis=0) + points.max(axis=0)) / 2
+    radius_cm = float(np.linalg.norm(points - centre, axis=1).max())
+    x, y, z = centre.tolist()
+    origin = Pose(centre_cm=(x, y, z))
+    parts = len(meshes)
+    unknowns = np.concatenate([density_g_cm3, np.ones(len(views)), np.zeros(POSE_UNKNOWNS)])
+    others = np.full(len(views) + POSE_UNKNOWNS, np.inf)
+    low, high = (
+        np.append(share * density_g_cm3, sign * others)
+        for share, sign in zip(DENSITY_SHARES, (-1, 1), strict=True)
+    )
+    coarsest = min(min(view.transmission.shape) for view in views) // COARSEST_PX
+    used = [each for each in BINNINGS[:-1] if each[0] <= coarsest] + [BINNINGS[-1]]
+    rms_before = None
+    for binning, most in used:
+        level = Level.of(views, beams, meshes, order, mac_cm2_g, origin, binning, points, radius_cm)
+        if rms_before is None:
+            rms_before = level.rms(unknowns)
+        unknowns, hessian = _descend(level, unknowns, most, low, high)
+    assert rms_before is not None
+    told = hessian + 1e-9 * np.diag(hessian.diagonal())
+    covariance = np.linalg.pinv(told, hermitian=True)
+    return PoseFit(
+        pose=origin.moved(unknowns[-POSE_UNKNOWNS:]),
+        sd=np.sqrt(covariance.diagonal()[-POSE_UNKNOWNS:].clip(min=0)),
+        density_g_cm3=unknowns[:parts],
+        gain=unknowns[parts:-POSE_UNKNOWNS],
+        rms_before=rms_before,
+        rms_after=level.rms(unknowns),
     )
 
 
-def coarse(geometry: ViewGeometry, binning: int) -> ViewGeometry:
-    """Return the same panel with ``binning * binning`` pixels read as one; a rest is left out."""
-    half = (binning - 1) / 2
-    return replace(
-        geometry,
-        pixel00_cm=geometry.pixel00_cm + half * (geometry.column_step_cm + geometry.row_step_cm),
-        column_step_cm=binning * geometry.column_step_cm,
-        row_step_cm=binning * geometry.row_step_cm,
-        shape=(geometry.shape[0] // binning, geometry.shape[1] // binning),
+def _descend(
+    level: Level,
+    unknowns: Float64[np.ndarray, "u"],
+    most: int,
+    low: Float64[np.ndarray, "u"],
+    high: Float64[np.ndarray, "u"],
+) -> tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u u"]]:
+    """Take damped Gauss-Newton steps, and give half the curvature there too.
+
+    Derivatives cost a dozen times as much as residuals, so several steps share them.
+    """
+    residuals, damping = level.residuals(unknowns), FIRST_DAMPING
+    for _ in range(most):
+        slopes = level.slopes(unknowns)
+        here = first = level.evaluate(unknowns, residuals, slopes)
+        for _ in range(MOST_STEPS):
+            ahead = _ahead(unknowns, here, damping, low, high)
+            seen = level.residuals(ahead)
+            then = level.evaluate(ahead, seen, slopes)
+            if then.loss >= here.loss:
+                damping *= 10
+                continue
+            gained = here.loss - then.loss
+            unknowns, residuals, here = ahead, seen, then
+            damping = max(damping / 10, 1e-6)
+            if gained < SETTLED_SHARE * here.loss:
+                break
+        if first.loss - here.loss < SETTLED_SHARE * here.loss:
+            break
+    return unknowns, here.hessian
+
+
+def _ahead(
+    unknowns: Float64[np.ndarray, "u"],
+    here: Evaluation,
+    damping: float,
+    low: Float64[np.ndarray, "u"],
+    high: Float64[np.ndarray, "u"],
+) -> Float64[np.ndarray, "u"]:
+    """Solve between bounds, with each unknown scaled to unit curvature."""
+    scale = 1 / np.sqrt(here.hessian.diagonal().clip(min=1e-12))
+    scaled = here.hessian * np.outer(scale, scale) + damping * np.eye(len(scale))
+    step = box_minimum(
+        scaled, scale * here.gradient, (low - unknowns) / scale, (high - unknowns) / scale
     )
-
-
-def binned(view: XRayView, binning: int) -> tuple[Image, Mask]:
-    """Average transmission over the valid pixels of each bin, and say which bins have any."""
-    rows, columns = (size // binning for size in view.transmission.shape)
-    cut = (slice(rows * binning), slice(columns * binning))
-    shape = (rows, binning, columns, binning)
-    valid = view.valid[cut].reshape(shape)
-    values = np.where(view.valid, view.transmission, 0)[cut].reshape(shape)
-    counts = valid.sum(axis=(1, 3))
-    mean = values.sum(axis=(1, 3), dtype=np.float64) / np.maximum(counts, 1)
-    return np.where(counts, mean, 1.0).astype(np.float32), counts > 0
+    return np.asarray((unknowns + scale * step).clip(low, high))

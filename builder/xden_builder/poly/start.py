@@ -1,22 +1,24 @@
-"""Where the polychromatic fit starts: materials by label, or by the attenuation alone."""
+"""Stage 2 of the fit: each part taken for one material, by its label or by its attenuation.
+
+Comes from :mod:`scene`, leads to :mod:`pose`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import trimesh
 from jaxtyping import Float64
 
 from xden1k.rays import path_lengths
 from xden1k.values.views import XRayView
 from xden_builder.fit import fit_lac
-from xden_builder.poly.beam import EnergyGroups
-from xden_builder.poly.candidates import CandidateTable
-from xden_builder.poly.pose import binned, coarse
+from xden_builder.poly.model.frames import binned, coarse
+from xden_builder.poly.model.stray import coarse_binning
+from xden_builder.poly.scene import Scene
 
-__all__ = ["first_choice"]
+__all__ = ["Guess", "first_guess"]
 
 CLEAR: Final = 0.5
 """A candidate more probable than this before any X-ray is started with."""
@@ -26,40 +28,48 @@ SPREAD: Final = 0.3
 """Of the logarithm of a coarse attenuation, about that of its material."""
 
 
-def first_choice(
-    views: Sequence[XRayView],
-    meshes: Sequence[trimesh.Trimesh],
-    order: Sequence[int],
-    groups: EnergyGroups,
-    tables: Sequence[CandidateTable],
-    binning: int,
-) -> list[int]:
-    """Index of the candidate that each part is taken for at first.
+@dataclass(frozen=True, slots=True, eq=False)
+class Guess:
+    """What the fit starts from.
+
+    Parameters
+    ----------
+    scene
+        The object.
+    choice
+        Index of the candidate that each part is taken for.
+    density_g_cm3
+        Shape (K,).
+    """
+
+    scene: Scene
+    choice: list[int]
+    density_g_cm3: Float64[np.ndarray, "k"]
+
+
+def first_guess(scene: Scene) -> Guess:
+    """Take each part for its label's material, at the density that usually has.
 
     A part without a telling label is taken for what attenuates as a coarse monochromatic fit says.
     """
-    attenuation = _attenuation_per_cm(views, meshes, order, binning)
-    open_field = groups.weights.mean(axis=0)
+    attenuation = _attenuation_per_cm(scene)
+    open_field = scene.light.groups.weights.mean(axis=0)
     choice = []
-    for table, seen_per_cm in zip(tables, attenuation.tolist(), strict=True):
+    for table, seen_per_cm in zip(scene.light.tables, attenuation.tolist(), strict=True):
         expected = (table.mac_cm2_g @ open_field) * table.priors[:, 0]
         misfit = np.log(expected / max(seen_per_cm, 1e-3)) / SPREAD
         score = table.log_prior - 0.5 * misfit**2
         clear = table.log_prior[0] > np.log(CLEAR)
         choice.append(0 if clear else int(np.argmax(score)))
-    return choice
+    return Guess(scene, choice, scene.light.taken_for(choice).mean_g_cm3)
 
 
-def _attenuation_per_cm(
-    views: Sequence[XRayView],
-    meshes: Sequence[trimesh.Trimesh],
-    order: Sequence[int],
-    binning: int,
-) -> Float64[np.ndarray, "k"]:
+def _attenuation_per_cm(scene: Scene) -> Float64[np.ndarray, "k"]:
     """One coefficient for each part, from averaged images."""
+    binning = coarse_binning(scene.views[0].geometry.shape)
     pairs = []
-    for view in views:
+    for view in scene.views:
         image, mask = binned(view, binning)
         small = XRayView(view.name, image, mask, coarse(view.geometry, binning))
-        pairs.append((path_lengths(meshes, order, small.geometry), small))
+        pairs.append((path_lengths(scene.meshes, scene.order, small.geometry), small))
     return np.asarray(np.nan_to_num(fit_lac(pairs).lac_per_cm, nan=UNKNOWN_PER_CM))

@@ -1,8 +1,6 @@
-"""Meshes onto their shadows: the pose that both radiographs agree with best.
+"""One resolution of the search for the pose: what is compared, and how it is rendered.
 
-Seven unknowns are found by Gauss-Newton steps, together with the densities and a gain of each
-view, on images averaged over 8 x 8, 4 x 4 and 2 x 2 pixels. Derivatives by pose are central
-differences of whole renderings, since outlines move.
+Derivatives by pose are central differences of whole renderings, since outlines move.
 """
 
 from __future__ import annotations
@@ -18,14 +16,14 @@ from jaxtyping import Float, Float64
 from xden1k.rays import PathLengths, path_lengths
 from xden1k.values.arrays import Mask
 from xden1k.values.views import ViewGeometry, XRayView
-from xden_builder.fit.box import box_minimum
+from xden_builder.fit import huber
 from xden_builder.fit.problem import Evaluation
-from xden_builder.poly import huber
-from xden_builder.poly.beam import ViewBeam
-from xden_builder.poly.image import transmissions, transmissions_and_slopes
-from xden_builder.poly.pose import POSE_UNKNOWNS, Pose, binned, coarse, posed
+from xden_builder.poly.model.beam import ViewBeam
+from xden_builder.poly.model.direct import transmissions, transmissions_and_slopes
+from xden_builder.poly.model.frames import POSE_UNKNOWNS, Pose, binned, coarse, posed
+from xden_builder.poly.model.radiograph import GAIN_SD
 
-__all__ = ["GAIN_SD", "PoseFit", "refine_pose"]
+__all__ = ["Level"]
 
 ROTATION_SD: Final = 0.03
 SHIFT_SD_CM: Final = 0.3
@@ -34,155 +32,16 @@ ROW_SHIFT_SD_CM: Final = 0.05
 STEPS_CM: Final = 0.02
 """Of a central difference at full resolution, times the binning; rotations move the rim as far."""
 PIXEL_SD: Final = 0.05
-BINNINGS: Final = ((8, 2), (4, 1), (2, 1))
-"""Pixels averaged along each side, and how often derivatives are taken on such images."""
-DENSITY_SHARES: Final = (0.3, 10.0)
-"""Least and most density in shares of the first guess: a part that fades away has no pose."""
-COARSEST_PX: Final = 32
-"""Images are never smaller."""
-FIRST_DAMPING: Final = 1e-3
-MOST_STEPS: Final = 5
-"""Between two derivatives."""
-SETTLED_SHARE: Final = 1e-3
-"""Of the loss: a step that gains less ends a resolution."""
 WORTH: Final = 400.0
 """Independent observations that all pixels together are worth: their errors hang together."""
-GAIN_SD: Final = 0.05
-"""Of the open field of a view, relative."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PoseFit:
-    """Result of :func:`refine_pose`.
+class Level:
+    """Images averaged over ``binning * binning`` pixels, compared around the object.
 
-    Parameters
-    ----------
-    pose
-        The best one.
-    sd
-        Shape (7,): its standard deviation, radians and cm.
-    density_g_cm3, gain
-        Fitted along with it, coarsely.
-    rms_before, rms_after
-        Root mean square residual of transmission on the coarsest and the finest images used.
+    Unknowns: K densities, a gain of each view, and the pose.
     """
-
-    pose: Pose
-    sd: Float64[np.ndarray, "7"]
-    density_g_cm3: Float64[np.ndarray, "k"]
-    gain: Float64[np.ndarray, "v"]
-    rms_before: float
-    rms_after: float
-
-
-def refine_pose(
-    views: Sequence[XRayView],
-    beams: Sequence[ViewBeam],
-    meshes: Sequence[trimesh.Trimesh],
-    order: Sequence[int],
-    mac_cm2_g: Float64[np.ndarray, "k groups"],
-    density_g_cm3: Float64[np.ndarray, "k"],
-) -> PoseFit:
-    """Find the pose in which meshes and radiographs agree best.
-
-    Parameters
-    ----------
-    views, beams
-        The radiographs, and what reaches their panels.
-    meshes, order
-        Parts and their ownership, as of :func:`xden1k.rays.path_lengths`.
-    mac_cm2_g
-        Shape (K, groups): of the material each part is taken for.
-    density_g_cm3
-        Shape (K,): to start from. Densities move freely here, so that a wrong material does not
-        turn the object.
-    """
-    points = np.concatenate([np.asarray(mesh.vertices) for mesh in meshes])
-    centre = (points.min(axis=0) + points.max(axis=0)) / 2
-    radius_cm = float(np.linalg.norm(points - centre, axis=1).max())
-    x, y, z = centre.tolist()
-    origin = Pose(centre_cm=(x, y, z))
-    parts = len(meshes)
-    unknowns = np.concatenate([density_g_cm3, np.ones(len(views)), np.zeros(POSE_UNKNOWNS)])
-    others = np.full(len(views) + POSE_UNKNOWNS, np.inf)
-    low, high = (
-        np.append(share * density_g_cm3, sign * others)
-        for share, sign in zip(DENSITY_SHARES, (-1, 1), strict=True)
-    )
-    coarsest = min(min(view.transmission.shape) for view in views) // COARSEST_PX
-    used = [each for each in BINNINGS[:-1] if each[0] <= coarsest] + [BINNINGS[-1]]
-    rms_before = None
-    for binning, most in used:
-        level = _Level.of(
-            views, beams, meshes, order, mac_cm2_g, origin, binning, points, radius_cm
-        )
-        if rms_before is None:
-            rms_before = level.rms(unknowns)
-        unknowns, hessian = _descend(level, unknowns, most, low, high)
-    assert rms_before is not None
-    told = hessian + 1e-9 * np.diag(hessian.diagonal())
-    covariance = np.linalg.pinv(told, hermitian=True)
-    return PoseFit(
-        pose=origin.moved(unknowns[-POSE_UNKNOWNS:]),
-        sd=np.sqrt(covariance.diagonal()[-POSE_UNKNOWNS:].clip(min=0)),
-        density_g_cm3=unknowns[:parts],
-        gain=unknowns[parts:-POSE_UNKNOWNS],
-        rms_before=rms_before,
-        rms_after=level.rms(unknowns),
-    )
-
-
-def _descend(
-    level: _Level,
-    unknowns: Float64[np.ndarray, "u"],
-    most: int,
-    low: Float64[np.ndarray, "u"],
-    high: Float64[np.ndarray, "u"],
-) -> tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u u"]]:
-    """Take damped Gauss-Newton steps, and give half the curvature there too.
-
-    Derivatives cost a dozen times as much as residuals, so several steps share them.
-    """
-    residuals, damping = level.residuals(unknowns), FIRST_DAMPING
-    for _ in range(most):
-        slopes = level.slopes(unknowns)
-        here = first = level.evaluate(unknowns, residuals, slopes)
-        for _ in range(MOST_STEPS):
-            ahead = _ahead(unknowns, here, damping, low, high)
-            seen = level.residuals(ahead)
-            then = level.evaluate(ahead, seen, slopes)
-            if then.loss >= here.loss:
-                damping *= 10
-                continue
-            gained = here.loss - then.loss
-            unknowns, residuals, here = ahead, seen, then
-            damping = max(damping / 10, 1e-6)
-            if gained < SETTLED_SHARE * here.loss:
-                break
-        if first.loss - here.loss < SETTLED_SHARE * here.loss:
-            break
-    return unknowns, here.hessian
-
-
-def _ahead(
-    unknowns: Float64[np.ndarray, "u"],
-    here: Evaluation,
-    damping: float,
-    low: Float64[np.ndarray, "u"],
-    high: Float64[np.ndarray, "u"],
-) -> Float64[np.ndarray, "u"]:
-    """Solve between bounds, with each unknown scaled to unit curvature."""
-    scale = 1 / np.sqrt(here.hessian.diagonal().clip(min=1e-12))
-    scaled = here.hessian * np.outer(scale, scale) + damping * np.eye(len(scale))
-    step = box_minimum(
-        scaled, scale * here.gradient, (low - unknowns) / scale, (high - unknowns) / scale
-    )
-    return np.asarray((unknowns + scale * step).clip(low, high))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Level:
-    """One resolution of the pyramid: what is compared, and how it is rendered."""
 
     meshes: Sequence[trimesh.Trimesh]
     order: Sequence[int]
@@ -206,7 +65,7 @@ class _Level:
         binning: int,
         points: Float[np.ndarray, "n 3"],
         radius_cm: float,
-    ) -> _Level:
+    ) -> Level:
         """Average images, and compare them around the object."""
         masks, measured = [], []
         for view in views:
@@ -220,6 +79,7 @@ class _Level:
 
     @property
     def parts(self) -> int:
+        """Number of parts K."""
         return len(self.meshes)
 
     def evaluate(

@@ -10,13 +10,13 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float64
 
+from xden_builder.fit import huber
 from xden_builder.fit.levenberg import Minimum, minimise
 from xden_builder.fit.problem import Evaluation
-from xden_builder.poly import huber
-from xden_builder.poly.pixels import ViewPixels
-from xden_builder.poly.refine import GAIN_SD
+from xden_builder.poly.materials.stand_ins import StandIns
+from xden_builder.poly.model.pixels import ViewPixels
+from xden_builder.poly.model.radiograph import GAIN_SD
 from xden_builder.poly.settings import PolySettings
-from xden_builder.poly.stand_ins import StandIns
 
 __all__ = ["MASS_SD_SHARE", "NUISANCES", "Box", "Mass", "Problem", "solve"]
 

@@ -7,9 +7,9 @@ from jaxtyping import Float64
 
 from xden1k.rays import PathLengths
 from xden_builder.fit.crops import Crop, neighbours
-from xden_builder.poly.beam import ViewBeam
-from xden_builder.poly.image import transmissions
-from xden_builder.poly.pixels import ViewPixels
+from xden_builder.poly.model.beam import ViewBeam
+from xden_builder.poly.model.direct import transmissions
+from xden_builder.poly.model.pixels import ViewPixels
 from xden_builder.poly.settings import PolySettings
 
 __all__ = ["sample_sd"]
@@ -46,7 +46,7 @@ def sample_sd(
     mac_cm2_g, density_g_cm3
         The model's.
     stray
-        Shapes of the stray light, by :func:`xden_builder.poly.stray.stray_light`.
+        Shapes of the stray light, by :func:`xden_builder.poly.model.stray.stray_light`.
     noise_sd
         Behind something opaque.
     settings

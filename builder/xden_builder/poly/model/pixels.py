@@ -13,9 +13,9 @@ from xden1k.rays import PathLengths
 from xden1k.values.views import XRayView
 from xden_builder.fit.crops import Crop
 from xden_builder.fit.outline import on_outline
-from xden_builder.poly import kernels
-from xden_builder.poly.beam import ViewBeam
-from xden_builder.poly.pose import binned
+from xden_builder.poly.model import kernels
+from xden_builder.poly.model.beam import ViewBeam
+from xden_builder.poly.model.frames import binned
 
 __all__ = ["BLOCK_PX", "BLOCK_RAYS", "ViewPixels", "choose_pixels"]
 

@@ -10,9 +10,9 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from xden1k.rays import PathLengths
 from xden1k.values.views import XRayView
-from xden_builder.poly import kernels
-from xden_builder.poly.beam import ViewBeam
-from xden_builder.poly.pose import binned
+from xden_builder.poly.model import kernels
+from xden_builder.poly.model.beam import ViewBeam
+from xden_builder.poly.model.frames import binned
 
 __all__ = ["coarse_binning", "stray_light"]
 

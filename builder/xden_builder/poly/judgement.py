@@ -1,4 +1,7 @@
-"""What the polychromatic fit answers: densities, how sure they are, and what to beware of."""
+"""Stage 6 of the fit: densities, how sure they are, and what to beware of.
+
+Comes from :mod:`estimate` by way of :mod:`diagnosis`; the object is assembled from it.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +15,12 @@ from jaxtyping import Bool, Float64
 
 from xden1k.values.materials import families
 from xden1k.values.types import DensitySource
-from xden_builder.capture import CapturePart
 from xden_builder.fit.density import PartDensity
-from xden_builder.poly.diagnose import Diagnosis, diagnose
+from xden_builder.poly.diagnosis import Diagnosis, diagnose
 from xden_builder.poly.estimate import Solution
-from xden_builder.poly.image import TERMS
+from xden_builder.poly.model.radiograph import TERMS
 
-__all__ = ["PolyFit", "PolyPart", "judged"]
+__all__ = ["PolyFit", "PolyPart", "judge"]
 
 UNCERTAIN: Final = 0.1
 """Of a density: a larger standard deviation is flagged."""
@@ -73,7 +75,7 @@ class PolyFit:
 
     def report(self, names: Sequence[str]) -> dict[str, Any]:
         """Give what ``meta`` keeps, parts by their names, in JSON's types."""
-        solution, pose = self.solution, self.solution.pose
+        solution, pose = self.solution, self.solution.samples.pose
         return {
             "views": {
                 seen.view.name: dict(zip(TERMS, solution.nuisances(number).tolist(), strict=True))
@@ -102,13 +104,14 @@ class PolyFit:
         }
 
 
-def judged(solution: Solution, parts: Sequence[CapturePart]) -> PolyFit:
+def judge(solution: Solution) -> PolyFit:
     """Say how sure each density is, and why it may be wrong.
 
     The variance has three sources: images, priors and scale (from the curvature of the posterior);
     the choice between materials; and the disagreement of the views.
     """
     known, density = diagnose(solution), solution.density_g_cm3
+    parts = solution.scene.parts
     extra = known.between_g_cm3**2 + (VIEW_SHARE * known.apart_g_cm3) ** 2 * known.told_by_images
     covariance = POSTERIOR_SCALE**2 * known.covariance + np.diag(extra)
     sd = np.sqrt(covariance.diagonal())
@@ -156,7 +159,7 @@ def _sources(known: Diagnosis) -> Iterator[DensitySource]:
 
 def _materials(solution: Solution, number: int) -> tuple[tuple[str, bool, float], ...]:
     """Return the most probable candidates of a part."""
-    table, chance = solution.tables[number], solution.posteriors[number].probability
+    table, chance = solution.scene.light.tables[number], solution.posteriors[number].probability
     best = np.argsort(-chance, kind="stable")[:TOP].tolist()
     return tuple(
         (table.candidates[each].material, table.candidates[each].solid, float(chance[each]))
@@ -166,7 +169,7 @@ def _materials(solution: Solution, number: int) -> tuple[tuple[str, bool, float]
 
 def _probabilities(solution: Solution, number: int) -> tuple[dict[str, float], dict[str, float]]:
     """Probability of each material, solid or not, before the images and with them."""
-    table, chance = solution.tables[number], solution.posteriors[number].probability
+    table, chance = solution.scene.light.tables[number], solution.posteriors[number].probability
     before: dict[str, float] = {}
     after: dict[str, float] = {}
     for candidate, log_prior, share in zip(

@@ -1,4 +1,4 @@
-"""Numbers that tell how a solution knows what it says."""
+"""Numbers that tell how a solution knows what it says: what :mod:`judgement` goes by."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from xden_builder.poly.estimate import Solution
-from xden_builder.poly.posterior import MASS_SD_SHARE, Problem
+from xden_builder.poly.posterior.problem import MASS_SD_SHARE, Problem
 
 __all__ = ["Diagnosis", "diagnose"]
 

@@ -15,7 +15,7 @@ from jaxtyping import Float64
 
 from xden1k.values.materials import Material, families, load_materials
 from xden_builder.capture import CapturePart
-from xden_builder.poly.beam import EnergyGroups
+from xden_builder.physics.groups import EnergyGroups
 
 __all__ = ["Candidate", "CandidateTable", "candidate_table", "candidates"]
 

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float64
 
-from xden_builder.poly.candidates import CandidateTable
-from xden_builder.poly.evidence import MaterialPosterior
+from xden_builder.poly.materials.candidates import CandidateTable
+from xden_builder.poly.materials.evidence import MaterialPosterior
 
 __all__ = ["StandIns", "certain", "loosened", "mixtures"]
 

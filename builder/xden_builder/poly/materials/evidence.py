@@ -9,10 +9,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from xden_builder.poly import kernels
-from xden_builder.poly.candidates import CandidateTable
-from xden_builder.poly.huber import HUBER
-from xden_builder.poly.pixels import ViewPixels
+from xden_builder.fit.huber import HUBER
+from xden_builder.poly.materials.candidates import CandidateTable
+from xden_builder.poly.model import kernels
+from xden_builder.poly.model.pixels import ViewPixels
 
 __all__ = ["MaterialPosterior", "Radiographs", "weigh_materials"]
 

@@ -1,0 +1,103 @@
+"""The model of a radiograph again, from what a dataset keeps of the polychromatic fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+
+from xden1k.errors import DataError
+from xden1k.rays import PathLengths, path_lengths
+from xden1k.values.arrays import Image, Mask
+from xden1k.values.materials import load_materials
+from xden1k.values.types import DensityObject
+from xden1k.values.views import ViewGeometry, XRayView
+from xden_builder.capture import Capture
+from xden_builder.physics.groups import EnergyGroups, energy_groups
+from xden_builder.poly.model.beam import view_beam
+from xden_builder.poly.model.frames import coarse
+from xden_builder.poly.model.radiograph import TERMS, model_image
+from xden_builder.poly.model.stray import coarse_binning
+
+__all__ = ["replayed"]
+
+
+def replayed(
+    obj: DensityObject,
+    capture: Capture,
+    view: XRayView,
+    geometry: ViewGeometry,
+    lengths: PathLengths,
+    beside: Mask,
+) -> tuple[Image, float]:
+    """Compute the image of a view from what a dataset keeps of a fit, and its gain.
+
+    A view that was not fitted has the mean stray light of those that were, and the gain that makes
+    its median right beside the object.
+
+    Parameters
+    ----------
+    obj
+        Rebuilt by the polychromatic fit.
+    capture
+        What it was made from.
+    view
+        One of its radiographs.
+    geometry
+        Of the view, in the frame of the meshes.
+    lengths
+        Of the object's parts in that geometry.
+    beside
+        Shape (rows, columns): valid pixels beside the object.
+
+    Raises
+    ------
+    DataError
+        If the capture no longer says what tube it was taken with.
+    """
+    if capture.tube is None:
+        raise DataError(
+            f"{obj.object_id}: expected the tube it was rebuilt with, scanner.toml names none"
+        )
+    fit: Mapping[str, Any] = obj.meta["poly"]
+    groups = energy_groups(capture.tube, capture.detector.scintillator)
+    known = np.array([[values[term] for term in TERMS] for values in fit["views"].values()])
+    names = list(fit["views"])
+    fitted = view.name in names
+    nuisances = known[names.index(view.name)] if fitted else [1.0, *known.mean(axis=0)[1:]]
+    stand_ins = [fit["stand_ins"][part.name] for part in obj.parts]
+    smooth = path_lengths(
+        [part.mesh for part in obj.parts],
+        range(len(obj.parts)),
+        coarse(geometry, coarse_binning(geometry.shape)),
+    )
+    image = model_image(
+        view,
+        view_beam(capture, view, groups),
+        lengths,
+        smooth,
+        _coefficients(stand_ins, groups, scattering=False),
+        _coefficients(stand_ins, groups, scattering=True),
+        np.array([part.density_g_cm3 for part in obj.parts]),
+        np.array(nuisances),
+    )
+    if fitted or not beside.any():
+        return image, float(nuisances[0])
+    gain = float(np.median(view.transmission[beside]) / np.median(image[beside]))
+    return np.asarray(gain * image), gain
+
+
+def _coefficients(
+    stand_ins: Sequence[Mapping[str, float]], groups: EnergyGroups, *, scattering: bool
+) -> Float64[np.ndarray, "k groups"]:
+    """Mix the coefficients of each part's materials."""
+    of = groups.scattering_cm2_g if scattering else groups.mac_cm2_g
+    library = load_materials()
+    return np.stack(
+        [
+            np.sum([share * of(library[name].composition) for name, share in each.items()], axis=0)
+            for each in stand_ins
+        ]
+    )

@@ -1,0 +1,70 @@
+"""The stages of the polychromatic fit in their order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64
+
+from xden_builder.capture import Capture
+from xden_builder.poly.estimate import estimate
+from xden_builder.poly.judgement import PolyFit, judge
+from xden_builder.poly.pose import find_pose
+from xden_builder.poly.posterior.problem import Mass
+from xden_builder.poly.samples import Samples, take_samples
+from xden_builder.poly.scene import set_scene
+from xden_builder.poly.settings import PolySettings
+from xden_builder.poly.start import first_guess
+
+__all__ = ["fit_poly", "fit_samples", "sampled"]
+
+DEFAULT: Final = PolySettings()
+
+
+def fit_poly(
+    capture: Capture,
+    order: Sequence[int],
+    volumes_cm3: Float64[np.ndarray, "k"],
+    settings: PolySettings = DEFAULT,
+) -> PolyFit:
+    """Find densities, materials, pose, gains and stray light of one object.
+
+    Parameters
+    ----------
+    capture
+        With a tube or a photon energy.
+    order
+        Which part owns space first, see :func:`xden1k.rays.ownership_order`.
+    volumes_cm3
+        Shape (K,): of the space each part owns; used where the object was weighed.
+    settings
+        What is modelled.
+
+    Raises
+    ------
+    DataError
+        If the source is not known or outside the tables.
+    """
+    mass = None if capture.weighed_mass_g is None else Mass(capture.weighed_mass_g, volumes_cm3)
+    return fit_samples(sampled(capture, order, settings), mass, settings)
+
+
+def sampled(capture: Capture, order: Sequence[int], settings: PolySettings = DEFAULT) -> Samples:
+    """Go through the stages that a weighed mass does not change: scene, start, pose, samples.
+
+    Raises
+    ------
+    DataError
+        As :func:`fit_poly`.
+    """
+    scene = set_scene(capture, order)
+    guess = first_guess(scene)
+    placement = find_pose(guess, settings)
+    return take_samples(placement, settings)
+
+
+def fit_samples(samples: Samples, mass: Mass | None, settings: PolySettings = DEFAULT) -> PolyFit:
+    """Go through the stages that follow: estimate, judgement."""
+    return judge(estimate(samples, mass, settings))

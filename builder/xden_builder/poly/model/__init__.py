@@ -1,0 +1,1 @@
+"""What a radiograph of known densities looks like."""

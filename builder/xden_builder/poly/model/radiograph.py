@@ -1,0 +1,57 @@
+"""The model of a whole radiograph: direct beam, stray light and the gain."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64
+
+from xden1k.rays import PathLengths
+from xden1k.values.arrays import Image
+from xden1k.values.views import XRayView
+from xden_builder.poly.model.beam import ViewBeam
+from xden_builder.poly.model.direct import transmissions
+from xden_builder.poly.model.stray import stray_light
+
+__all__ = ["GAIN_SD", "TERMS", "model_image"]
+
+TERMS = ("gain", "near_scatter", "far_scatter", "glare")
+"""What a view has of its own, in the order of the unknowns."""
+GAIN_SD: Final = 0.05
+"""Of the open field of a view, relative."""
+
+
+def model_image(
+    view: XRayView,
+    beam: ViewBeam,
+    lengths: PathLengths,
+    smooth: PathLengths,
+    mac_cm2_g: Float64[np.ndarray, "k groups"],
+    scattering_cm2_g: Float64[np.ndarray, "k groups"],
+    density_g_cm3: Float64[np.ndarray, "k"],
+    nuisances: Float64[np.ndarray, "4"],
+) -> Image:
+    """Compute direct beam and stray light of a view, with the gain, shape (rows, columns).
+
+    Parameters
+    ----------
+    view, beam
+        The radiograph, which glare is made of, and what reaches its panel.
+    lengths, smooth
+        Of its pixels, and of the coarse panel.
+    mac_cm2_g, scattering_cm2_g, density_g_cm3
+        Of the parts.
+    nuisances
+        By :data:`TERMS`.
+    """
+    every = np.arange(view.transmission.size)
+    known = np.where(view.valid, view.transmission, 1.0).ravel().astype(np.float64)
+    stray = stray_light(
+        view, beam, smooth, mac_cm2_g, scattering_cm2_g, density_g_cm3, every, known
+    )
+    light = stray @ nuisances[1:] + 1.0
+    direct = transmissions(lengths, beam, mac_cm2_g, density_g_cm3)
+    light[lengths.pixels] += direct - 1.0
+    image = nuisances[0] * light.reshape(view.transmission.shape)
+    return np.asarray(image, dtype=np.float32)

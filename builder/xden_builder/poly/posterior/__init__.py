@@ -1,0 +1,1 @@
+"""The function that is minimised: samples, how far each is trusted, priors."""

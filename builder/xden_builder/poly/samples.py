@@ -1,0 +1,93 @@
+"""Stage 4 of the fit: path lengths in the refined pose, and the samples that are compared.
+
+Comes from :mod:`pose`, leads to :mod:`estimate`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from xden1k.rays import PathLengths, path_lengths
+from xden1k.values.views import ViewGeometry, XRayView
+from xden_builder.poly.model.beam import ViewBeam
+from xden_builder.poly.model.frames import coarse
+from xden_builder.poly.model.pixels import BLOCK_PX, BLOCK_RAYS, ViewPixels, choose_pixels
+from xden_builder.poly.model.stray import coarse_binning
+from xden_builder.poly.pose import Placement, PoseFit
+from xden_builder.poly.settings import PolySettings
+from xden_builder.poly.start import Guess
+
+__all__ = ["Samples", "Seen", "take_samples"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """One view, its meshes in their refined pose.
+
+    Parameters
+    ----------
+    view, beam
+        The radiograph, and what reaches its panel.
+    geometry
+        In the frame of the meshes, after the pose.
+    lengths
+        Of one ray a pixel.
+    blocks
+        Of the blocks that outlines are compared in; ``lengths`` where they are not.
+    smooth
+        Of the coarse panel, for stray light.
+    samples
+        What is compared.
+    noise_sd
+        Behind something opaque.
+    """
+
+    view: XRayView
+    beam: ViewBeam
+    geometry: ViewGeometry
+    lengths: PathLengths
+    blocks: PathLengths
+    smooth: PathLengths
+    samples: ViewPixels
+    noise_sd: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Everything that densities are estimated from.
+
+    Parameters
+    ----------
+    guess
+        To start from.
+    pose
+        None where it was not sought.
+    seen
+        Both views.
+    """
+
+    guess: Guess
+    pose: PoseFit | None
+    seen: tuple[Seen, ...]
+
+
+def take_samples(placement: Placement, settings: PolySettings) -> Samples:
+    """Render path lengths where the object stands, and choose samples of them."""
+    scene = placement.guess.scene
+    rng = np.random.default_rng(0)
+    seen = []
+    for view, beam, geometry, noise_sd in zip(
+        scene.views, scene.light.beams, placement.geometries, scene.noise_sd, strict=True
+    ):
+        lengths = path_lengths(scene.meshes, scene.order, geometry)
+        blocks = lengths
+        if settings.blocks and min(geometry.shape) > BLOCK_PX:
+            blocks = path_lengths(scene.meshes, scene.order, coarse(geometry, BLOCK_PX), BLOCK_RAYS)
+        smooth = path_lengths(
+            scene.meshes, scene.order, coarse(geometry, coarse_binning(geometry.shape))
+        )
+        samples = choose_pixels(view, lengths, blocks, beam, rng)
+        seen.append(Seen(view, beam, geometry, lengths, blocks, smooth, samples, noise_sd))
+    return Samples(placement.guess, placement.fit, tuple(seen))

@@ -1,0 +1,117 @@
+"""Stage 1 of the fit: what was captured, what reaches the panels, what each part may be.
+
+Leads to :mod:`start`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import trimesh
+
+from xden1k.errors import DataError
+from xden1k.values.views import XRayView
+from xden_builder.capture import Capture, CapturePart
+from xden_builder.physics.groups import GROUPS, EnergyGroups, energy_groups
+from xden_builder.poly.materials.candidates import CandidateTable, candidate_table
+from xden_builder.poly.materials.stand_ins import StandIns, certain
+from xden_builder.poly.model.beam import ViewBeam, view_beam
+
+__all__ = ["Light", "Scene", "set_scene"]
+
+OUTLINE_GROUPS: Final = 8
+"""Energy groups that are enough to find outlines."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Light:
+    """The beam in some number of energy groups, and what the parts may do to it.
+
+    Parameters
+    ----------
+    groups
+        Of energy.
+    beams
+        Of each view.
+    tables
+        Candidates of each part.
+    """
+
+    groups: EnergyGroups
+    beams: tuple[ViewBeam, ...]
+    tables: tuple[CandidateTable, ...]
+
+    def taken_for(self, choice: Sequence[int]) -> StandIns:
+        """Take each part for one of its candidates."""
+        return certain(self.tables, choice)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """Everything that is known before anything is fitted.
+
+    Parameters
+    ----------
+    views
+        Both radiographs.
+    parts
+        As annotated.
+    order
+        Which part owns space first, see :func:`xden1k.rays.ownership_order`.
+    light
+        In as many energy groups as densities need.
+    outlines
+        In as few as outlines need.
+    noise_sd
+        Of each view, behind something opaque.
+    """
+
+    views: tuple[XRayView, ...]
+    parts: tuple[CapturePart, ...]
+    order: tuple[int, ...]
+    light: Light
+    outlines: Light
+    noise_sd: tuple[float, ...]
+
+    @property
+    def meshes(self) -> list[trimesh.Trimesh]:
+        """Of the parts."""
+        return [part.mesh for part in self.parts]
+
+
+def set_scene(capture: Capture, order: Sequence[int]) -> Scene:
+    """Work out beams and candidates of a capture.
+
+    Parameters
+    ----------
+    capture
+        With a tube or a photon energy.
+    order
+        Which part owns space first.
+
+    Raises
+    ------
+    DataError
+        If the source is not known or outside the tables.
+    """
+    if capture.tube is None:
+        raise DataError("the polychromatic fit needs a tube or a photon energy in scanner.toml")
+    fine, few = (
+        energy_groups(capture.tube, capture.detector.scintillator, count)
+        for count in (GROUPS, OUTLINE_GROUPS)
+    )
+    beams = [view_beam(capture, view, fine) for view in capture.views]
+    return Scene(
+        capture.views,
+        capture.parts,
+        tuple(order),
+        _light(fine, beams, capture.parts),
+        _light(few, [beam.regrouped(few) for beam in beams], capture.parts),
+        tuple(capture.noise_sd.get(view.name, 0.0) for view in capture.views),
+    )
+
+
+def _light(groups: EnergyGroups, beams: Sequence[ViewBeam], parts: Sequence[CapturePart]) -> Light:
+    return Light(groups, tuple(beams), tuple(candidate_table(part, groups) for part in parts))

@@ -1,0 +1,124 @@
+"""From a capture and its space to fits: by the tube's spectrum if known, attenuation always."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from xden1k.rays import PathLengths, path_lengths
+from xden_builder.audit.view import ViewAudit, audit_image, audit_view, noise_floor
+from xden_builder.capture import Capture
+from xden_builder.fit import LacFit, fit_lac, fit_lac_adam
+from xden_builder.fit.density import PartDensity, part_densities
+from xden_builder.poly.judgement import PolyFit
+from xden_builder.poly.line import fit_poly
+from xden_builder.reconstruct.settings import BuildSettings
+from xden_builder.reconstruct.space import Space
+
+__all__ = ["Explained", "ModelUsed", "explain"]
+
+ModelUsed = Literal["paper", "poly", "mono", "attenuation"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Explained:
+    """What the radiographs were explained by, and how well.
+
+    Parameters
+    ----------
+    capture
+        Its views where the refined pose sees the scanner from the meshes.
+    model
+        ``paper``, ``poly``, ``mono`` or, without a known source, ``attenuation``.
+    lengths
+        Of the parts, in each view.
+    fit
+        One attenuation coefficient for each part.
+    poly
+        None where the source has no spectrum.
+    audits
+        How well the fit explains each view.
+    """
+
+    capture: Capture
+    model: ModelUsed
+    lengths: tuple[PathLengths, ...]
+    fit: LacFit
+    poly: PolyFit | None
+    audits: tuple[ViewAudit, ...]
+
+    def densities(self) -> tuple[PartDensity, ...]:
+        """Of each part: the polychromatic fit's, else by attenuation.
+
+        Raises
+        ------
+        DataError
+            If the photon energy lies outside the tables.
+        """
+        if self.poly is not None:
+            return self.poly.parts
+        return part_densities(self.fit, self.capture.parts, self.capture.tube)
+
+
+def explain(capture: Capture, space: Space, settings: BuildSettings) -> Explained:
+    """Fit everything that the source allows.
+
+    Raises
+    ------
+    DataError
+        If the tube lies outside the tables.
+    """
+    model, poly = _model_used(capture, settings), None
+    if model == "poly":
+        poly = fit_poly(capture, space.order, space.volumes_cm3, settings.poly)
+        capture = _turned(capture, poly)
+    subrays = 1 if settings.model == "paper" else settings.subrays
+    lengths = [
+        path_lengths(space.meshes, space.order, view.geometry, subrays) for view in capture.views
+    ]
+    fit = _fit(capture, lengths, settings)
+    audits = _audits(capture, lengths, fit, poly)
+    return Explained(capture, model, tuple(lengths), fit, poly, audits)
+
+
+def _model_used(capture: Capture, settings: BuildSettings) -> ModelUsed:
+    """``paper``, ``poly``, ``mono`` or, without a known source, ``attenuation``."""
+    if settings.model == "paper" or capture.tube is None:
+        return settings.model if capture.tube is not None else "attenuation"
+    return "mono" if capture.tube.kv is None else "poly"
+
+
+def _turned(capture: Capture, poly: PolyFit) -> Capture:
+    """Put the scanner where the refined pose sees it from the meshes."""
+    pa, lat = (
+        replace(view, geometry=seen.geometry)
+        for view, seen in zip(capture.views, poly.solution.seen, strict=True)
+    )
+    return replace(capture, views=(pa, lat))
+
+
+def _fit(capture: Capture, lengths: Sequence[PathLengths], settings: BuildSettings) -> LacFit:
+    views = list(zip(lengths, capture.views, strict=True))
+    if settings.model == "paper":
+        return fit_lac_adam(views)
+    return fit_lac(views, dark_sd=capture.noise_sd)
+
+
+def _audits(
+    capture: Capture, lengths: Sequence[PathLengths], fit: LacFit, poly: PolyFit | None
+) -> tuple[ViewAudit, ...]:
+    """How well the fit explains its own images."""
+    found = []
+    for number, (view, each) in enumerate(zip(capture.views, lengths, strict=True)):
+        floor = noise_floor(capture, view.name)
+        if poly is None:
+            lac, gain = np.nan_to_num(fit.lac_per_cm), float(fit.gain[number])
+            found.append(audit_view(view, each, lac, gain=gain, floor=floor))
+        else:
+            gain = float(poly.solution.nuisances(number)[0])
+            model = poly.solution.image(number, each)
+            found.append(audit_image(view, each, model, gain=gain, floor=floor))
+    return tuple(found)

@@ -1,0 +1,115 @@
+"""What an object says of how it was made: fit report, provenance, uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from xden1k.rays import PathLengths
+from xden1k.values.plain import plain
+from xden_builder.fit.density import PartDensity
+from xden_builder.poly.judgement import PolyFit
+from xden_builder.poly.posterior.problem import MASS_SD_SHARE
+from xden_builder.reconstruct.explained import Explained
+from xden_builder.reconstruct.rigid import rigid_sd
+from xden_builder.reconstruct.settings import BuildSettings
+
+__all__ = ["report"]
+
+
+def report(
+    explained: Explained,
+    regions: Sequence[trimesh.Trimesh],
+    densities: Sequence[PartDensity],
+    settings: BuildSettings,
+) -> Mapping[str, Any]:
+    """Give what ``meta`` keeps: nothing of the machine or the hour, so that bytes repeat.
+
+    Parameters
+    ----------
+    explained
+        The fits.
+    regions, densities
+        Of the parts.
+    settings
+        How it was rebuilt.
+    """
+    capture, poly = explained.capture, explained.poly
+    names = [part.name for part in capture.parts]
+    return (
+        _fits(explained, settings)
+        | _uncertainty(regions, densities, poly, capture.weighed_mass_g)
+        | ({} if poly is None else {"poly": plain(poly.report(names))})
+    )
+
+
+def _fits(explained: Explained, settings: BuildSettings) -> dict[str, Any]:
+    """Fit report and provenance."""
+    capture, fit = explained.capture, explained.fit
+    names = [view.name for view in capture.views]
+    meta = {
+        "model": explained.model,
+        "settings": asdict(settings),
+        "tube": None if capture.tube is None else asdict(capture.tube),
+        "fit": {
+            **fit.report,
+            "loss": fit.loss,
+            "lac_sd_per_cm": {
+                part.name: sd
+                for part, sd in zip(capture.parts, fit.lac_sd_per_cm.tolist(), strict=True)
+            },
+            "gain": dict(zip(names, fit.gain.tolist(), strict=True)),
+        },
+        "reprojection": {
+            audit.name: {
+                "transmission_mae": audit.transmission_mae,
+                "transmission_corr": audit.transmission_corr,
+            }
+            for audit in explained.audits
+        },
+        "overlap_share": {
+            name: _overlap_share(view) for name, view in zip(names, explained.lengths, strict=True)
+        },
+        "priorities": {part.name: part.priority for part in capture.parts},
+        "notes": capture.notes,
+    }
+    cleaned: dict[str, Any] = plain(meta)  # a part that no ray meets has no standard deviation
+    return cleaned
+
+
+def _overlap_share(lengths: PathLengths) -> float:
+    """Share of the way through the object that two or more annotated parts claim."""
+    total = float(lengths.lengths_cm.sum(dtype=np.float64)) / lengths.lengths_cm.shape[1]
+    return float(lengths.shared_cm.sum(dtype=np.float64)) / total if total else 0.0
+
+
+def _uncertainty(
+    regions: Sequence[trimesh.Trimesh],
+    densities: Sequence[PartDensity],
+    poly: PolyFit | None,
+    weighed_mass_g: float | None,
+) -> dict[str, Any]:
+    """Give standard deviations of the mass properties, if every density is known."""
+    known = np.array([density.density_g_cm3 for density in densities])
+    if np.isnan(known).any():
+        return {}
+    sds = np.array([density.sd_g_cm3 for density in densities])
+    covariance = np.diag(sds**2) if poly is None else poly.covariance
+    weighed_sd_g = None
+    if poly is not None and weighed_mass_g is not None:
+        weighed_sd_g = MASS_SD_SHARE * weighed_mass_g
+    sd = rigid_sd(regions, known, covariance, weighed_sd_g=weighed_sd_g)
+    return {
+        "uncertainty": {
+            "mass_sd_g": sd.mass_g,
+            "com_sd_cm": sd.com_cm.tolist(),
+            "inertia_sd_g_cm2": [
+                float(sd.inertia_g_cm2[axes])
+                for axes in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+            ],
+        }
+    }
