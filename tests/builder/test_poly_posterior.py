@@ -107,7 +107,7 @@ def test_what_is_not_modelled_stays_where_it_is(gain, stray):
 
 
 def test_settings_switch_the_pose_off():
-    assert solved(captured(tool(), size=32), pose=False).pose is None
+    assert solved(captured(tool(), size=32), pose=False).samples.pose is None
 
 
 def test_prior_of_a_view_allows_for_several_percent_of_exposure():
