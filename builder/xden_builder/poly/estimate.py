@@ -113,7 +113,7 @@ def estimate(samples: Samples, mass: Mass | None, settings: PolySettings) -> Sol
     count = sum(len(each.samples.pixels) for each in seen)
     share = min(1.0, settings.worth_a_part * parts / max(count, 1))
     best = samples.guess.choice
-    now = loosened(light.taken_for(best))
+    now = loosened(samples.guess.stand_ins)
     problem = _problem(seen, now, density, share, mass, settings)
     nuisances = problem.prior.mean[parts:]
     for _ in range(SWEEPS):

@@ -48,7 +48,8 @@ def fit_poly(
         If the source is not known or outside the tables.
     """
     mass = None if capture.weighed_mass_g is None else Mass(capture.weighed_mass_g, volumes_cm3)
-    return fit_samples(sampled(capture, order, settings), mass, settings)
+    samples = sampled(capture, order, settings)
+    return fit_samples(samples, mass, settings)
 
 
 def sampled(capture: Capture, order: Sequence[int], settings: PolySettings = DEFAULT) -> Samples:
@@ -67,4 +68,5 @@ def sampled(capture: Capture, order: Sequence[int], settings: PolySettings = DEF
 
 def fit_samples(samples: Samples, mass: Mass | None, settings: PolySettings = DEFAULT) -> PolyFit:
     """Go through the stages that follow: estimate, judgement."""
-    return judge(estimate(samples, mass, settings))
+    solution = estimate(samples, mass, settings)
+    return judge(solution)

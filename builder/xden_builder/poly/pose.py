@@ -16,11 +16,9 @@ import trimesh
 from jaxtyping import Float64
 
 from xden1k.values.views import ViewGeometry, XRayView
-from xden_builder.fit.box import box_minimum
-from xden_builder.fit.problem import Evaluation
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.frames import POSE_UNKNOWNS, Pose, posed
-from xden_builder.poly.pyramid import Level
+from xden_builder.poly.pyramid import Level, descend
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import Guess
 
@@ -32,11 +30,6 @@ DENSITY_SHARES: Final = (0.3, 10.0)
 """Least and most density in shares of the first guess: a part that fades away has no pose."""
 COARSEST_PX: Final = 32
 """Images are never smaller."""
-FIRST_DAMPING: Final = 1e-3
-MOST_STEPS: Final = 5
-"""Between two derivatives."""
-SETTLED_SHARE: Final = 1e-3
-"""Of the loss: a step that gains less ends a resolution."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +62,7 @@ def find_pose(guess: Guess, settings: PolySettings) -> Placement:
         scene.outlines.beams,
         scene.meshes,
         scene.order,
-        scene.outlines.taken_for(guess.choice).mac_cm2_g,
+        guess.outline_stand_ins.mac_cm2_g,
         guess.density_g_cm3,
     )
     return Placement(
@@ -147,7 +140,7 @@ def refine_pose(
         level = Level.of(views, beams, meshes, order, mac_cm2_g, origin, binning, points, radius_cm)
         if rms_before is None:
             rms_before = level.rms(unknowns)
-        unknowns, hessian = _descend(level, unknowns, most, low, high)
+        unknowns, hessian = descend(level, unknowns, most, low, high)
     assert rms_before is not None
     told = hessian + 1e-9 * np.diag(hessian.diagonal())
     covariance = np.linalg.pinv(told, hermitian=True)
@@ -159,51 +152,3 @@ def refine_pose(
         rms_before=rms_before,
         rms_after=level.rms(unknowns),
     )
-
-
-def _descend(
-    level: Level,
-    unknowns: Float64[np.ndarray, "u"],
-    most: int,
-    low: Float64[np.ndarray, "u"],
-    high: Float64[np.ndarray, "u"],
-) -> tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u u"]]:
-    """Take damped Gauss-Newton steps, and give half the curvature there too.
-
-    Derivatives cost a dozen times as much as residuals, so several steps share them.
-    """
-    residuals, damping = level.residuals(unknowns), FIRST_DAMPING
-    for _ in range(most):
-        slopes = level.slopes(unknowns)
-        here = first = level.evaluate(unknowns, residuals, slopes)
-        for _ in range(MOST_STEPS):
-            ahead = _ahead(unknowns, here, damping, low, high)
-            seen = level.residuals(ahead)
-            then = level.evaluate(ahead, seen, slopes)
-            if then.loss >= here.loss:
-                damping *= 10
-                continue
-            gained = here.loss - then.loss
-            unknowns, residuals, here = ahead, seen, then
-            damping = max(damping / 10, 1e-6)
-            if gained < SETTLED_SHARE * here.loss:
-                break
-        if first.loss - here.loss < SETTLED_SHARE * here.loss:
-            break
-    return unknowns, here.hessian
-
-
-def _ahead(
-    unknowns: Float64[np.ndarray, "u"],
-    here: Evaluation,
-    damping: float,
-    low: Float64[np.ndarray, "u"],
-    high: Float64[np.ndarray, "u"],
-) -> Float64[np.ndarray, "u"]:
-    """Solve between bounds, with each unknown scaled to unit curvature."""
-    scale = 1 / np.sqrt(here.hessian.diagonal().clip(min=1e-12))
-    scaled = here.hessian * np.outer(scale, scale) + damping * np.eye(len(scale))
-    step = box_minimum(
-        scaled, scale * here.gradient, (low - unknowns) / scale, (high - unknowns) / scale
-    )
-    return np.asarray((unknowns + scale * step).clip(low, high))

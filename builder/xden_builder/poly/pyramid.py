@@ -1,4 +1,4 @@
-"""One resolution of the search for the pose: what is compared, and how it is rendered.
+"""One resolution of the search for the pose: what is compared, how it is rendered, the steps.
 
 Derivatives by pose are central differences of whole renderings, since outlines move.
 """
@@ -17,13 +17,14 @@ from xden1k.rays import PathLengths, path_lengths
 from xden1k.values.arrays import Mask
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.fit import huber
+from xden_builder.fit.box import box_minimum
 from xden_builder.fit.problem import Evaluation
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.direct import transmissions, transmissions_and_slopes
 from xden_builder.poly.model.frames import POSE_UNKNOWNS, Pose, binned, coarse, posed
 from xden_builder.poly.model.radiograph import GAIN_SD
 
-__all__ = ["Level"]
+__all__ = ["Level", "descend"]
 
 ROTATION_SD: Final = 0.03
 SHIFT_SD_CM: Final = 0.3
@@ -34,6 +35,11 @@ STEPS_CM: Final = 0.02
 PIXEL_SD: Final = 0.05
 WORTH: Final = 400.0
 """Independent observations that all pixels together are worth: their errors hang together."""
+FIRST_DAMPING: Final = 1e-3
+MOST_STEPS: Final = 5
+"""Between two derivatives."""
+SETTLED_SHARE: Final = 1e-3
+"""Of the loss: a step that gains less ends a resolution."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -208,3 +214,51 @@ def _window(
     low = np.floor(places.min(axis=0) - margin).astype(int).clip(min=0)
     high = (np.ceil(places.max(axis=0) + margin).astype(int) + 1).clip(min=0)
     return slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
+
+
+def descend(
+    level: Level,
+    unknowns: Float64[np.ndarray, "u"],
+    most: int,
+    low: Float64[np.ndarray, "u"],
+    high: Float64[np.ndarray, "u"],
+) -> tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u u"]]:
+    """Take damped Gauss-Newton steps, and give half the curvature there too.
+
+    Derivatives cost a dozen times as much as residuals, so several steps share them.
+    """
+    residuals, damping = level.residuals(unknowns), FIRST_DAMPING
+    for _ in range(most):
+        slopes = level.slopes(unknowns)
+        here = first = level.evaluate(unknowns, residuals, slopes)
+        for _ in range(MOST_STEPS):
+            ahead = _ahead(unknowns, here, damping, low, high)
+            seen = level.residuals(ahead)
+            then = level.evaluate(ahead, seen, slopes)
+            if then.loss >= here.loss:
+                damping *= 10
+                continue
+            gained = here.loss - then.loss
+            unknowns, residuals, here = ahead, seen, then
+            damping = max(damping / 10, 1e-6)
+            if gained < SETTLED_SHARE * here.loss:
+                break
+        if first.loss - here.loss < SETTLED_SHARE * here.loss:
+            break
+    return unknowns, here.hessian
+
+
+def _ahead(
+    unknowns: Float64[np.ndarray, "u"],
+    here: Evaluation,
+    damping: float,
+    low: Float64[np.ndarray, "u"],
+    high: Float64[np.ndarray, "u"],
+) -> Float64[np.ndarray, "u"]:
+    """Solve between bounds, with each unknown scaled to unit curvature."""
+    scale = 1 / np.sqrt(here.hessian.diagonal().clip(min=1e-12))
+    scaled = here.hessian * np.outer(scale, scale) + damping * np.eye(len(scale))
+    step = box_minimum(
+        scaled, scale * here.gradient, (low - unknowns) / scale, (high - unknowns) / scale
+    )
+    return np.asarray((unknowns + scale * step).clip(low, high))

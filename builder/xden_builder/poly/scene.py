@@ -16,7 +16,6 @@ from xden1k.values.views import XRayView
 from xden_builder.capture import Capture, CapturePart
 from xden_builder.physics.groups import GROUPS, EnergyGroups, energy_groups
 from xden_builder.poly.materials.candidates import CandidateTable, candidate_table
-from xden_builder.poly.materials.stand_ins import StandIns, certain
 from xden_builder.poly.model.beam import ViewBeam, view_beam
 
 __all__ = ["Light", "Scene", "set_scene"]
@@ -42,10 +41,6 @@ class Light:
     groups: EnergyGroups
     beams: tuple[ViewBeam, ...]
     tables: tuple[CandidateTable, ...]
-
-    def taken_for(self, choice: Sequence[int]) -> StandIns:
-        """Take each part for one of its candidates."""
-        return certain(self.tables, choice)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,16 +97,16 @@ def set_scene(capture: Capture, order: Sequence[int]) -> Scene:
         energy_groups(capture.tube, capture.detector.scintillator, count)
         for count in (GROUPS, OUTLINE_GROUPS)
     )
-    beams = [view_beam(capture, view, fine) for view in capture.views]
+    beams = tuple(view_beam(capture, view, fine) for view in capture.views)
+    few_beams = tuple(beam.regrouped(few) for beam in beams)
+    tables, few_tables = (
+        tuple(candidate_table(part, groups) for part in capture.parts) for groups in (fine, few)
+    )
     return Scene(
         capture.views,
         capture.parts,
         tuple(order),
-        _light(fine, beams, capture.parts),
-        _light(few, [beam.regrouped(few) for beam in beams], capture.parts),
+        Light(fine, beams, tables),
+        Light(few, few_beams, few_tables),
         tuple(capture.noise_sd.get(view.name, 0.0) for view in capture.views),
     )
-
-
-def _light(groups: EnergyGroups, beams: Sequence[ViewBeam], parts: Sequence[CapturePart]) -> Light:
-    return Light(groups, tuple(beams), tuple(candidate_table(part, groups) for part in parts))

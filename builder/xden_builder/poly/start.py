@@ -14,6 +14,7 @@ from jaxtyping import Float64
 from xden1k.rays import path_lengths
 from xden1k.values.views import XRayView
 from xden_builder.fit import fit_lac
+from xden_builder.poly.materials.stand_ins import StandIns, certain
 from xden_builder.poly.model.frames import binned, coarse
 from xden_builder.poly.model.stray import coarse_binning
 from xden_builder.poly.scene import Scene
@@ -38,12 +39,16 @@ class Guess:
         The object.
     choice
         Index of the candidate that each part is taken for.
+    stand_ins, outline_stand_ins
+        Those candidates, in the energy groups of densities and of outlines.
     density_g_cm3
         Shape (K,).
     """
 
     scene: Scene
     choice: list[int]
+    stand_ins: StandIns
+    outline_stand_ins: StandIns
     density_g_cm3: Float64[np.ndarray, "k"]
 
 
@@ -61,7 +66,10 @@ def first_guess(scene: Scene) -> Guess:
         score = table.log_prior - 0.5 * misfit**2
         clear = table.log_prior[0] > np.log(CLEAR)
         choice.append(0 if clear else int(np.argmax(score)))
-    return Guess(scene, choice, scene.light.taken_for(choice).mean_g_cm3)
+    taken_for, for_outlines = (
+        certain(light.tables, choice) for light in (scene.light, scene.outlines)
+    )
+    return Guess(scene, choice, taken_for, for_outlines, taken_for.mean_g_cm3)
 
 
 def _attenuation_per_cm(scene: Scene) -> Float64[np.ndarray, "k"]:

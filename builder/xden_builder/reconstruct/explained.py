@@ -12,7 +12,6 @@ from xden1k.rays import PathLengths, path_lengths
 from xden_builder.audit.view import ViewAudit, audit_image, audit_view, noise_floor
 from xden_builder.capture import Capture
 from xden_builder.fit import LacFit, fit_lac, fit_lac_adam
-from xden_builder.fit.density import PartDensity, part_densities
 from xden_builder.poly.judgement import PolyFit
 from xden_builder.poly.line import fit_poly
 from xden_builder.reconstruct.settings import BuildSettings
@@ -49,18 +48,6 @@ class Explained:
     fit: LacFit
     poly: PolyFit | None
     audits: tuple[ViewAudit, ...]
-
-    def densities(self) -> tuple[PartDensity, ...]:
-        """Of each part: the polychromatic fit's, else by attenuation.
-
-        Raises
-        ------
-        DataError
-            If the photon energy lies outside the tables.
-        """
-        if self.poly is not None:
-            return self.poly.parts
-        return part_densities(self.fit, self.capture.parts, self.capture.tube)
 
 
 def explain(capture: Capture, space: Space, settings: BuildSettings) -> Explained:
