@@ -8,6 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+from mypy import api
 
 import xden1k
 
@@ -44,3 +45,13 @@ def test_the_version_is_the_packages() -> None:
 def test_an_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="module 'xden1k' has no attribute 'nothing'"):
         xden1k.nothing  # noqa: B018
+
+
+def test_type_checkers_tell_of_a_misspelt_name(tmp_path: Path) -> None:
+    probe = tmp_path / "probe.py"
+    probe.write_text("import xden1k\n\nxden1k.XDen1K, xden1k.__version__.upper()\nxden1k.XDen2K\n")
+    alone = ["--config-file=", "--follow-imports=skip", f"--cache-dir={tmp_path / 'cache'}"]
+    said, problem, status = api.run([*alone, str(probe), xden1k.__file__])
+    assert (problem, status) == ("", 1)
+    (error,) = [line for line in said.splitlines() if ": error: " in line]
+    assert error.startswith(f'{probe}:4: error: Module has no attribute "XDen2K"')
