@@ -48,7 +48,7 @@ def with_objects(entry: Path, data: bytes) -> None:
     ("text", "message"),
     [
         ("[" * 200_000, "not JSON: maximum recursion depth"),
-        ('{"a": ' * 3000, "not JSON: maximum recursion depth"),
+        ('{"a": ' * 200_000, "not JSON: maximum recursion depth"),
         ("1" * 5000, "not JSON: Exceeds the limit"),
         ("{", "not JSON: Expecting"),
         ('"' + "x" * (16 << 20) + '"', "larger than 16777216 bytes"),
