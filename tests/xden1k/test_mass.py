@@ -81,6 +81,13 @@ def test_a_mesh_wound_inwards_is_a_hole_and_not_left_out() -> None:
     assert_close(found, wanted)
 
 
+def test_meshes_without_volume_weigh_nothing_and_do_not_count() -> None:
+    flat = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2], [2, 1, 0]], process=False)
+    unit = cube((1, 2, 3), 1.0)
+    alone = mass_of_meshes([unit], [2.0])
+    assert_close(mass_of_meshes([trimesh.Trimesh(), unit, flat], [9.0, 2.0, 9.0]), alone)
+
+
 @pytest.mark.parametrize(
     "nothing",
     [

@@ -62,16 +62,17 @@ def mass_of_meshes(
     """
     if len(meshes) != len(densities_g_cm3):
         raise DataError(f"{len(meshes)} meshes need as many densities, got {len(densities_g_cm3)}")
-    bodies = [
-        (
-            float(mesh.volume) * density,
-            np.asarray(mesh.center_mass),
-            # trimesh integrates with density 1 unless a mesh says otherwise
-            np.asarray(mesh.moment_inertia) / mesh.density * density,
-        )
-        for mesh, density in zip(meshes, densities_g_cm3, strict=True)
-        if len(mesh.faces) and float(mesh.volume) != 0.0  # an empty mesh makes trimesh divide by 0
-    ]
+    with np.errstate(divide="ignore", invalid="ignore"):  # trimesh divides by a volume of nothing
+        bodies = [
+            (
+                float(mesh.volume) * density,
+                np.asarray(mesh.center_mass),
+                # trimesh integrates with density 1 unless a mesh says otherwise
+                np.asarray(mesh.moment_inertia) / mesh.density * density,
+            )
+            for mesh, density in zip(meshes, densities_g_cm3, strict=True)
+            if float(mesh.volume) != 0.0
+        ]
     return _joined(
         np.array([mass for mass, _, _ in bodies]),
         np.array([com for _, com, _ in bodies]).reshape(-1, 3),
