@@ -1,5 +1,6 @@
 """Path lengths against half-space clipping and ray/triangle sums, and the laws they obey."""
 
+import dataclasses
 import importlib
 import sys
 from itertools import pairwise
@@ -357,3 +358,80 @@ def test_without_numba_the_pip_command_is_given(monkeypatch):
     monkeypatch.setitem(sys.modules, "numba", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'xden1k\[build\]'"):
         importlib.reload(kernels)
+
+
+@pytest.mark.parametrize("shape", [(16, 40), (40, 16)])
+def test_rows_and_columns_of_an_oblong_detector_are_not_confused(shape):
+    geometry = dataclasses.replace(view(), shape=shape)
+    mesh = turned(trimesh.creation.icosphere(2, 5.0), seed=6)  # beyond the shorter side
+    lengths = path_lengths([mesh], [0], geometry, subrays=2)
+    wanted = length_in_convex(mesh, geometry.refined(2))
+    by_pixel = wanted.reshape(shape[0], 2, shape[1], 2).swapaxes(1, 2).reshape(-1, 4)
+    np.testing.assert_array_equal(lengths.pixels, np.flatnonzero(by_pixel.any(axis=1)))
+    np.testing.assert_allclose(lengths.lengths_cm[:, :, 0], by_pixel[lengths.pixels], atol=2e-6)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    rows=st.tuples(st.integers(-30, 60), st.integers(1, 50)),
+    columns=st.tuples(st.integers(-30, 60), st.integers(1, 50)),
+    subrays=st.integers(1, 4),
+)
+def test_a_window_grows_to_no_more_than_the_pixels_it_touches(rows, columns, subrays):
+    shape = (7, 11)
+    window = (rows[0], sum(rows), columns[0], sum(columns))
+    grown = lengths_module._whole_pixels(window, subrays, shape)
+    for axis, size in enumerate(shape):
+        touched = set(range(*window[2 * axis : 2 * axis + 2]))
+        pixels = [
+            pixel
+            for pixel in range(size)
+            if touched & set(range(pixel * subrays, (pixel + 1) * subrays))
+        ]
+        first, end = grown[2 * axis : 2 * axis + 2]
+        assert [ray // subrays for ray in range(first, end, subrays)] == pixels
+        assert end - first == len(pixels) * subrays
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=seeds, subrays=st.integers(1, 3), limit=st.integers(1, 400))
+def test_bands_tile_the_window_and_hold_about_as_many_crossings_as_allowed(seed, subrays, limit):
+    counts = np.random.default_rng(seed).integers(0, 9, (subrays * 12, 5), dtype=np.int32)
+    window = (6, 6 + len(counts), 20, 25)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lengths_module, "CROSSINGS_AT_ONCE", limit)
+        bands = list(lengths_module._bands(counts, window, subrays))
+    assert [band[2:] for band in bands] == [(20, 25)] * len(bands)
+    assert [bands[0][0], *(band[1] for band in bands)] == [*(band[0] for band in bands), window[1]]
+    assert all((band[1] - band[0]) % subrays == 0 < band[1] - band[0] for band in bands)
+    held = [int(counts[band[0] - 6 : band[1] - 6].sum()) for band in bands]
+    largest_row = counts.reshape(12, -1).sum(axis=1).max()
+    assert max(held) < limit + largest_row
+    assert len(bands) <= counts.sum() // limit + 1
+
+
+def test_a_band_takes_the_memory_that_the_module_says():
+    assert f"{10 * lengths_module.CROSSINGS_AT_ONCE / 1e6:.0f} MB" in lengths_module.__doc__
+
+
+def test_too_few_coefficients_are_counted_by_part_not_by_ray():
+    meshes = [turned(SOLIDS["box"], seed) for seed in (1, 2)]
+    lengths = path_lengths(meshes, [0, 1], view(size=8), subrays=3)
+    with pytest.raises(DataError, match=r"^2 parts need as many coefficients, got 1$"):
+        lengths.transmission(np.ones(1))
+
+
+def test_coefficients_of_single_precision_are_summed_in_double():
+    lengths = path_lengths([turned(SOLIDS["box"], 1)], [0], view())
+    lac = np.array([0.3], dtype=np.float32)
+    np.testing.assert_array_equal(
+        lengths.transmission(lac), lengths.transmission(lac.astype(np.float64))
+    )
+
+
+def test_path_lengths_are_a_frozen_value_that_equals_only_itself():
+    one, other = (path_lengths([SOLIDS["box"]], [0], view(size=8)) for _ in range(2))
+    assert one != other  # arrays have no one truth to compare by
+    assert not hasattr(one, "__dict__")
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        one.shape = (1, 1)
