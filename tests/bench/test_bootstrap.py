@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from xden_bench.scoring.bootstrap import estimate, resampled_means
+from xden_bench.scoring.bootstrap import SAME, Estimate, estimate, resampled_means
 
 
 def test_means_agree_with_a_loop() -> None:
@@ -45,3 +47,17 @@ def test_metrics_are_independent_of_their_neighbours() -> None:
 def test_one_object_has_an_interval_of_no_width() -> None:
     (one,) = estimate(np.array([[2.0]]), 100, 0)
     assert (one.low, one.mean, one.high) == (2.0, 2.0, 2.0)
+
+
+def test_an_estimate_is_a_frozen_value_and_stored_as_its_mean_and_interval() -> None:
+    one = Estimate(2.0, 1.0, 4.0)
+    assert one.to_json() == {"mean": 2.0, "ci95": [1.0, 4.0]}
+    assert one == Estimate(2.0, 1.0, 4.0)
+    assert not hasattr(one, "__dict__")
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        one.mean = 3.0
+
+
+def test_what_float32_rounds_away_is_the_same_and_no_digit_that_is_printed() -> None:
+    densities = np.geomspace(1e-3, 20, 1000)
+    assert np.abs(densities.astype(np.float32) - densities).max() < SAME < 0.5e-4
