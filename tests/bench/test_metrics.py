@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -13,6 +14,7 @@ from hypothesis.extra import numpy as npst
 from xden_bench.scoring.calibration import density_crps_g_cm3, score_sd
 from xden_bench.scoring.metrics import (
     METRICS,
+    Metric,
     density_mae_g_cm3,
     integrate,
     nonuniformity,
@@ -295,3 +297,54 @@ def test_losses_are_lower_where_a_method_is_better() -> None:
     assert METRICS["mass_mnre"].loss(np.array([0.1, 0.2])).tolist() == [-0.1, -0.2]
     near, far = METRICS["density_within_1sd"].loss(np.array([0.7, 1.0]))
     assert near < far
+
+
+def test_a_nominal_value_is_the_share_of_the_normal_law() -> None:
+    for sds in (1, 2):
+        metric = METRICS[f"density_within_{sds}sd"]
+        assert metric.nominal == round(math.erf(sds / math.sqrt(2)), 3)
+        assert metric.higher_is_better is None
+        np.testing.assert_allclose(metric.loss(metric.nominal + np.array([-0.25, 0.25])), 0.25)
+
+
+def test_only_the_ratio_of_masses_is_better_the_higher() -> None:
+    plain = {name: one for name, one in METRICS.items() if one.nominal is None}
+    assert {name for name, one in plain.items() if one.higher_is_better} == {"mass_mnre"}
+    assert {one.higher_is_better for one in plain.values()} == {True, False}
+
+
+@pytest.mark.parametrize(
+    ("name", "heading"),
+    [
+        ("density_mae_g_cm3", "density MAE, g/cm³ ↓"),
+        ("com_l1_cm", "CoM L1, cm ↓"),
+        ("com_l2_cm", "CoM L2, cm ↓"),
+        ("mass_mape", "mass MAPE ↓"),
+        ("mass_alde", "mass ALDE ↓"),
+        ("mass_mnre", "mass MnRE ↑"),
+        ("inertia_error", "inertia error ↓"),
+        ("nonuniformity_error", "non-uniformity error ↓"),
+        ("density_crps_g_cm3", "density CRPS, g/cm³ ↓"),
+        ("density_within_1sd", "within 1 sd (→ 0.683)"),
+        ("density_within_2sd", "within 2 sd (→ 0.954)"),
+    ],
+)
+def test_a_heading_gives_the_unit_and_which_way_is_better(name: str, heading: str) -> None:
+    assert METRICS[name].heading == heading
+
+
+def test_a_metric_is_an_error_unless_it_says_otherwise_and_cannot_be_changed() -> None:
+    metric = Metric("errors")
+    assert (metric.higher_is_better, metric.nominal) == (False, None)
+    assert metric == Metric("errors")
+    assert not hasattr(metric, "__dict__")
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        metric.title = "other"
+
+
+def test_voxels_of_single_precision_are_summed_in_double() -> None:
+    guess = np.full((64, 64, 64), 0.1, np.float32)
+    share = np.full((64, 64, 64), 0.7, np.float32)
+    error = density_mae_g_cm3(0 * guess, guess, share)
+    product = float(np.float32(0.1) * np.float32(0.7))
+    assert error == pytest.approx(product / float(np.float32(0.7)), rel=1e-12)
