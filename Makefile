@@ -2,7 +2,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
 
-.PHONY: setup demo test test-all lint speed sample leaderboard clean
+.PHONY: setup demo test test-all lint docs speed sample leaderboard clean
 
 setup: $(STAMP)
 
@@ -10,7 +10,7 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=python3.11 ...")'
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet -c constraints.txt torch==2.13.0
-	$(BIN)/pip install --quiet -c constraints.txt -e ".[build,cluster,dev]"
+	$(BIN)/pip install --quiet -c constraints.txt -e ".[build,cluster,dev,docs]"
 	touch $@
 
 demo: setup
@@ -31,6 +31,9 @@ lint: setup
 	rm -rf build/wheel
 	$(BIN)/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir build/wheel .
 	$(BIN)/check-wheel-contents build/wheel/*.whl
+
+docs: setup  # the site, in build/site
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 
 speed: setup
 	$(BIN)/xden-build speed
