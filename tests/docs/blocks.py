@@ -58,7 +58,9 @@ class Block:
         if said in ("", "Illustration", "Slow"):
             kinds: dict[str, Kind] = {"": "run", "Illustration": "illustration", "Slow": "slow"}
             return kinds[said]
-        raise ValueError(f"{self.where}: title {self.title!r}, expected 'Illustration: why' or 'Slow: ...'")
+        raise ValueError(
+            f"{self.where}: title {self.title!r}, expected 'Illustration: why' or 'Slow: ...'"
+        )
 
     @property
     def where(self) -> str:

@@ -12,7 +12,8 @@ import shlex
 import shutil
 import subprocess
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,12 +25,15 @@ from filelock import FileLock
 from tests.docs.blocks import Block
 from xden1k.cli import cli as xden
 from xden_bench.cli import cli as xden_bench
+from xden_builder import workers
 from xden_builder.cli import cli as xden_build
 
 PROGRAMS = {"xden": xden, "xden-build": xden_build, "xden-bench": xden_bench}
 SMALL_TOOLS = ("cat", "cp", "ls", "mkdir", "rm")
-MAKERS = ("xden-build phantoms", "xden-build run", "xden-bench baseline")
+MAKERS = ("xden-build phantoms", "xden-build run", "xden-build audit", "xden show")
 """Commands whose results pages share, where they and all that stood before them are the same."""
+FIRST = "xden-build phantoms"
+"""What stood before this one does not matter."""
 EXITS = re.compile(r"# exits with (\d)$")
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
@@ -103,17 +107,19 @@ class Player:
         if not line.startswith(MAKERS):
             return _invoke(words)
         self.history.append(" ".join(words))
-        return self._make(words)
+        return self._make(words, self.history[-1:] if line.startswith(FIRST) else self.history)
 
-    def _make(self, words: list[str]) -> tuple[int, str]:
+    def _make(self, words: list[str], history: list[str]) -> tuple[int, str]:
         """Run a command, or take over what it has made for another page."""
-        digest = hashlib.sha256("\n".join(self.history).encode()).hexdigest()
+        digest = hashlib.sha256("\n".join(history).encode()).hexdigest()
         place = self.kept / digest[:16]
         with FileLock(f"{place}.lock"):
             if not place.exists():
                 before = self._snapshot()
                 code, out = _invoke(words)
-                made = [name for name, state in self._snapshot().items() if state != before.get(name)]
+                made = [
+                    name for name, state in self._snapshot().items() if state != before.get(name)
+                ]
                 partial = place.with_suffix(".partial")
                 partial.mkdir(parents=True)
                 for name in made:
@@ -168,8 +174,29 @@ def _copy(source: Path, target: Path) -> None:
         shutil.copy2(source, target)
 
 
+class InThisProcess(ProcessPoolExecutor):
+    """In place of a pool of processes, each of which would import everything again."""
+
+    def __init__(self, *_: object, **__: object) -> None: ...
+
+    def __enter__(self) -> InThisProcess:
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def submit(self, task: Callable[[Any], Any], key: Any) -> Future[Any]:
+        """Do it now."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(task(key))
+        except Exception as err:
+            future.set_exception(err)
+        return future
+
+
 def clean_environment(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
     """Let nothing of the machine be seen: no data, no cache, no network."""
+    monkeypatch.setattr(workers, "ProcessPoolExecutor", InThisProcess)
     for name in list(os.environ):
         if name.startswith("XDEN"):
             monkeypatch.delenv(name)
