@@ -19,6 +19,7 @@ from xden1k.values.types import SPLITS
 from xden_builder.phantoms import plan_objects
 
 MANUAL = SAMPLE.parent / "README.md"
+LOADING = SAMPLE.parents[1] / "docs" / "manual" / "load.md"
 
 
 def test_the_sample_is_sound_small_and_simulated() -> None:
@@ -41,7 +42,7 @@ def test_header_names_exactly_the_files_of_the_sample(request: pytest.FixtureReq
 
 
 def test_code_of_the_manual_runs(tmp_path: Path) -> None:
-    blocks = re.findall(r"```python\n(.*?)```", MANUAL.read_text(encoding="utf-8"), re.DOTALL)
+    blocks = re.findall(r"```python\n(.*?)```", LOADING.read_text(encoding="utf-8"), re.DOTALL)
     assert len(blocks) == 5
     environment = {name: value for name, value in os.environ.items() if name != "XDEN1K_ROOT"}
     environment |= {
