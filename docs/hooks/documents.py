@@ -25,6 +25,7 @@ DOCUMENTS = {
     "project/contributing.md": "CONTRIBUTING.md",
     "project/leaderboard.md": "LEADERBOARD.md",
     "project/readme.md": "README.md",
+    "project/security.md": "SECURITY.md",
     "project/builder.md": "builder/README.md",
     "project/benchmarks.md": "benchmarks/README.md",
     "project/space.md": "benchmarks/space/README.md",
