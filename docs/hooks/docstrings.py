@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from griffe import Extension, Object
+from griffe import Extension, Module, Object
 
 ROLE = re.compile(r":(?:class|func|meth|mod|data|attr|exc|obj):`~?([^`]+)`")
 
@@ -13,10 +13,17 @@ ROLE = re.compile(r":(?:class|func|meth|mod|data|attr|exc|obj):`~?([^`]+)`")
 class MarkdownDocstrings(Extension):
     """Turns roles and literal blocks into what the site renders."""
 
-    def on_object(self, *, obj: Object, **_: Any) -> None:
-        """Rewrite the docstring of one object."""
-        if obj.docstring:
-            obj.docstring.value = as_markdown(obj.docstring.value)
+    def on_package(self, *, pkg: Module, **_: Any) -> None:
+        """Rewrite every docstring of a package."""
+        _rewrite(pkg)
+
+
+def _rewrite(obj: Object) -> None:
+    if obj.docstring:
+        obj.docstring.value = as_markdown(obj.docstring.value)
+    for member in obj.members.values():
+        if not member.is_alias:
+            _rewrite(member)
 
 
 def as_markdown(text: str) -> str:

@@ -15,6 +15,8 @@ from typing import Any
 
 from mkdocs.structure.files import File, Files
 
+from docs.hooks.docstrings import as_markdown
+
 ROOT = Path(__file__).parents[2]
 PACKAGES = {
     "xden1k": "xden1k",
@@ -147,7 +149,7 @@ def _content(uri: str, held: list[Module]) -> Iterator[str]:
         own = [name for name in module.public if name not in module.imported]
         if module.is_package and module.imported:
             yield _described(module, [])
-            yield f"From here: {', '.join(_links(module))}.\n"
+            yield "\n".join(_exports(module)) + "\n"
             if own and own != ["__version__"]:
                 yield _described(module, own, docstring=False)
         else:
@@ -168,10 +170,37 @@ def _described(module: Module, names: list[str], docstring: bool = True) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _links(module: Module) -> Iterator[str]:
-    for name in module.public:
-        if name in module.imported:
-            yield f"[`{name}`][{module.imported[name]}.{name}]"
+def _exports(module: Module) -> Iterator[str]:
+    """Write a table of what a package gives on from its modules."""
+    yield "| from here | what it is |"
+    yield "| --- | --- |"
+    for name, source in sorted(module.imported.items()):
+        home, words = _definition(source, name)
+        yield f"| [`{name}`][{home}.{name}] | {as_markdown(words).replace('|', '&#124;')} |"
+
+
+def _definition(module: str, name: str) -> tuple[str, str]:
+    """Return the module that defines a name, and what its docstring begins with."""
+    package, *parts = module.split(".")
+    place = (ROOT / PACKAGES[package]).joinpath(*parts)
+    path = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
+    if source := _module(module, path).imported.get(name):
+        return _definition(source, name)
+    body = ast.parse(path.read_text(encoding="utf-8")).body
+    for node, after in zip(body, [*body[1:], None], strict=True):
+        text = ""
+        if isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name == name:
+            text = ast.get_docstring(node) or ""
+        elif name in _assigned(node) and isinstance(after, ast.Expr):
+            text = str(ast.literal_eval(after.value))  # a constant's stands below it
+        if text:
+            return module, " ".join(text.split("\n\n")[0].split())
+    return module, ""
+
+
+def _assigned(node: ast.stmt) -> list[str]:
+    targets = getattr(node, "targets", [getattr(node, "target", None)])
+    return [target.id for target in targets if isinstance(target, ast.Name)]
 
 
 def _commands() -> str:
