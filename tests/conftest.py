@@ -1,9 +1,18 @@
-"""Fixtures every area uses."""
+"""Fixtures every area uses, and how many examples Hypothesis draws.
+
+The profile ``fast`` is the one of ``make test``: few examples, the same each time. ``make test-all``
+draws new ones, and more, with ``--hypothesis-profile all``. In neither has a test a deadline.
+"""
 
 import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("fast", max_examples=20, deadline=None, derandomize=True)
+settings.register_profile("all", max_examples=100, deadline=None)
+settings.load_profile("fast")
 
 SHARED_DATA = Path(
     os.environ.get("XDEN1K_TEST_DATA", Path(__file__).parents[2] / "shared" / "data")
