@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from transformers import CLIPModel
 
 from tests.baselines.tiny_clip import FEATURES, tiny_clip
 from xden1k.errors import DataError
@@ -58,6 +57,8 @@ def test_patches_are_scaled_and_standardised_as_clip_was_trained(
     weights: Path, encoder: ClipEncoder
 ) -> None:
     """A patch of one colour stays one colour whatever the enlargement."""
+    from transformers import CLIPModel
+
     color = np.array([200, 100, 50], dtype=np.uint8)
     plain = np.broadcast_to(color, (60, 60, 3)).copy()
     found = encoder.patches(plain, np.ones((60, 60), dtype=bool), np.array([[30, 30]]))

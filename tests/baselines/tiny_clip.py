@@ -6,13 +6,14 @@ import json
 from pathlib import Path
 
 import torch
-from transformers import CLIPConfig, CLIPModel, CLIPTokenizer
 
 FEATURES = 12
 
 
 def tiny_clip(folder: Path, seed: int = 0) -> Path:
     """Save one that knows the letters as ``save_pretrained`` does."""
+    from transformers import CLIPConfig, CLIPModel, CLIPTokenizer  # takes seconds and 100 MB
+
     letters = [chr(code) for code in range(ord("a"), ord("z") + 1)]
     words = [*letters, *(f"{letter}</w>" for letter in letters)]
     words += ["<|startoftext|>", "<|endoftext|>"]
