@@ -19,6 +19,8 @@ from xden_builder.phantoms import write_captures
 from xden_builder.phantoms.realism import LIFELIKE
 from xden_builder.phantoms.scanner import Scanner
 
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
 
 @pytest.fixture(scope="module")
 def captures(tmp_path_factory):

@@ -27,6 +27,7 @@ from xden_builder.phantoms.scanner import VIEWS
 from xden_builder.pipeline.run import build
 from xden_builder.reconstruct.settings import BuildSettings
 
+pytestmark = pytest.mark.usefixtures("in_this_process")
 DENSITIES = {"case": 0.61, "core": 2.68}
 
 

@@ -21,6 +21,8 @@ from xden_builder.pipeline.storage import (
 )
 from xden_builder.reconstruct.settings import BuildSettings
 
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
 
 @pytest.fixture(scope="module")
 def captures(tmp_path_factory) -> Path:
