@@ -1,7 +1,7 @@
 """Fixtures every area uses, and how many examples Hypothesis draws.
 
-The profile ``fast`` is the one of ``make test``: few examples, the same each time. ``make test-all``
-draws new ones, and more, with ``--hypothesis-profile all``. In neither has a test a deadline.
+The profile ``fast`` is the one of ``make test``: few examples, the same each time. Those of
+``make test-all``, with ``--hypothesis-profile all``, are new and more. None has a deadline.
 """
 
 import gc

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,21 @@ from xden_baselines.views.cameras import Rig
 from xden_baselines.views.pictures import Pictures
 from xden_baselines.views.source import RenderedPhantoms
 
-SMALL = RenderedPhantoms(Rig(elevations_deg=(-40.0, 35.0), per_ring=4, size_px=64))
+
+@dataclass(frozen=True)
+class Remembered(RenderedPhantoms):
+    """Draws each object once."""
+
+    drawn: dict[tuple[Path, str], Pictures] = field(default_factory=dict, repr=False, compare=False)
+
+    def __call__(self, folder: DatasetFolder, object_id: str) -> Pictures:
+        key = folder.root, object_id
+        if key not in self.drawn:
+            self.drawn[key] = super().__call__(folder, object_id)
+        return self.drawn[key]
+
+
+SMALL = Remembered(Rig(elevations_deg=(-40.0, 35.0), per_ring=4, size_px=64))
 """Eight small pictures."""
 COLORS = {"plastic": (0.9, 0.2, 0.1), "steel": (0.5, 0.5, 0.6)}
 SWAPPED = (

@@ -166,6 +166,7 @@ def test_the_environment_names_the_weights(weights: str, monkeypatch: pytest.Mon
     assert not Pixie().external_data
 
 
+@pytest.mark.slow
 def test_other_weights_than_it_learned_with_are_refused(
     folder: DatasetFolder, weights: str, tmp_path: Path
 ) -> None:

@@ -45,7 +45,7 @@ def fitted(folder: DatasetFolder) -> dict[type, Predictor]:
     methods = {kind: kind(**TINY, patience=99) for kind in EVERY}
     for method in methods.values():
         # this seed holds out a bar, whose halves are told by colours and radiographs alone
-        method.fit(examples(folder, method.reads), seed=1, budget=Budget(epochs=40))
+        method.fit(examples(folder, method.reads), seed=1, budget=Budget(epochs=20))
     return methods
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+
 import numpy as np
 import pytest
 import torch
@@ -16,7 +19,7 @@ from xden1k.values.modality import Modality
 from xden_baselines.pixie.channels import ENVELOPE, channels
 from xden_baselines.pixie.losses import density_mae_g_cm3
 from xden_baselines.pixie.scaling import LogScale
-from xden_baselines.pixie.store import UNKNOWN_FAMILY, at_resolution, pooled
+from xden_baselines.pixie.store import UNKNOWN_FAMILY, Stored, at_resolution, pooled
 from xden_bench.scoring.metrics import density_mae_g_cm3 as benchmark_mae_g_cm3
 
 GEOMETRY = Modality.GEOMETRY | Modality.CATEGORY
@@ -27,9 +30,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> DatasetFolder:
     return dataset(tmp_path_factory.mktemp("store") / "dataset")
 
 
-@pytest.mark.parametrize("resolution", [16, 32, 64])
-def test_an_object_unpacks_to_what_it_was(folder: DatasetFolder, resolution: int) -> None:
-    objects = prepared(folder, GEOMETRY, resolution)
+@pytest.fixture(scope="module")
+def stored_at(folder: DatasetFolder) -> Callable[[int], list[Stored]]:
+    """The training objects at a resolution, which no test may change."""
+    return cache(lambda resolution: prepared(folder, GEOMETRY, resolution))
+
+
+@pytest.mark.parametrize("resolution", [16, 32, pytest.param(64, marks=pytest.mark.slow)])
+def test_an_object_unpacks_to_what_it_was(
+    folder: DatasetFolder, stored_at: Callable[[int], list[Stored]], resolution: int
+) -> None:
+    objects = stored_at(resolution)
     batch = together(objects, resolution)
     for index, example in enumerate(examples(folder, GEOMETRY)):
         mass = pooled(example.density_g_cm3, resolution)
@@ -40,8 +51,10 @@ def test_an_object_unpacks_to_what_it_was(folder: DatasetFolder, resolution: int
         assert np.allclose(batch.channels[index], seen, atol=1e-3)
 
 
-def test_stuff_is_the_material_and_a_cavity_is_empty(folder: DatasetFolder) -> None:
-    hollow = next(one for one in prepared(folder, GEOMETRY, 64) if one.category == "mug")
+def test_stuff_is_the_material_and_a_cavity_is_empty(
+    stored_at: Callable[[int], list[Stored]],
+) -> None:
+    hollow = next(one for one in stored_at(64) if one.category == "mug")
     # shares are stored in steps of 1 / 255, so that thin slices of a voxel say little
     full = (hollow.solid > 0.99) & (hollow.envelope > 0.5)
     assert np.allclose(hollow.stuff_g_cm3[full], 1.5, rtol=1e-2)
@@ -50,8 +63,10 @@ def test_stuff_is_the_material_and_a_cavity_is_empty(folder: DatasetFolder) -> N
     assert hollow.overall_g_cm3 == pytest.approx(84 / 64, rel=1e-3)
 
 
-def test_a_voxel_has_the_family_that_fills_most_of_it(folder: DatasetFolder) -> None:
-    bar, _, cube, mug = prepared(folder, GEOMETRY, 32)
+def test_a_voxel_has_the_family_that_fills_most_of_it(
+    stored_at: Callable[[int], list[Stored]],
+) -> None:
+    bar, _, cube, mug = stored_at(32)
     names = families()
     half_in = bar.envelope > 0.5
     assert set(bar.family[half_in].tolist()) == {names.index("polymer"), names.index("metal")}
@@ -61,8 +76,10 @@ def test_a_voxel_has_the_family_that_fills_most_of_it(folder: DatasetFolder) -> 
     assert set(mug.family.tolist()) == {UNKNOWN_FAMILY}
 
 
-def test_the_error_is_the_benchmarks(folder: DatasetFolder) -> None:
-    objects = prepared(folder, GEOMETRY, 64)
+def test_the_error_is_the_benchmarks(
+    folder: DatasetFolder, stored_at: Callable[[int], list[Stored]]
+) -> None:
+    objects = stored_at(64)
     batch = together(objects, 64)
     guess = 3.0
     errors = density_mae_g_cm3(torch.full_like(batch.envelope, guess), batch)
@@ -72,8 +89,10 @@ def test_the_error_is_the_benchmarks(folder: DatasetFolder) -> None:
         assert found == pytest.approx(wanted, rel=1e-3)
 
 
-def test_memory_is_what_the_documentation_says(folder: DatasetFolder) -> None:
-    for one in prepared(folder, GEOMETRY, 32):
+def test_memory_is_what_the_documentation_says(
+    stored_at: Callable[[int], list[Stored]],
+) -> None:
+    for one in stored_at(32):
         assert one.nbytes == len(one.voxels) * (2 * len(one.channels) + 13)
 
 

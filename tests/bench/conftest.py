@@ -70,6 +70,12 @@ Submit = Callable[..., Path]
 def submission(tmp_path: Path, reference: Reference) -> Submit:
     """Write a submission: the truth, changed by ``change(object_id, grid)``."""
 
+    return submissions(tmp_path, reference)
+
+
+def submissions(folder: Path, reference: Reference) -> Submit:
+    """A function that writes submissions to a folder."""
+
     def write(
         change: Callable[[str, np.ndarray], np.ndarray | None] = lambda _, grid: grid,
         name: str = "preds.npz",
@@ -89,7 +95,7 @@ def submission(tmp_path: Path, reference: Reference) -> Submit:
             (one, change(one, reference.truth(one).density_g_cm3.copy())) for one in reference.ids
         )
         kept = ((one, grid) for one, grid in pairs if grid is not None)
-        write_predictions(tmp_path / name, SubmissionMeta(**{**values, **meta}), kept, dtype)
-        return tmp_path / name
+        write_predictions(folder / name, SubmissionMeta(**{**values, **meta}), kept, dtype)
+        return folder / name
 
     return write

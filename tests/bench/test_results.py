@@ -16,6 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from tests.bench.conftest import submissions
 from xden1k.errors import DataError
 from xden_bench.entries.durable import results_lock
 from xden_bench.entries.leaderboard import (
@@ -46,16 +47,22 @@ DATE = datetime.date(2025, 12, 10)
 Submit = Callable[..., Path]
 
 
-@pytest.fixture
-def scored(submission: Submit, reference: Reference) -> Score:
-    path = submission(lambda _, grid: 1.1 * grid, method="My | *net*", seed=7, notes="a note")
+@pytest.fixture(scope="module")
+def scored(tmp_path_factory: pytest.TempPathFactory, reference: Reference) -> Score:
+    write = submissions(tmp_path_factory.mktemp("results"), reference)
+    path = write(lambda _, grid: 1.1 * grid, method="My | *net*", seed=7, notes="a note")
     return score(path, reference, RULES)
 
 
+@pytest.fixture(scope="module")
+def made(scored: Score, reference: Reference) -> dict[str, Any]:
+    return entry_of(scored, reference, command="xden-bench submit preds.npz", date=DATE)
+
+
 @pytest.fixture
-def entry(scored: Score, reference: Reference) -> dict[str, Any]:
-    made = entry_of(scored, reference, command="xden-bench submit preds.npz", date=DATE)
-    return made | {"object_scores": object_columns(scored)}
+def entry(made: dict[str, Any], scored: Score) -> dict[str, Any]:
+    """An entry that a test may change."""
+    return copy.deepcopy(made) | {"object_scores": object_columns(scored)}
 
 
 def test_an_entry_says_how_to_remake_it(
@@ -462,6 +469,7 @@ def test_a_file_without_markers_is_left_alone(entry: dict[str, Any], tmp_path: P
     assert path.read_text() == "no markers"
 
 
+@pytest.mark.slow  # make lint looks too
 def test_the_repositorys_leaderboard_matches_its_results() -> None:
     root = Path(__file__).parents[2]
     check_leaderboard(read_entries(root / "benchmarks" / "results"), root / "LEADERBOARD.md")

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.bench.desks import full_disk, turned_away
+from tests.bench.desks import turned_away
+from tests.disks import full_disk
 from xden1k.errors import DataError
 from xden_bench.entries.result import entry_of, read_entries, write_entry
 from xden_bench.scoring.protocol import load_protocol

@@ -16,7 +16,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.bench.desks import full_disk, turned_away
+from tests.bench.desks import turned_away
+from tests.disks import full_disk
 from xden1k.errors import DataError, MissingObjectError
 from xden1k.predictions import Problem
 from xden1k.values.settings import load_settings

@@ -38,8 +38,9 @@ def _linear(matrix, measured, unknowns):
     )
 
 
-def test_linear_problems_end_where_non_negative_least_squares_does():
-    for matrix, measured, start in _linear_problems(2000):
+@pytest.mark.parametrize("count", [200, pytest.param(2000, marks=pytest.mark.slow)])
+def test_linear_problems_end_where_non_negative_least_squares_does(count):
+    for matrix, measured, start in _linear_problems(count):
         bounds = np.zeros(len(start)), np.full(len(start), np.inf)
         found = minimise(partial(_linear, matrix, measured), start, *bounds, 50)
         least, rounding = nnls(matrix, measured)[1] ** 2, 1e-14 * (measured @ measured)
@@ -47,8 +48,9 @@ def test_linear_problems_end_where_non_negative_least_squares_does():
         assert found.converged
 
 
-def test_both_bounds_hold_and_the_least_loss_between_them_is_found():
-    for matrix, measured, start in _linear_problems(300):
+@pytest.mark.parametrize("count", [100, pytest.param(300, marks=pytest.mark.slow)])
+def test_both_bounds_hold_and_the_least_loss_between_them_is_found(count):
+    for matrix, measured, start in _linear_problems(count):
         bounds = np.zeros(len(start)), np.ones(len(start))
         found = minimise(partial(_linear, matrix, measured), start, *bounds, 50)
         exact = lsq_linear(matrix, measured, bounds, method="bvls", tol=1e-12, max_iter=500)
@@ -99,7 +101,9 @@ def _residuals(problem, unknowns):
     return np.concatenate(collected)
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize(
+    "seed", [*range(8), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(8, 40))]
+)
 def test_nested_shells_of_wrong_shape_end_at_the_least_loss(seed):
     views = _shells(seed)
     fit = fit_lac(views, UNWEIGHTED)

@@ -21,6 +21,7 @@ from xden1k.rays import PathLengths
 from xden_builder.fit import PAPER_OBJECTIVE, FitSettings, diagnostics, fit_lac
 
 PURE_NOISE = FitSettings(edge_error_px=0.0, model_error=0.0)
+DRAWS = pytest.mark.parametrize("draws", [60, pytest.param(200, marks=pytest.mark.slow)])
 
 
 @pytest.mark.parametrize(
@@ -28,11 +29,12 @@ PURE_NOISE = FitSettings(edge_error_px=0.0, model_error=0.0)
     [PURE_NOISE, FitSettings(), FitSettings(weights="none")],
     ids=["noise", "edge", "none"],
 )
-def test_reported_deviation_matches_the_spread_over_noise_draws(choice):
+@DRAWS
+def test_reported_deviation_matches_the_spread_over_noise_draws(choice, draws):
     rng = np.random.default_rng(20)
     lac = np.array([0.3, 1.0, 2.5])
     ideal = random_views(rng, lac, gains=(1.02, 0.98), rays=4)
-    fits = [fit_lac(with_noise(ideal, rng), choice) for _ in range(200)]
+    fits = [fit_lac(with_noise(ideal, rng), choice) for _ in range(draws)]
     found = np.array([fit.lac_per_cm for fit in fits])
     reported = np.mean([fit.lac_sd_per_cm for fit in fits], axis=0)
     spread = found.std(axis=0, ddof=1)
@@ -40,10 +42,11 @@ def test_reported_deviation_matches_the_spread_over_noise_draws(choice):
     assert (np.abs(found.mean(axis=0) - lac) < 0.3 * spread).all()
 
 
-def test_reported_gain_deviation_matches_the_spread_over_noise_draws():
+@DRAWS
+def test_reported_gain_deviation_matches_the_spread_over_noise_draws(draws):
     rng = np.random.default_rng(21)
     ideal = random_views(rng, [0.3, 1.0], gains=(1.02, 0.98))
-    fits = [fit_lac(with_noise(ideal, rng), PURE_NOISE) for _ in range(200)]
+    fits = [fit_lac(with_noise(ideal, rng), PURE_NOISE) for _ in range(draws)]
     spread = np.array([fit.gain for fit in fits]).std(axis=0, ddof=1)
     reported = [
         np.mean([fit.report["views"][name]["gain_sd"] for fit in fits]) for name in ("pa", "lat")

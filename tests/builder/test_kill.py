@@ -1,5 +1,6 @@
 """What a rebuild survives: being killed at any moment, a full disk, a second run beside it."""
 
+import gc
 import hashlib
 import os
 import shutil
@@ -10,22 +11,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from tests.builder.folders import contents
+from tests.disks import full_disk
 from xden1k.errors import DataError
 from xden1k.folder import exclusive, place
 from xden1k.folder.place import publish, staging
+from xden_builder.cli import cli
 from xden_builder.phantoms import write_captures
 from xden_builder.pipeline.run import build, work_folder
 from xden_builder.reconstruct.settings import BuildSettings
+from xden_builder.workers import run_each
 
-LIMITED = """
-import resource, sys
-resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), resource.RLIM_INFINITY))
-from xden_builder.cli import cli
-if __name__ == "__main__":
-    cli(sys.argv[2:])
-"""
 WRITER = """
 import sys, time
 from pathlib import Path
@@ -134,18 +132,22 @@ def test_twenty_kills_lose_nothing_and_show_nothing_half_written(captures, built
     assert left == {path.name for path in work_folder(built).iterdir()}
 
 
+@pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")  # a full disk takes no close
 @pytest.mark.parametrize("what", ["a_work_file", "the_dataset"])
-def test_a_full_disk_is_one_line_and_a_rerun_completes(captures, built, tmp_path, what):
+@pytest.mark.parametrize("pool", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_a_full_disk_is_one_line_and_a_rerun_completes(
+    captures, built, tmp_path, monkeypatch, what, pool
+):
+    if pool:
+        monkeypatch.setattr("xden_builder.pipeline.run.run_each", run_each)
     out = tmp_path / "dataset"
     largest = max(path.stat().st_size for path in work_folder(built).glob("*.h5"))
     limit = largest // 2 if what == "a_work_file" else largest + 1000
-    (tmp_path / "limited.py").write_text(LIMITED)
-    with start(
-        tmp_path / "limited.py", limit, "run", captures, "--out", out, "--workers", 1
-    ) as run:
-        _, stderr = run.communicate()
-    assert run.returncode == 1
-    (line,) = stderr.splitlines()
+    with full_disk(limit):
+        ran = CliRunner().invoke(cli, ["run", str(captures), "--out", str(out), "--workers", "1"])
+    gc.collect()
+    assert ran.exit_code == 1
+    (line,) = [text for text in ran.stderr.splitlines() if text]
     told = "h5 takes about" if what == "a_work_file" else "the dataset dataset takes about"
     assert told in line
     assert " MB are free; make room and run again, finished objects are kept" in line

@@ -32,10 +32,24 @@ from xden_builder.phantoms.sheet import cut_open, shaded
 SMALL = ["screwdriver", "hammer", "mug", "padlock"]
 
 
+@pytest.fixture(scope="module", params=[8, pytest.param(19, marks=pytest.mark.slow)])
+def plans(request: pytest.FixtureRequest) -> tuple[Plan, ...]:
+    """Which objects there are."""
+    return tuple(plan_objects(request.param, 1))
+
+
 @pytest.fixture(scope="module")
-def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def captures(tmp_path_factory: pytest.TempPathFactory, plans: tuple[Plan, ...]) -> Path:
     out = tmp_path_factory.mktemp("phantoms") / "captures"
-    write_captures(out, 19, 1, size=64)
+    write_captures(out, len(plans), 1, size=64)
+    return out
+
+
+@pytest.fixture(scope="module")
+def truths(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The truth of the first objects as a dataset."""
+    out = tmp_path_factory.mktemp("phantoms") / "truth"
+    write_truth_dataset(out, 4, 1, size=64)
     return out
 
 
@@ -47,9 +61,10 @@ def digests(folder: Path) -> dict[str, str]:
     }
 
 
-def test_builder_reads_every_object_and_finds_nothing_to_say(captures: Path) -> None:
+def test_builder_reads_every_object_and_finds_nothing_to_say(
+    captures: Path, plans: tuple[Plan, ...]
+) -> None:
     folder = CaptureFolder(captures)
-    plans = plan_objects(19, 1)
     assert list(folder.object_ids) == [plan.object_id for plan in plans]
     for plan in plans:
         capture = folder.read(plan.object_id)
@@ -62,9 +77,11 @@ def test_builder_reads_every_object_and_finds_nothing_to_say(captures: Path) -> 
         assert capture.noise_sd["pa"] == pytest.approx(5 / 50_000, rel=0.2)
 
 
-def test_parts_read_back_as_they_were_and_nothing_is_left_to_cut(captures: Path) -> None:
+def test_parts_read_back_as_they_were_and_nothing_is_left_to_cut(
+    captures: Path, plans: tuple[Plan, ...]
+) -> None:
     folder = CaptureFolder(captures)
-    for plan in plan_objects(19, 1):
+    for plan in plans:
         parts, phantom = folder.read(plan.object_id).parts, make_phantom(plan)
         for part, made in zip(parts, phantom.parts, strict=True):
             assert (part.name, part.material) == (made.name, made.material)
@@ -77,7 +94,7 @@ def test_parts_read_back_as_they_were_and_nothing_is_left_to_cut(captures: Path)
 
 def test_views_read_back_as_the_scanner_corrects_them(captures: Path) -> None:
     scanner = Scanner(size_px=64)
-    for object_id in ("hammer-0000", "kettle-0000"):
+    for object_id in ("hammer-0000", "water_bottle-0000"):
         phantom = make_phantom(Plan.of(1, object_id))
         for view in CaptureFolder(captures).read(object_id).views:
             ours = scanner.corrected(phantom, view.name)
@@ -89,8 +106,8 @@ def test_views_read_back_as_the_scanner_corrects_them(captures: Path) -> None:
 
 
 def test_truth_says_what_the_object_is(captures: Path) -> None:
-    truth = json.loads((captures / "kettle-0000" / "truth.json").read_text())
-    phantom = make_phantom(Plan.of(1, "kettle-0000"))
+    truth = json.loads((captures / "water_bottle-0000" / "truth.json").read_text())
+    phantom = make_phantom(Plan.of(1, "water_bottle-0000"))
     mass = phantom.mass_properties
     assert truth["mass_g"] == mass.mass_g
     assert truth["com_cm"] == mass.com_cm.tolist()
@@ -160,10 +177,12 @@ def test_bad_request_writes_nothing(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-def test_one_split_is_the_same_objects_as_in_the_whole_set(captures: Path, tmp_path: Path) -> None:
-    write_captures(tmp_path / "test", 19, 1, size=64, split="test")
+def test_one_split_is_the_same_objects_as_in_the_whole_set(
+    captures: Path, plans: tuple[Plan, ...], tmp_path: Path
+) -> None:
+    write_captures(tmp_path / "test", len(plans), 1, size=64, split="test")
     found = CaptureFolder(tmp_path / "test").object_ids
-    assert list(found) == [plan.object_id for plan in plan_objects(19, 1) if plan.split == "test"]
+    assert list(found) == [plan.object_id for plan in plans if plan.split == "test"]
     for object_id in found:
         assert digests(tmp_path / "test" / object_id) == digests(captures / object_id)
 
@@ -174,10 +193,9 @@ def test_a_split_without_objects_is_a_plain_error(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-def test_truth_is_a_dataset_of_the_same_objects(captures: Path, tmp_path: Path) -> None:
-    write_truth_dataset(tmp_path / "truth", 6, 1, size=64)
-    folder = open_folder(tmp_path / "truth")
-    assert sorted(folder.ids()) == sorted(plan.object_id for plan in plan_objects(6, 1))
+def test_truth_is_a_dataset_of_the_same_objects(captures: Path, truths: Path) -> None:
+    folder = open_folder(truths)
+    assert sorted(folder.ids()) == sorted(plan.object_id for plan in plan_objects(4, 1))
     for object_id in folder.ids():
         obj, capture = folder.object(object_id), CaptureFolder(captures).read(object_id)
         truth = json.loads((captures / object_id / "truth.json").read_text())
@@ -190,9 +208,8 @@ def test_truth_is_a_dataset_of_the_same_objects(captures: Path, tmp_path: Path) 
         assert [part.name for part in obj.parts] == [part.name for part in capture.parts]
 
 
-def test_grid_beside_the_truth_is_the_datasets(captures: Path, tmp_path: Path) -> None:
-    write_truth_dataset(tmp_path / "truth", 6, 1, size=64)
-    for obj in open_folder(tmp_path / "truth").objects():
+def test_grid_beside_the_truth_is_the_datasets(captures: Path, truths: Path) -> None:
+    for obj in open_folder(truths).objects():
         grid = TruthGrid.load(captures / obj.object_id / "truth.npz")
         assert obj.density is not None
         np.testing.assert_array_equal(grid.labels, obj.labels)
@@ -204,9 +221,11 @@ def test_grid_beside_the_truth_is_the_datasets(captures: Path, tmp_path: Path) -
         assert grid.part_names == tuple(part.name for part in obj.parts)
 
 
-def test_grid_beside_the_truth_weighs_what_the_parts_weigh(captures: Path) -> None:
+def test_grid_beside_the_truth_weighs_what_the_parts_weigh(
+    captures: Path, plans: tuple[Plan, ...]
+) -> None:
     errors = []
-    for plan in plan_objects(19, 1):
+    for plan in plans:
         truth = json.loads((captures / plan.object_id / "truth.json").read_text())
         total = sum(part["density_g_cm3"] * part["volume_cm3"] for part in truth["parts"])
         grid = TruthGrid.load(captures / plan.object_id / "truth.npz")
@@ -233,7 +252,7 @@ def test_builder_reads_nothing_of_the_truth(captures: Path, tmp_path: Path) -> N
         for path in bare.glob(f"*/{name}"):
             path.unlink()
     whole, without = CaptureFolder(captures), CaptureFolder(bare)
-    for object_id in ("kettle-0000", "hammer-0000"):
+    for object_id in ("water_bottle-0000", "hammer-0000"):
         assert whole.digest(object_id) == without.digest(object_id)
         names = [
             [part.name for part in folder.read(object_id).parts] for folder in (whole, without)
@@ -241,8 +260,8 @@ def test_builder_reads_nothing_of_the_truth(captures: Path, tmp_path: Path) -> N
         assert names[0] == names[1]
 
 
-def test_appearance_reads_back_as_each_part_looks(captures: Path) -> None:
-    for plan in plan_objects(19, 1):
+def test_appearance_reads_back_as_each_part_looks(captures: Path, plans: tuple[Plan, ...]) -> None:
+    for plan in plans:
         scene = trimesh.load_scene(captures / plan.object_id / "appearance.glb")
         parts = make_phantom(plan).parts
         assert set(scene.graph.nodes_geometry) == {part.name for part in parts}

@@ -14,7 +14,18 @@ from xden_builder.physics.groups import energy_groups
 from xden_builder.poly.materials.candidates import Candidate, candidate_table, candidates
 
 LIBRARY = load_materials()
-EVERY_LABEL = ["", *families(), *sorted(LIBRARY)]
+FEW = 8
+
+
+def mostly_slow(labels):
+    """All of them; but for each eighth they are slow tests."""
+    return [
+        pytest.param(label, marks=[pytest.mark.slow] * (place % FEW > 0))
+        for place, label in enumerate(labels)
+    ]
+
+
+EVERY_LABEL = mostly_slow(["", *families(), *sorted(LIBRARY)])
 GROUPS = energy_groups(TUBE, "CsI")
 
 
@@ -38,7 +49,7 @@ def test_probabilities_add_up_to_one_and_the_likeliest_comes_first(label, hollow
     assert {each.material for each in found} == set(LIBRARY), "a label rules nothing out"
 
 
-@pytest.mark.parametrize("label", sorted(LIBRARY))
+@pytest.mark.parametrize("label", mostly_slow(sorted(LIBRARY)))
 def test_a_label_is_the_first_candidate(label):
     assert candidates(label)[0].material == label
     assert candidates(label, hollow=True)[0].material == label

@@ -59,7 +59,9 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize("script", [XDEN1K_FIRST, DATASETS_FIRST_AND_SPAWN])
+@pytest.mark.parametrize(
+    "script", [XDEN1K_FIRST, pytest.param(DATASETS_FIRST_AND_SPAWN, marks=pytest.mark.slow)]
+)
 def test_whichever_import_comes_first_it_works_with_workers_and_without_a_network(
     script: str, tmp_path: Path
 ) -> None:

@@ -101,7 +101,7 @@ def test_a_batch_stacks_grids_and_lists_what_differs_in_size(folder: Path) -> No
     assert collate([]) == {}
 
 
-@pytest.mark.parametrize("start", ["fork", "spawn"])
+@pytest.mark.parametrize("start", ["fork", pytest.param("spawn", marks=pytest.mark.slow)])
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_workers_see_what_this_process_sees(folder: Path, start: str) -> None:
     dataset = XDen1K(folder, "test", fields=["object_id", "density", "xray_pa"])

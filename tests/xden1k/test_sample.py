@@ -8,18 +8,22 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from xden1k.access import hub
 
 REPOSITORY = hub.SAMPLE.parents[1]
 
 SCRIPT = """
-import hashlib, json, warnings
+import hashlib, json, os, sys, warnings
 
 {imports}
 with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
     splits = datasets.load_dataset("xden1k")
     datasets.load_dataset("xden1k", streaming=True)
+    os.chdir(sys.argv[1])
+    again = datasets.load_dataset("xden1k")
 
 from xden1k.format.records import decode_array
 from xden1k.format.schema import ARRAY_COLUMNS
@@ -36,6 +40,7 @@ def array(row, name):
 
 print(json.dumps({{
     "warnings": sum("simulated sample" in str(each.message) for each in caught),
+    "same elsewhere": all(again[name].cache_files == splits[name].cache_files for name in splits),
     "decoded": not isinstance(next(iter(splits.values()))[0]["labels"], bytes),
     "light": [light(row) for rows in splits.values() for row in rows],
     "arrays": [
@@ -49,7 +54,7 @@ print(json.dumps({{
 
 
 def answer(imports: str, folder: Path, home: Path) -> dict:
-    """Rows as a fresh process with its own caches sees them."""
+    """Rows as a fresh process with its own caches sees them in a folder, then in the root."""
     environment = {name: value for name, value in os.environ.items() if name != hub.ROOT_VARIABLE}
     environment |= {
         "HF_HOME": str(home / "hf"),
@@ -58,7 +63,7 @@ def answer(imports: str, folder: Path, home: Path) -> dict:
         "PYTHONPATH": str(REPOSITORY),
     }
     ran = subprocess.run(  # noqa: S603
-        [sys.executable, "-c", SCRIPT.format(imports=imports)],
+        [sys.executable, "-c", SCRIPT.format(imports=imports), REPOSITORY],
         cwd=folder,
         env=environment,
         capture_output=True,
@@ -68,17 +73,32 @@ def answer(imports: str, folder: Path, home: Path) -> dict:
     return json.loads(ran.stdout)
 
 
-def test_sample_loads_from_root_empty_folder_and_anywhere(tmp_path: Path) -> None:
-    folders = {name: tmp_path / name for name in ("empty", "home")}
-    for folder in folders.values():
-        folder.mkdir()
-    from_empty = answer("import xden1k, datasets", folders["empty"], folders["home"])
-    from_root = answer("import xden1k, datasets", REPOSITORY, folders["home"])
-    without_import = answer("import datasets", REPOSITORY, folders["home"])
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    return {name: tmp_path_factory.mktemp(name) for name in ("empty", "home")}
+
+
+@pytest.fixture(scope="module")
+def from_empty(folders: dict[str, Path]) -> dict:
+    return answer("import xden1k, datasets", folders["empty"], folders["home"])
+
+
+def test_sample_loads_from_an_empty_folder_and_then_from_the_root(from_empty: dict) -> None:
     assert from_empty["light"]
     assert from_empty["decoded"]
     assert from_empty["warnings"] == 1
-    assert from_root == from_empty
+    assert from_empty["same elsewhere"]
+
+
+def test_sample_loads_from_the_root_without_our_import(
+    folders: dict[str, Path], from_empty: dict
+) -> None:
+    without_import = answer("import datasets", REPOSITORY, folders["home"])
     assert not without_import["decoded"]
     for part in ("light", "arrays"):
         assert without_import[part] == from_empty[part]
+
+
+@pytest.mark.slow
+def test_sample_loads_from_the_root_at_once(folders: dict[str, Path], from_empty: dict) -> None:
+    assert answer("import xden1k, datasets", REPOSITORY, folders["home"]) == from_empty
