@@ -61,7 +61,7 @@ def test_the_published_architecture_learns_too(
     objects: list[Stored], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def narrow(size: str, inputs: int, told: int, outputs: int) -> torch.nn.Module:
-        return FullNet(inputs, told, outputs, base=4)
+        return FullNet(inputs, told, outputs, base=8)
 
     monkeypatch.setattr(model, "backbone", narrow)
     settings = Settings(size="full", resolution=16, batch=1, turned="none", epochs=15)

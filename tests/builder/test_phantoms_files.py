@@ -128,9 +128,17 @@ def test_settings_of_the_simulation_are_kept(captures: Path) -> None:
     assert Scanner(**kept["scanner"]) == Scanner(size_px=64)
 
 
-def test_objects_are_the_same_bytes_whatever_count_and_processes(
-    captures: Path, tmp_path: Path
-) -> None:
+@pytest.mark.usefixtures("in_this_process")
+def test_objects_are_the_same_bytes_whatever_the_count(captures: Path, tmp_path: Path) -> None:
+    same_bytes_in_a_smaller_set(captures, tmp_path)
+
+
+@pytest.mark.slow
+def test_objects_are_the_same_bytes_whatever_the_processes(captures: Path, tmp_path: Path) -> None:
+    same_bytes_in_a_smaller_set(captures, tmp_path)
+
+
+def same_bytes_in_a_smaller_set(captures: Path, tmp_path: Path) -> None:
     write_captures(tmp_path / "few", 3, 1, size=64, workers=2)
     few, many = digests(tmp_path / "few"), digests(captures)
     few.pop("objects.csv")

@@ -80,11 +80,12 @@ def test_stored_radiographs_and_parts_reproject_onto_the_captures(pristine, buil
         assert audit_object(obj, source.read(obj.object_id)).good
 
 
-def test_two_builds_give_the_same_bytes_whatever_the_processes(
-    pristine, built, tmp_path, monkeypatch
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_build_in_processes_of_its_own_gives_the_same_bytes(
+    pristine, built, tmp_path, monkeypatch, workers
 ):
     monkeypatch.setattr(run, "run_each", run_each)
-    build(pristine, tmp_path / "again", SETTINGS, workers=2)
+    build(pristine, tmp_path / "again", SETTINGS, workers=workers)
     assert contents(tmp_path / "again") == contents(built)
 
 

@@ -21,7 +21,7 @@ SIZE_CM = np.array([6.0, 7.0, 8.0])
 
 @pytest.fixture(scope="module")
 def rows():
-    return tuple(comparisons(size=64, repeats=1, voxels=64))
+    return tuple(comparisons(size=96, repeats=1, voxels=32))
 
 
 def test_both_solvers_are_compared_at_the_same_loss(rows):
