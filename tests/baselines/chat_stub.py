@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -12,6 +11,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from xden_baselines.chat.request import ChatRequest
+
+NEVER_S = 1000.0
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class Stub:
 def stub_endpoint(script: Sequence[Reply]) -> Iterator[Stub]:
     """Serve the replies one by one, the last again and again."""
     stub = Stub("")
-    replies = iter(script)
+    replies, enough = iter(script), threading.Event()
     last = [script[-1]]
 
     class Handler(BaseHTTPRequestHandler):
@@ -58,7 +59,7 @@ def stub_endpoint(script: Sequence[Reply]) -> Iterator[Stub]:
             stub.requests.append(json.loads(self.rfile.read(size)))
             stub.authorization.append(self.headers.get("Authorization"))
             reply = next(replies, last[0])
-            time.sleep(reply.after_s)
+            enough.wait(reply.after_s)
             try:
                 self.send_response(reply.status)
                 self.send_header("Content-Type", "application/json")
@@ -78,6 +79,7 @@ def stub_endpoint(script: Sequence[Reply]) -> Iterator[Stub]:
     try:
         yield stub
     finally:
+        enough.set()
         server.shutdown()
         thread.join()
         server.server_close()

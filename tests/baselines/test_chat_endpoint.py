@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.baselines.chat_stub import Parrot, Reply, stub_endpoint
+from tests.baselines.chat_stub import NEVER_S, Parrot, Reply, stub_endpoint
 from xden1k.errors import DataError
 from xden_baselines.chat.asking import ask
 from xden_baselines.chat.endpoint import ChatError, Endpoint
@@ -18,7 +18,7 @@ REQUEST = ChatRequest("materials/1", "mug-0001", "What is it made of?")
 
 
 def endpoint(base_url: str, **changes: object) -> Endpoint:
-    return replace(Endpoint(base_url, "qwen", BEARER, timeout_s=5, pause_s=0.001), **changes)
+    return replace(Endpoint(base_url, "qwen", BEARER, timeout_s=300, pause_s=0.001), **changes)
 
 
 def test_the_question_arrives_with_model_seed_and_picture() -> None:
@@ -72,9 +72,10 @@ def test_a_body_that_is_no_completion_counts_as_no_answer(body: bytes) -> None:
 
 
 def test_an_answer_that_takes_too_long_is_asked_for_again() -> None:
-    with stub_endpoint([Reply("late", after_s=0.6), Reply("oak")]) as stub:
-        assert endpoint(stub.base_url, timeout_s=0.2).complete(REQUEST) == "oak"
-    assert len(stub.requests) == 2
+    with stub_endpoint([Reply("late", after_s=NEVER_S), Reply("oak")]) as stub:
+        asked = endpoint(stub.base_url, timeout_s=0.2, tries=1000)  # a busy machine is late, too
+        assert asked.complete(REQUEST) == "oak"
+    assert len(stub.requests) >= 2
 
 
 def test_a_slow_answer_within_the_timeout_counts() -> None:
@@ -85,7 +86,7 @@ def test_a_slow_answer_within_the_timeout_counts() -> None:
 
 def test_silence_becomes_an_error_that_says_how_long() -> None:
     with (
-        stub_endpoint([Reply("late", after_s=0.4)]) as stub,
+        stub_endpoint([Reply("late", after_s=NEVER_S)]) as stub,
         pytest.raises(ChatError, match=r"in 2 tries; the last: nothing came for 0\.1 s"),
     ):
         endpoint(stub.base_url, timeout_s=0.1, tries=2).complete(REQUEST)

@@ -137,7 +137,7 @@ def test_an_entry_waits_for_another_writer(
         writer.join(0.3)
         assert writer.is_alive()
         assert read_entries(tmp_path) == ()
-    writer.join(20)
+    writer.join()
     assert len(read_entries(tmp_path)) == 1
 
 

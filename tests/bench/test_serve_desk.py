@@ -9,7 +9,6 @@ import signal
 import sqlite3
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -21,6 +20,7 @@ import pytest
 
 from tests.bench.desks import turned_away
 from tests.disks import full_disk
+from tests.waiting import until
 from xden1k.errors import DataError
 from xden_bench.entries.result import entry_of, read_entries, write_entry
 from xden_bench.scoring.protocol import load_protocol
@@ -62,21 +62,15 @@ def desk(reference: Reference, tmp_path_factory: pytest.TempPathFactory) -> Iter
         yield opened
 
 
-def ended(desk: Desk, ticket: Ticket, within_s: float = 240) -> Status:
+def ended(desk: Desk, ticket: Ticket) -> Status:
     """Wait for how it ended."""
-    end = time.monotonic() + within_s
-    while not (status := desk.status(ticket.ticket_id)).is_final:
-        assert time.monotonic() < end, status
-        time.sleep(0.02)
-    return status
+    until(lambda: desk.status(ticket.ticket_id).is_final)
+    return desk.status(ticket.ticket_id)
 
 
 def wait_for_uploads(desk: Desk, expected: list[Path]) -> None:
     """Wait until only these are kept: a file goes after its ticket says how it ended."""
-    end = time.monotonic() + 60
-    while (found := uploads(desk)) != expected:
-        assert time.monotonic() < end, found
-        time.sleep(0.02)
+    until(lambda: uploads(desk) == expected)
 
 
 def scaled(factor: float) -> Callable[[str, np.ndarray], np.ndarray]:
@@ -91,11 +85,7 @@ def outside(_: str, grid: np.ndarray) -> np.ndarray:
 
 def process_of(desk: Desk) -> int:
     """Wait for the scoring process and return its id."""
-    end = time.monotonic() + 120
-    while desk._runner._process is None:
-        assert time.monotonic() < end
-        time.sleep(0.005)
-    return desk._runner._process._popen.pid
+    return int(until(lambda: desk._runner._process, every_s=0.005)._popen.pid)
 
 
 def state_of(desk: Desk) -> Path:
@@ -358,7 +348,7 @@ def test_the_scoring_process_ends_when_the_desk_is_gone(dataset: Path, tmp_path:
     with started("-m", "xden_bench.serve.worker", setting=setting) as process:
         assert process.stdin is not None
         process.stdin.close()
-        assert process.wait(120) == 0
+        assert process.wait() == 0
 
 
 def test_what_a_killed_writer_left_beside_its_entry_is_removed(

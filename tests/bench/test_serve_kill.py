@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.waiting import until
 from xden_bench.entries.result import read_entries
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.scoring.reference import Reference
@@ -66,13 +67,6 @@ def is_running(pid: int) -> bool:
         return False
 
 
-def wait_until(true: Callable[[], bool], within_s: float = 240) -> None:
-    end = time.monotonic() + within_s
-    while not true():
-        assert time.monotonic() < end
-        time.sleep(0.01)
-
-
 def serve_and_kill(
     command: list[object], results: Path, *, answers: int, scored: int, then_s: float = 0.0
 ) -> list[tuple[str, str]]:
@@ -92,14 +86,14 @@ def serve_and_kill(
         reader = threading.Thread(target=lambda: said.extend(json.loads(one) for one in lines))
         reader.start()
         try:
-            wait_until(lambda: len(said) >= answers)
-            wait_until(lambda: len(list(results.rglob("*.json"))) >= scored)
+            until(lambda: len(said) >= answers)
+            until(lambda: len(list(results.rglob("*.json"))) >= scored)
             time.sleep(then_s)
             workers = children(server.pid)
         finally:
             server.kill()
             reader.join()
-    wait_until(lambda: not any(map(is_running, workers)), within_s=10)
+    until(lambda: not any(map(is_running, workers)))
     return said
 
 
@@ -133,7 +127,7 @@ class Uploads:
                 except TurnedAwayError as away:
                     self.note(name, away.reason)
             waiting = "SELECT count(*) FROM jobs WHERE state IN ('queued', 'checking')"
-            wait_until(lambda: desk._store._db.execute(waiting).fetchone()[0] == 0)
+            until(lambda: desk._store._db.execute(waiting).fetchone()[0] == 0)
             for name, ticket_id in self.tickets.items():
                 expected = "scored" if self.files[name] else "refused"
                 assert desk.status(ticket_id).state == expected

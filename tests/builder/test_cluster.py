@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.builder.folders import contents
+from tests.waiting import until
 from xden1k.errors import DataError
 from xden_builder.capture import CaptureFolder
 from xden_builder.phantoms import write_captures
@@ -64,14 +65,6 @@ def built(captures) -> Path:
     out = captures.with_name("dataset")
     build(captures, out, BuildSettings(), workers=2)
     return out
-
-
-def wait_for(condition) -> None:
-    for _ in range(600):
-        if condition():
-            return
-        time.sleep(0.1)
-    raise TimeoutError(condition)
 
 
 def test_what_a_lost_node_was_working_on_is_done_on_another(cluster, second_node, tmp_path):
@@ -134,9 +127,10 @@ def test_a_rebuild_that_loses_a_node_gives_the_local_builds_bytes(
         text=True,
         cwd=tmp_path,  # the workers have another
     ) as driver:
-        wait_for(lambda: driver.poll() or len(list(work_folder(out).glob("*.seal"))) >= 2)
+        work = work_folder(out)
+        until(lambda: driver.poll() is not None or len(list(work.glob("*.seal"))) >= 2)
         cluster.remove_node(second_node, allow_graceful=False)
-        stdout, stderr = driver.communicate(timeout=120)
+        stdout, stderr = driver.communicate()
     assert driver.returncode == 0, stderr
     assert "8 built, 0 kept, 0 failed" in stdout.splitlines()[-1]
     assert contents(out) == contents(built)

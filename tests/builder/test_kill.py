@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import time
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -103,7 +104,9 @@ def test_twenty_kills_lose_nothing_and_show_nothing_half_written(captures, built
     start_run(captures, out).communicate()
     whole_run_s = time.monotonic() - began
     killed = 0
-    for round_ in range(20):
+    for round_ in count():
+        if killed == 20:
+            break
         for path in chance.permutation(sorted(work_folder(out).glob("*.h5")))[:2]:
             path.unlink()
         if chance.random() < 0.5:
@@ -121,7 +124,6 @@ def test_twenty_kills_lose_nothing_and_show_nothing_half_written(captures, built
             killed += run.poll() is None
             run.kill()
         assert_whole_or_absent(out)
-    assert killed >= 15, "most runs had ended before they were to be killed"
     with start_run(captures, out) as run:
         stdout, stderr = run.communicate()
     assert run.returncode == 0, stderr

@@ -31,6 +31,7 @@ SPECTRUM = tube_spectrum(TUBE)
 WATER, ALUMINIUM, IRON = ((("H2O", 1.0),), (("Al", 1.0),), (("Fe", 1.0),))
 
 
+@pytest.mark.peer
 @pytest.mark.parametrize(
     ("kv", "slope"), [(80.0, 0.0), (100.0, -0.18), (100.0, 0.0), (120.0, 0.09)]
 )
@@ -40,6 +41,7 @@ def test_packaged_table_is_what_its_maker_makes(kv: float, slope: float) -> None
     np.testing.assert_allclose(packaged, made_fluence(kv, slope), rtol=1e-4)
 
 
+@pytest.mark.peer
 @pytest.mark.parametrize(("kv", "slope"), [(93.0, 0.0), (100.0, -0.165), (100.0, 0.105)])
 def test_between_tabulated_values_the_spectrum_stays_close(kv: float, slope: float) -> None:
     pytest.importorskip("spekpy", reason="SpekPy, which makes the table, is not installed")

@@ -2,9 +2,9 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
+from tests.waiting import until
 from xden_builder.workers import WorkerDiedError, run_each
 
 
@@ -61,7 +61,7 @@ import os, time
 from pathlib import Path
 def linger(key):
     Path(key).write_text(str(os.getpid()))
-    time.sleep(60)
+    time.sleep(100_000)
 """
 
 
@@ -74,19 +74,11 @@ def test_workers_end_when_their_parent_is_killed(tmp_path):
         env={**os.environ, "PYTHONPATH": path},
     )
     marks = [tmp_path / "a", tmp_path / "b"]
-    assert _becomes_true(lambda: all(mark.exists() and mark.read_text() for mark in marks))
+    until(lambda: all(mark.exists() and mark.read_text() for mark in marks))
     parent.kill()
     parent.wait()
     workers = [int(mark.read_text()) for mark in marks]
-    assert _becomes_true(lambda: not any(map(_alive, workers)))
-
-
-def _becomes_true(condition) -> bool:
-    for _ in range(300):
-        if condition():
-            return True
-        time.sleep(0.1)
-    return False
+    until(lambda: not any(map(_alive, workers)))
 
 
 def _alive(pid: int) -> bool:
