@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -83,24 +84,41 @@ def test_a_mesh_wound_inwards_is_a_hole_and_not_left_out() -> None:
 
 def test_meshes_without_volume_weigh_nothing_and_do_not_count() -> None:
     flat = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2], [2, 1, 0]], process=False)
-    unit = cube((1, 2, 3), 1.0)
-    alone = mass_of_meshes([unit], [2.0])
-    assert_close(mass_of_meshes([trimesh.Trimesh(), unit, flat], [9.0, 2.0, 9.0]), alone)
+    inwards = cube((5, 0, 0))
+    inwards.invert()
+    balanced = trimesh.util.concatenate([cube((0, 0, 0)), inwards])
+    found = mass_of_meshes([trimesh.Trimesh(), cube((1, 2, 3)), flat, balanced], [9.0] * 4)
+    assert_close(found, cubes_summed([9 * VOXEL**3], [np.array([1.0, 2.0, 3.0])]))
 
 
 @pytest.mark.parametrize(
-    "nothing",
+    "weigh",
     [
-        mass_of_meshes([], []),
-        mass_of_meshes([trimesh.Trimesh()], [9.0]),
-        mass_of_meshes([cube((1, 2, 3))], [0.0]),
-        mass_of_grid(np.zeros((2, 3, 4)), ORIGIN, VOXEL),
+        lambda: mass_of_meshes([], []),
+        lambda: mass_of_meshes([trimesh.Trimesh()], [9.0]),
+        lambda: mass_of_meshes([cube((1, 2, 3))], [0.0]),
+        lambda: mass_of_grid(np.zeros((2, 3, 4)), ORIGIN, VOXEL),
     ],
 )
-def test_nothing_has_no_centre_and_no_inertia(nothing: MassProperties) -> None:
+def test_nothing_has_no_centre_and_no_inertia(weigh: Callable[[], MassProperties]) -> None:
+    nothing = weigh()
     assert nothing.mass_g == 0.0
     assert np.isnan(nothing.com_cm).tolist() == [True] * 3
     np.testing.assert_array_equal(nothing.inertia_g_cm2, np.zeros((3, 3)))
+
+
+@pytest.mark.parametrize(
+    "weigh",
+    [
+        lambda density: mass_of_meshes([cube((1, 2, 3))], [density]),
+        lambda density: mass_of_grid(np.full((2, 3, 4), density), ORIGIN, VOXEL),
+    ],
+)
+def test_a_negative_mass_is_told_not_hidden(weigh: Callable[[float], MassProperties]) -> None:
+    plus, minus = weigh(2.0), weigh(-2.0)
+    assert minus.mass_g == -plus.mass_g < 0
+    np.testing.assert_allclose(minus.com_cm, plus.com_cm)
+    np.testing.assert_allclose(minus.inertia_g_cm2, -plus.inertia_g_cm2)
 
 
 @pytest.mark.parametrize(("meshes", "densities"), [(1, 2), (2, 1)])
