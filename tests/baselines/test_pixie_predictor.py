@@ -26,6 +26,8 @@ from xden1k.values.modality import Modality, ModalityError
 from xden_baselines.pixie import GeometryUNet, Pixie, PixieFull, XRayUNet
 
 EVERY = [GeometryUNet, Pixie, XRayUNet]
+SLOW = pytest.mark.slow
+MOSTLY_PIXIE = [Pixie, pytest.param(GeometryUNet, marks=SLOW), pytest.param(XRayUNet, marks=SLOW)]
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -65,7 +67,7 @@ def test_each_fills_the_envelope_alone_with_densities(
     assert (grid[one.envelope > 0] > 0).all()
 
 
-@pytest.mark.parametrize("kind", EVERY)
+@pytest.mark.parametrize("kind", MOSTLY_PIXIE)
 def test_a_prediction_is_the_same_to_the_bit_each_time(
     folder: DatasetFolder, fitted: dict[type, Predictor], kind: type
 ) -> None:
@@ -76,7 +78,7 @@ def test_a_prediction_is_the_same_to_the_bit_each_time(
     assert np.array_equal(one, two)
 
 
-@pytest.mark.parametrize("kind", EVERY)
+@pytest.mark.parametrize("kind", MOSTLY_PIXIE)
 def test_what_was_saved_predicts_the_same_to_the_bit(
     folder: DatasetFolder, fitted: dict[type, Predictor], kind: type, tmp_path: Path
 ) -> None:
@@ -122,7 +124,7 @@ def test_without_a_declared_modality_there_is_no_prediction(
         fitted[kind].predict(sample(folder, "bar-0003", Modality.GEOMETRY))
 
 
-@pytest.mark.parametrize("kind", EVERY)
+@pytest.mark.parametrize("kind", MOSTLY_PIXIE)
 def test_another_category_gives_another_prediction(
     folder: DatasetFolder, fitted: dict[type, Predictor], kind: type
 ) -> None:

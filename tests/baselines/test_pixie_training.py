@@ -57,6 +57,7 @@ def test_a_network_learns_one_object_by_heart(objects: list[Stored]) -> None:
     assert not report.failed
 
 
+@pytest.mark.slow
 def test_the_published_architecture_learns_too(
     objects: list[Stored], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -57,7 +57,7 @@ def truth_as_part_density(reference: Reference, out: Path, target: str) -> Path:
     return out
 
 
-@pytest.mark.parametrize("split", ["train", "val", "test"])
+@pytest.mark.parametrize("split", [pytest.param("train", marks=pytest.mark.slow), "val", "test"])
 @pytest.mark.parametrize("target", ["density", "apparent_density"])
 def test_the_true_part_densities_score_zero_on_the_sample(
     tmp_path: Path, split: str, target: str

@@ -125,7 +125,9 @@ def test_order_of_the_parts_does_not_matter(capture, rebuilt):
     }
 
 
-@pytest.mark.parametrize("exposures", [(1.1, 1.1), (0.93, 1.08)])
+@pytest.mark.parametrize(
+    "exposures", [pytest.param((1.1, 1.1), marks=pytest.mark.slow), (0.93, 1.08)]
+)
 def test_exposure_moves_the_gain_and_no_density(capture, rebuilt, exposures):
     fit = solved(captured(tool(), size=96, exposures=exposures))
     assert fit.density_g_cm3 == pytest.approx(list(densities(rebuilt).values()), rel=0.01)
@@ -133,7 +135,7 @@ def test_exposure_moves_the_gain_and_no_density(capture, rebuilt, exposures):
     assert gains == pytest.approx(exposures, rel=0.003)
 
 
-@pytest.mark.parametrize("label", ["aluminium", "pp"])
+@pytest.mark.parametrize("label", ["aluminium", pytest.param("pp", marks=pytest.mark.slow)])
 def test_a_wrong_label_is_found_out_and_flagged(capture, label):
     found = fitted(relabelled(capture, blade=label))
     assert found["blade"].density_g_cm3 == pytest.approx(TRUTH["blade"], rel=0.05)
