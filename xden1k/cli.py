@@ -147,7 +147,7 @@ def verify(root: Path, as_json: bool) -> None:
     from xden1k.folder.verify import verify_folder
     from xden1k.format.manifest import Manifest
 
-    manifest = Manifest.read(root)
+    manifest = Manifest.read(root, damaged=True)
     with tqdm(total=manifest.objects, disable=None, leave=False) as bar:
         problems = verify_folder(root, on_row=bar.update)
     if as_json:

@@ -223,7 +223,7 @@ def test_a_copy_in_another_process_opens_its_own_files(folder: Path) -> None:
     dataset = open_folder(folder)
     dataset.row("bar-0001", ["mass_g"])
     copy = pickle.loads(pickle.dumps(dataset))  # noqa: S301
-    assert copy._readers == {}
+    assert copy._readers.of == {}
     assert copy.row("bar-0001", ["mass_g"]) == {"mass_g": 72.0}
 
 

@@ -16,8 +16,9 @@ from hypothesis import given, settings
 
 from tests import phantoms
 from tests.strategies import density_objects
-from xden1k.folder import file_sha256, write_rows
+from xden1k.folder import write_rows
 from xden1k.folder.verify import row_problems, verify_folder
+from xden1k.format.checksums import file_sha256
 from xden1k.format.codec import from_planes, to_planes
 from xden1k.format.records import decode_array, object_row
 from xden1k.format.schema import ARRAY_COLUMNS

@@ -118,11 +118,13 @@ def _resolve(
     from dataclasses import replace
 
     from xden1k.access.hub import check_revision, folder_digest
+    from xden1k.format.checksums import check_document
     from xden1k.format.manifest import Manifest
 
     root, inside = _root_and_inside(data_dir)
     check_revision(root, revision)
     Manifest.read(root).check_files(root)  # else a damaged shard is an error that names no file
+    check_document(root, "README.md")  # which splits and files there are
     module = original(
         str(root),
         download_config=download_config,

@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 from typing import Any
 
+from datasets.exceptions import DatasetGenerationError
 from datasets.info import DatasetInfosDict
 
 from xden1k.access.alias import NAME
 from xden1k.access.hub import check_revision, data_root, folder_digest
 from xden1k.access.rows import Rows
 from xden1k.errors import DataError
+from xden1k.format.checksums import check_document
 from xden1k.format.manifest import Manifest
 
 __all__ = ["load_dataset"]
@@ -63,7 +65,12 @@ def load_dataset(
     builder = _builder(name or "default", root, revision, cache_dir, options)
     if streaming:
         return builder.as_streaming_dataset(split=split)
-    builder.download_and_prepare(num_proc=num_proc)
+    try:
+        builder.download_and_prepare(num_proc=num_proc)
+    except DatasetGenerationError as err:
+        if isinstance(err.__cause__, DataError):
+            raise err.__cause__ from None
+        raise
     return builder.as_dataset(split=split)
 
 
@@ -80,6 +87,7 @@ def _builder(
     check_revision(folder, revision)
     manifest = Manifest.read(folder)
     manifest.check_files(folder)
+    check_document(folder, "README.md")  # which features there are
     return Rows(
         cache_dir=cache_dir,
         dataset_name=NAME,

@@ -4,7 +4,6 @@ from xden1k.folder.place import exclusive
 from xden1k.folder.reader import DatasetFolder, open_folder
 from xden1k.folder.writer import (
     SHARD_BYTES,
-    file_sha256,
     refuse_to_replace_others,
     write_folder,
     write_rows,
@@ -14,7 +13,6 @@ __all__ = [
     "SHARD_BYTES",
     "DatasetFolder",
     "exclusive",
-    "file_sha256",
     "open_folder",
     "refuse_to_replace_others",
     "write_folder",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import os
+import threading
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -30,11 +31,25 @@ def open_folder(root: str | Path) -> DatasetFolder:
     return DatasetFolder(Path(root))
 
 
+class _Readers(threading.local):
+    """Open files of one thread of one process."""
+
+    def __init__(self) -> None:
+        self.process = os.getpid()
+        self.of: dict[str, ShardReader] = {}
+
+    def mine(self) -> dict[str, ShardReader]:
+        """Return those opened here; after a fork the parent's handles are the parent's."""
+        if self.process != os.getpid():
+            self.process, self.of = os.getpid(), {}
+        return self.of
+
+
 class DatasetFolder:
     """Reads the objects of a dataset folder, each on its own.
 
-    Files are opened when they are needed, once in each process, and stay open; a copy sent to
-    another process opens its own.
+    Files are opened when they are needed, once in each thread of each process, and stay open; a
+    copy sent to another process opens its own.
 
     Parameters
     ----------
@@ -50,11 +65,13 @@ class DatasetFolder:
     def __init__(self, root: Path) -> None:
         self.root = root
         self.manifest = Manifest.read(root)
-        self._readers: dict[str, ShardReader] = {}
-        self._process = os.getpid()
+        self._readers = _Readers()
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_readers": {}}
+        return {name: value for name, value in self.__dict__.items() if name != "_readers"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _readers=_Readers())
 
     @cached_property
     def manifest_sha256(self) -> str:
@@ -139,11 +156,10 @@ class DatasetFolder:
         }
 
     def _reader(self, file: DataFile) -> ShardReader:
-        if self._process != os.getpid():  # forked: the parent's handles are the parent's
-            self._readers, self._process = {}, os.getpid()
-        if file.path not in self._readers:
-            self._readers[file.path] = self._open(file)
-        return self._readers[file.path]
+        readers = self._readers.mine()
+        if file.path not in readers:
+            readers[file.path] = self._open(file)
+        return readers[file.path]
 
     def _open(self, file: DataFile) -> ShardReader:
         file.check(self.root)

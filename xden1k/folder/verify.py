@@ -12,7 +12,8 @@ import pyarrow as pa
 
 from xden1k.errors import DataError
 from xden1k.folder.withheld import leaks
-from xden1k.folder.writer import CHECKSUMS_NAME, OBJECT_ID, file_sha256
+from xden1k.folder.writer import OBJECT_ID
+from xden1k.format.checksums import CHECKSUMS_NAME, file_sha256, listed_sums
 from xden1k.format.manifest import MANIFEST_NAME, DataFile, Manifest
 from xden1k.format.records import mass_columns, row_object
 from xden1k.format.schema import (
@@ -57,7 +58,7 @@ def verify_folder(root: Path, on_row: Callable[[], object] = lambda: None) -> li
     """
     problems: list[str] = []
     try:
-        manifest = Manifest.read(root)
+        manifest = Manifest.read(root, damaged=True)
     except DataError as err:
         return [str(err)]
     _check_sums(root, manifest, problems.append)
@@ -69,12 +70,10 @@ def verify_folder(root: Path, on_row: Callable[[], object] = lambda: None) -> li
 
 def _check_sums(root: Path, manifest: Manifest, report: Report) -> None:
     """Check the documents; a data file's sum must be the manifest's, which is checked elsewhere."""
-    path = root / CHECKSUMS_NAME
-    if not path.is_file():
+    if not (root / CHECKSUMS_NAME).is_file():
         report(f"{CHECKSUMS_NAME}: missing")
         return
-    lines = path.read_text(encoding="utf-8").splitlines()
-    listed = {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
+    listed = listed_sums(root)
     sums = {file.path: file.sha256 for file in manifest.files}
     for name in sorted({MANIFEST_NAME, *sums} - listed.keys()):
         report(f"{name}: {CHECKSUMS_NAME} does not list it")

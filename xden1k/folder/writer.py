@@ -20,6 +20,7 @@ from xden1k.documents.croissant import croissant_text
 from xden1k.documents.datasheet import DATASHEET_COLUMNS, datasheet_text
 from xden1k.errors import DataError
 from xden1k.folder.place import publish, staging
+from xden1k.format.checksums import CHECKSUMS_NAME, file_sha256, footer_sha256
 from xden1k.format.manifest import MANIFEST_NAME, DataFile, Manifest
 from xden1k.format.records import object_row
 from xden1k.format.schema import DATA_SCHEMA, METADATA_SCHEMA
@@ -27,10 +28,8 @@ from xden1k.format.shards import ShardWriter
 from xden1k.values.types import ALL_SPLITS, DensityObject
 
 __all__ = [
-    "CHECKSUMS_NAME",
     "OBJECT_ID",
     "SHARD_BYTES",
-    "file_sha256",
     "refuse_to_replace_others",
     "write_folder",
     "write_rows",
@@ -39,7 +38,6 @@ __all__ = [
 SHARD_BYTES = 128 << 20
 """A shard is closed by the row that makes it this large: about fifty objects of 2.5 MB."""
 METADATA_GROUP_ROWS = 64
-CHECKSUMS_NAME = "SHA256SUMS"
 OBJECT_ID = re.compile(r"[A-Za-z0-9._-]+")
 
 
@@ -188,6 +186,7 @@ class _SplitWriter:
             bytes=path.stat().st_size,
             num_bytes=writer.num_bytes,
             sha256=file_sha256(path),
+            footer_sha256=footer_sha256(path),
         )
 
 
@@ -262,9 +261,3 @@ def _sync(path: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
-
-
-def file_sha256(path: Path) -> str:
-    """Checksum of a file, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

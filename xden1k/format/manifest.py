@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from xden1k.errors import DataError
+from xden1k.format.checksums import check_document, footer_sha256
 
 __all__ = ["MANIFEST_NAME", "SCHEMA", "DataFile", "Manifest"]
 
@@ -35,6 +36,8 @@ class DataFile:
         Size of the rows in Arrow memory.
     sha256
         Checksum of the file, hexadecimal.
+    footer_sha256
+        Checksum of its footer, which is read before every use; empty in older folders.
     """
 
     path: str
@@ -44,14 +47,15 @@ class DataFile:
     bytes: int
     num_bytes: int
     sha256: str
+    footer_sha256: str = ""
 
     def check(self, root: Path) -> None:
-        """Refuse a file that is not there or not of its size; nothing of it is read.
+        """Refuse a file that is not there, not of its size, or whose footer is another.
 
         Raises
         ------
         DataError
-            With the file, the size expected and the size found.
+            With the file, and what was expected and found.
         """
         path = root / self.path
         hint = f"`xden verify {root}` lists every such file"
@@ -62,6 +66,8 @@ class DataFile:
                 f"{path}: {size} bytes, the manifest says {self.bytes}: cut short or changed; "
                 f"{hint}"
             )
+        if self.footer_sha256 and footer_sha256(path) != self.footer_sha256:
+            raise DataError(f"{path}: its footer is not the manifest's: damaged or changed; {hint}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +118,7 @@ class Manifest:
         )
 
     def check_files(self, root: Path) -> None:
-        """Refuse a folder in which a file is missing or of another size; checksums are not read.
+        """Refuse a folder in which a file is missing, of another size, or has another footer.
 
         Raises
         ------
@@ -128,17 +134,28 @@ class Manifest:
         return json.dumps(values, indent=2, ensure_ascii=False) + "\n"
 
     @classmethod
-    def read(cls, root: Path) -> Manifest:
+    def read(cls, root: Path, *, damaged: bool = False) -> Manifest:
         """Read the manifest of a dataset folder.
+
+        Parameters
+        ----------
+        root
+            The folder.
+        damaged
+            Take it although it is not the one that the list of checksums names.
 
         Raises
         ------
         DataError
-            If there is none, or it is not one of ours.
+            If there is none, it is not one of ours, or not the one in the list of checksums.
         """
         path = root / MANIFEST_NAME
         try:
+            if not damaged:
+                check_document(root, MANIFEST_NAME)
             return cls._from_dict(json.loads(path.read_text(encoding="utf-8")))
+        except DataError:
+            raise
         except FileNotFoundError as err:
             raise DataError(f"{root}: not a dataset folder: no {MANIFEST_NAME}") from err
         except (ValueError, TypeError, KeyError) as err:

@@ -84,6 +84,7 @@ class ShardWriter:
             use_dictionary=False,
             write_statistics=["object_id"],
             data_page_size=PAGE_BYTES,
+            write_page_checksum=True,
         )
 
     def write(self, row: Mapping[str, Any]) -> None:
@@ -119,12 +120,16 @@ class ShardWriter:
 
 
 class ShardReader:
-    """Reads single rows of one Parquet file through a memory map.
+    """Reads single rows of one Parquet file through a memory map, page checksums verified.
+
+    For one thread at a time: what Parquet readers keep is not made for several.
 
     Parameters
     ----------
     path
         A file of one row per row group.
+    file
+        The file opened, where it is not one of this machine: read in place of the path.
 
     Raises
     ------
@@ -132,11 +137,13 @@ class ShardReader:
         If it cannot be read as Parquet: cut short, not there, or something else.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, file: BinaryIO | None = None) -> None:
         self.path = path
         try:
-            self._file = pq.ParquetFile(path, memory_map=True)
-        except (pa.ArrowException, OSError) as err:
+            self._file = pq.ParquetFile(
+                file or path, memory_map=file is None, page_checksum_verification=True
+            )
+        except (pa.ArrowException, OSError, UnicodeDecodeError) as err:
             raise DataError(f"{path}: not a whole Parquet file: {err}") from err
 
     @property
@@ -188,10 +195,20 @@ class ShardReader:
         return _row(self._group(index, columns), 0)
 
     def __iter__(self) -> Iterator[Row]:
-        for index in range(self.row_groups):
-            table = self._group(index, None)
+        for table in self.groups():
             for position in range(table.num_rows):
                 yield _row(table, position)
+
+    def groups(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+        """Read the row groups one after the other, some columns or all.
+
+        Raises
+        ------
+        DataError
+            If the file is damaged or has no such column.
+        """
+        for index in range(self.row_groups):
+            yield self._group(index, columns)
 
     def _group(self, index: int, columns: Sequence[str] | None) -> pa.Table:
         if columns is not None:
@@ -199,7 +216,15 @@ class ShardReader:
         try:
             return self._file.read_row_group(index, columns=columns, use_threads=False)
         except (pa.ArrowException, OSError) as err:
-            raise DataError(f"{self.path}: cannot read row group {index}: {err}") from err
+            raise DataError(f"{self.path}: cannot read {self._named(index)}: {err}") from err
+
+    def _named(self, index: int) -> str:
+        """Name a row by its object, if that can still be read."""
+        try:
+            ids = self._file.read_row_group(index, columns=["object_id"], use_threads=False)
+        except (pa.ArrowException, OSError):
+            return f"row group {index}"
+        return f"{', '.join(ids.column(0).to_pylist())} (row group {index})"
 
     def _check_columns(self, names: Sequence[str]) -> None:
         known = self.schema.names
