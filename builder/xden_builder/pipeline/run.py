@@ -24,6 +24,7 @@ from xden1k.folder import exclusive, write_rows
 from xden1k.format.records import object_row
 from xden_builder.capture import ObjectRow
 from xden_builder.pipeline.cluster import run_on_cluster
+from xden_builder.pipeline.splits import with_splits
 from xden_builder.pipeline.storage import (
     FULL,
     UNFINISHED,
@@ -166,7 +167,7 @@ def build(
     OSError
         If a disk is full: at once, with what is finished kept for a rerun.
     """
-    rows = object_rows(captures)
+    stated = object_rows(captures)
     if isinstance(parts, Path) and not parts.is_dir():
         raise DataError(f"{parts}: no such folder of part meshes")
     refuse_other_folders(out)
@@ -175,6 +176,7 @@ def build(
     seen = absolute(captures), None if parts is None else absolute(parts), absolute(work)
     task = partial(_build_object, settings, made_by, *seen)
     with _only_run(work, out):
+        rows = with_splits(captures, stated)
         on_start(len(rows))
         keys = rows.values()
         answers = run_on_cluster(task, keys, cluster) if cluster else run_each(task, keys, workers)

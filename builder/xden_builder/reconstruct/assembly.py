@@ -11,7 +11,7 @@ import trimesh
 
 from xden1k.rays import ObjectGrids, PathLengths, object_grids
 from xden1k.values.physics import apparent_density_g_cm3
-from xden1k.values.types import DensityObject, Part
+from xden1k.values.types import DensityObject, Part, Split
 from xden_builder.capture import Capture, CapturePart
 from xden_builder.fit.density import PartDensity, part_densities
 from xden_builder.reconstruct.explained import Explained
@@ -19,10 +19,11 @@ from xden_builder.reconstruct.plausible import view_flags
 from xden_builder.reconstruct.report import report
 from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.reconstruct.space import Space
-from xden_builder.reconstruct.splits import default_split
 
 __all__ = ["assemble"]
 
+UNSTATED: Final[Split] = "train"
+"""Split of an object that nobody gave one; a rebuild of a folder draws them."""
 VOLUME_TOLERANCE: Final = 0.03
 """Voxels know the volume of the smallest parts to 1 or 2 %."""
 
@@ -54,7 +55,7 @@ def assemble(space: Space, explained: Explained, settings: BuildSettings) -> Den
     return DensityObject(
         object_id=capture.object_id,
         category=capture.category,
-        split=capture.split or default_split(capture.object_id),
+        split=capture.split or UNSTATED,
         source=capture.source,
         views=capture.views,
         parts=tuple(parts),
