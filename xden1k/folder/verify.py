@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import get_args
 
@@ -26,10 +27,22 @@ from xden1k.format.schema import (
 from xden1k.format.shards import Row, ShardReader
 from xden1k.values.closed import edge_faults
 from xden1k.values.mass import mass_of_meshes
-from xden1k.values.types import ALL_SPLITS, FIELD_SIZE, PRIVATE, DensityField, DensityObject, Source
+from xden1k.values.types import (
+    ALL_SPLITS,
+    FIELD_SIZE,
+    LABEL_SIZE,
+    PRIVATE,
+    DensityField,
+    DensityObject,
+    Source,
+)
 
 __all__ = ["row_problems", "verify_folder"]
 
+CAN_LABEL = all(find_spec(name) for name in ("numba", "manifold3d"))
+"""Whether the extra ``build`` is there, with which labels are compared with the meshes."""
+LABEL_TOLERANCE = 1e-5
+"""Share of all label voxels whose centres lie so close to a face that rounding decides."""
 MASS_TOLERANCE = 1e-5
 """Relative: stored mass and centre of mass against those of the stored meshes."""
 FIELD_TOLERANCE = 0.05
@@ -117,7 +130,7 @@ def _check_split(
             if row["split"] != split:
                 say(f"split is {row['split']!r} in a file of {split}")
             _compare(row, light.get(row["object_id"]), say)
-            for problem in row_problems(row):
+            for problem in (*row_problems(row), *_mislabelled(row)):
                 say(problem)
             last = row["object_id"]
             on_row()
@@ -209,11 +222,31 @@ def _answer_problems(row: Row) -> Iterator[str]:
 def _label_problems(obj: DensityObject) -> Iterator[str]:
     if (highest := int(obj.labels.max())) > len(obj.parts):
         yield f"labels reach {highest}, but there are {len(obj.parts)} parts"
-    if not highest:
-        yield "labels are empty"
+    if not highest and "thinner_than_labels" not in obj.flags:
+        yield "labels are empty, and no flag thinner_than_labels says that its parts are thinner"
     excess = obj.occupancy - obj.envelope
     if (excess > 1.5 * SHARE_STEP).any():
         yield f"occupancy exceeds the envelope by up to {float(excess.max()):.3f}"
+
+
+def _mislabelled(row: Row) -> Iterator[str]:
+    """Compare labels with the part that holds each voxel's centre, by the meshes."""
+    if not CAN_LABEL:
+        return
+    from xden1k.rays import CubeGrid, voxel_labels
+
+    try:
+        obj = row_object(row)
+    except DataError:  # told by row_problems
+        return
+    meshes, voxel_cm = [part.mesh for part in obj.parts], obj.voxel_size_cm
+    grid = CubeGrid(obj.origin_cm - voxel_cm / 4, voxel_cm / 2, LABEL_SIZE)
+    try:
+        labels = voxel_labels(meshes, range(len(meshes)), grid)
+    except DataError:  # an open mesh: told by row_problems
+        return
+    if (off := int((labels != obj.labels).sum())) > LABEL_TOLERANCE * labels.size:
+        yield f"labels are not those of the meshes in {off} of {labels.size} voxels"
 
 
 def _mesh_problems(obj: DensityObject) -> Iterator[str]:

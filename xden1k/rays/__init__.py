@@ -3,7 +3,13 @@
 Needs the extra ``build``.
 """
 
-from xden1k.rays.grids import COLUMN_SAMPLES, ObjectGrids, column_samples, object_grids
+from xden1k.rays.grids import (
+    COLUMN_SAMPLES,
+    THINNER_THAN_LABELS,
+    ObjectGrids,
+    column_samples,
+    object_grids,
+)
 from xden1k.rays.lengths import PathLengths, path_lengths
 from xden1k.rays.priority import ownership_order
 from xden1k.rays.regions import disjoint_regions, half_beyond, outer_surface
@@ -21,6 +27,7 @@ from xden1k.rays.voxels import (
 __all__ = [
     "COLUMN_SAMPLES",
     "CUBE_MARGIN",
+    "THINNER_THAN_LABELS",
     "CubeGrid",
     "ObjectGrids",
     "PartFill",

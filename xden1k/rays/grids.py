@@ -21,10 +21,14 @@ from xden1k.rays.voxels import (
 from xden1k.values.arrays import Grid, Labels
 from xden1k.values.types import DensityField
 
-__all__ = ["COLUMN_SAMPLES", "ObjectGrids", "column_samples", "object_grids"]
+__all__ = ["COLUMN_SAMPLES", "THINNER_THAN_LABELS", "ObjectGrids", "column_samples", "object_grids"]
 
 COLUMN_SAMPLES = 16
 """Least density of columns through a field voxel."""
+THIN = 0.2
+"""Of a part's volume: labels that err by more do not show it well."""
+THINNER_THAN_LABELS = "thinner_than_labels"
+"""Flag of a part that labels show badly, and of an object of which they show nothing."""
 SMALL_BASE, DENSEST = 0.5, 4
 """An object on a base below this share of the cube's gets denser columns, up to so many times. So
 few of the others meet a ruler on end that its mass is 1 % off; of these, 0.02 %."""
@@ -51,6 +55,28 @@ class ObjectGrids:
     labels: Labels
     occupancy: Grid
     envelope: Grid
+
+    def thin(self, regions: Sequence[trimesh.Trimesh]) -> tuple[bool, ...]:
+        """Say of each part whether labels err about its volume by more than :data:`THIN`.
+
+        Parameters
+        ----------
+        regions
+            The space each part owns, in cm.
+
+        Examples
+        --------
+        >>> plate, block = trimesh.creation.box((9, 9, 0.05)), trimesh.creation.box((2, 2, 2))
+        >>> block = block.apply_translation((0, 0, 3))
+        >>> object_grids([plate, block], [0, 1]).thin([plate, block])
+        (True, False)
+        """
+        voxel_cm3 = (self.field.voxel_size_cm / 2) ** 3
+        counts = np.bincount(self.labels.ravel(), minlength=len(regions) + 1)[1:]
+        return tuple(
+            abs(count * voxel_cm3 - float(region.volume)) > THIN * float(region.volume)
+            for count, region in zip(counts.tolist(), regions, strict=True)
+        )
 
     def density(self, densities_g_cm3: Sequence[float]) -> DensityField:
         """Voxel means of a density that is constant over each part."""

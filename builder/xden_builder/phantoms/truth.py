@@ -13,7 +13,7 @@ from xden1k.folder import write_rows
 from xden1k.format.manifest import Manifest
 from xden1k.format.records import object_row
 from xden1k.format.shards import Row
-from xden1k.rays import object_grids
+from xden1k.rays import THINNER_THAN_LABELS, object_grids
 from xden1k.values.physics import apparent_density_g_cm3
 from xden1k.values.types import DensityObject, Part, Split
 from xden_builder.phantoms.phantom import Phantom, PhantomPart, Plan, make_phantom, plan_objects
@@ -87,9 +87,12 @@ def truth_object(phantom: Phantom, scanner: Scanner) -> DensityObject:
         If the object is too large for the scanner.
     """
     setting, scanner = scanner.setting_for(phantom)
-    parts = tuple(_part(part, scanner) for part in phantom.parts)
-    meshes = [part.mesh for part in parts]
+    meshes = [part.mesh for part in phantom.parts]
     grids = object_grids(meshes, range(len(meshes)))
+    parts = tuple(
+        _part(part, scanner, thin)
+        for part, thin in zip(phantom.parts, grids.thin(meshes), strict=True)
+    )
     return DensityObject(
         object_id=phantom.plan.object_id,
         category=phantom.plan.category.name,
@@ -104,6 +107,7 @@ def truth_object(phantom: Phantom, scanner: Scanner) -> DensityObject:
         apparent_density=grids.density([part.apparent_density_g_cm3 for part in parts]),
         origin_cm=grids.field.origin_cm,
         voxel_size_cm=grids.field.voxel_size_cm,
+        flags=() if grids.labels.any() else (THINNER_THAN_LABELS,),
         meta={
             "builder": BUILDER,
             "seed": phantom.plan.seed,
@@ -117,7 +121,7 @@ def truth_object(phantom: Phantom, scanner: Scanner) -> DensityObject:
     )
 
 
-def _part(part: PhantomPart, scanner: Scanner) -> Part:
+def _part(part: PhantomPart, scanner: Scanner, thin: bool) -> Part:
     lac_per_cm = scanner.lac_per_cm(part)
     return Part(
         name=part.name,
@@ -128,5 +132,6 @@ def _part(part: PhantomPart, scanner: Scanner) -> Part:
         density_g_cm3=part.density_g_cm3,
         density_sd_g_cm3=0.0,
         density_source="truth",
+        flags=(THINNER_THAN_LABELS,) if thin else (),
         color_rgb=part.color_rgb,
     )

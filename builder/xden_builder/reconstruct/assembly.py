@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import trimesh
 
-from xden1k.rays import ObjectGrids, PathLengths, object_grids
+from xden1k.rays import THINNER_THAN_LABELS, ObjectGrids, PathLengths, object_grids
 from xden1k.values.physics import apparent_density_g_cm3
 from xden1k.values.types import DensityObject, Part, Split
 from xden_builder.capture import Capture, CapturePart
@@ -48,6 +48,7 @@ def assemble(space: Space, explained: Explained, settings: BuildSettings) -> Den
             densities,
             _unseen_flags(explained.lengths),
             _cut_flags(space.regions, grids),
+            _thin_flags(space.regions, grids),
             strict=True,
         )
     ]
@@ -69,7 +70,11 @@ def assemble(space: Space, explained: Explained, settings: BuildSettings) -> Den
         origin_cm=grids.field.origin_cm,
         voxel_size_cm=grids.field.voxel_size_cm,
         weighed_mass_g=capture.weighed_mass_g,
-        flags=(*_object_flags(capture), *view_flags(explained.audits)),
+        flags=(
+            *_object_flags(capture),
+            *view_flags(explained.audits),
+            *(() if grids.labels.any() else (THINNER_THAN_LABELS,)),
+        ),
         meta=report(explained, space.regions, densities, settings),
     )
 
@@ -113,6 +118,11 @@ def _cut_flags(regions: Sequence[trimesh.Trimesh], grids: ObjectGrids) -> list[t
         () if abs(sampled / float(region.volume) - 1) < VOLUME_TOLERANCE else ("volume_unsure",)
         for region, sampled in zip(regions, in_voxels, strict=True)
     ]
+
+
+def _thin_flags(regions: Sequence[trimesh.Trimesh], grids: ObjectGrids) -> list[tuple[str, ...]]:
+    """``thinner_than_labels`` for each part that the label grid shows badly."""
+    return [(THINNER_THAN_LABELS,) if thin else () for thin in grids.thin(regions)]
 
 
 def _object_flags(capture: Capture) -> tuple[str, ...]:
