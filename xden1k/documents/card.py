@@ -16,6 +16,7 @@ __all__ = [
     "CONFIGS",
     "bibtex",
     "citation_text",
+    "dataset_title",
     "eval_text",
     "header",
     "provenance_text",
@@ -35,11 +36,17 @@ AUTHORS = (
     ("Jingyi", "Yu"),
 )
 """Given and family names of the paper's authors, arXiv 2512.10668."""
+TAGS = ("x-ray", "density", "mass", "center-of-mass", "physical-properties", "3d")
 PAPER_TITLE = "XDen-1K: A Density Field Dataset of Real-World Objects"
 CONFIGS = {"default": COLUMNS, "metadata": COLUMNS[: len(LIGHT_COLUMNS)]}
 """Columns of each config."""
 _GLOBS = {"default": "data/{}-*.parquet", "metadata": "metadata/{}.parquet"}
 _VALUES = {pa.float64(): "float64", pa.int32(): "int32", IMAGE: "image"}
+
+
+def dataset_title(manifest: Manifest) -> str:
+    """Name of a dataset, which says so where nothing in it is real."""
+    return "XDen-1K, simulated objects" if manifest.simulated else "XDen-1K"
 
 
 def header(manifest: Manifest, prefix: str = "", *, features: bool = True) -> dict[str, Any]:
@@ -57,12 +64,12 @@ def header(manifest: Manifest, prefix: str = "", *, features: bool = True) -> di
     return {
         "language": ["en"],
         "license": "cc-by-4.0",
-        "pretty_name": "XDen-1K",
+        "pretty_name": dataset_title(manifest),
         "size_categories": ["1K<n<10K" if manifest.objects >= 1000 else "n<1K"],
         "source_datasets": ["original"],
         "annotations_creators": ["machine-generated" if manifest.simulated else "expert-generated"],
         "task_categories": ["image-to-3d", "robotics"],
-        "tags": ["x-ray", "density", "mass", "center-of-mass", "physical-properties", "3d"],
+        "tags": [*TAGS, *(["synthetic"] if manifest.simulated else [])],
         "configs": [_config(manifest, name, prefix) for name in CONFIGS],
         "dataset_info": [_info(manifest, name, features) for name in CONFIGS],
     }
@@ -117,11 +124,10 @@ def yaml_block(values: dict[str, Any]) -> str:
 
 def readme_text(manifest: Manifest) -> str:
     """Text of ``README.md``: the card of the Hub repository."""
-    name = "XDen-1K, simulated objects" if manifest.simulated else "XDen-1K"
     return (
         yaml_block(header(manifest))
         + f"""
-# {name}, version {manifest.version}
+# {dataset_title(manifest)}, version {manifest.version}
 
 Everyday objects with two radiographs (PA and LAT), closed part meshes and volumetric density.
 One row is one object. Units are cm, g and g/cm³; attenuation is in 1/cm; a transmission of 1 is
@@ -163,7 +169,10 @@ The config `metadata` holds the light columns only, for browsing.
 A figure that was never measured is null (`weighed_mass_g`, `density`); one computed from an
 unknown figure is not a number. Part k, 1 to K, is entry k - 1 of the `part_` lists. All grids fill
 one cube, the bounding cube of the object with a 3 % margin: label voxels have half the edge of
-field voxels and start a quarter of a field voxel lower on each axis.
+field voxels and start a quarter of a field voxel lower on each axis. A label names the part that
+holds the voxel's centre, so that what is thinner than a voxel may be missing from `labels`: such
+parts, and objects of which nothing is left, carry the flag `thinner_than_labels`. Volumes, masses
+and the shares of `occupancy` and `envelope` come from the meshes and lack nothing.
 {_withheld_text(manifest)}
 ## Check
 
@@ -269,7 +278,7 @@ def citation_text(manifest: Manifest) -> str:
     values = {
         "cff-version": "1.2.0",
         "message": "If you use the dataset, please cite the paper.",
-        "title": "XDen-1K, simulated objects" if manifest.simulated else "XDen-1K",
+        "title": dataset_title(manifest),
         "type": "dataset",
         "license": "CC-BY-4.0",
         "version": manifest.version,

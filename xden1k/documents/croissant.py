@@ -7,7 +7,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from xden1k.documents.card import CONFIGS, bibtex
+from xden1k.documents.card import CONFIGS, TAGS, bibtex, dataset_title
 from xden1k.format.manifest import Manifest
 from xden1k.format.schema import IMAGE, Column
 
@@ -41,31 +41,50 @@ CONTEXT: dict[str, Any] = {
 _TYPES = {pa.float64(): "cr:Float64", pa.int32(): "cr:Int32", pa.string(): "sc:Text"}
 
 
-def croissant_text(manifest: Manifest) -> str:
-    """Text of ``croissant.json``: a file object per shard, a record set per config."""
+def croissant_text(manifest: Manifest, base_url: str = "") -> str:
+    """Text of ``croissant.json``: a file object per shard, a record set per config.
+
+    Parameters
+    ----------
+    manifest
+        Of the folder.
+    base_url
+        Where the files are, ending in a slash. Without it their addresses are relative to the
+        document, which readers follow only where it lies beside them on a disk.
+    """
     values = {
         "@context": CONTEXT,
         "@type": "sc:Dataset",
         "conformsTo": "http://mlcommons.org/croissant/1.1",
-        "name": "XDen-1K",
-        "description": "Biplanar X-rays, part meshes and volumetric density of everyday objects.",
+        "name": dataset_title(manifest),
+        "description": _description(manifest),
+        "keywords": [*TAGS, *(["synthetic"] if manifest.simulated else [])],
         "version": manifest.version,
         "license": "https://creativecommons.org/licenses/by/4.0/",
         "url": "https://arxiv.org/abs/2512.10668",
         "citeAs": "\n".join(bibtex().splitlines()[1:-1]),
-        "distribution": [*_file_objects(manifest), *(_file_set(name) for name in CONFIGS)],
+        "distribution": [
+            *_file_objects(manifest, base_url),
+            *(_file_set(name) for name in CONFIGS),
+        ],
         "recordSet": [_record_set(name) for name in CONFIGS],
     }
     return json.dumps(values, indent=2, ensure_ascii=False) + "\n"
 
 
-def _file_objects(manifest: Manifest) -> list[dict[str, Any]]:
+def _description(manifest: Manifest) -> str:
+    text = "Biplanar X-rays, part meshes and volumetric density of everyday objects."
+    simulated = "Simulated: no object was ever made, scanned or weighed."
+    return f"{text} {simulated}" if manifest.simulated else text
+
+
+def _file_objects(manifest: Manifest, base_url: str) -> list[dict[str, Any]]:
     return [
         {
             "@type": "cr:FileObject",
             "@id": file.path,
             "name": file.path,
-            "contentUrl": file.path,
+            "contentUrl": base_url + file.path,
             "contentSize": f"{file.bytes} B",
             "encodingFormat": "application/x-parquet",
             "sha256": file.sha256,

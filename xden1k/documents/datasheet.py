@@ -53,6 +53,8 @@ inertia, from radiographs, pictures or shape.
 
 {_flags(table)}
 
+{_labels(table)}
+
 ## Collection
 
 {_collection(manifest)}
@@ -117,6 +119,16 @@ def _flags(table: pa.Table) -> str:
     if not flags:
         return "No object and no part carries a flag."
     return _count_table("flag", "objects and parts", flags)
+
+
+def _labels(table: pa.Table) -> str:
+    """Say what the label grid does not show."""
+    flags = [part for row in table["part_flags"].to_pylist() for part in row]
+    thin = sum("thinner_than_labels" in part for part in flags)
+    return (
+        f"The label grid shows {thin} of {len(flags)} parts badly: their label voxels err by more\n"
+        "than a fifth about the volume of their mesh (`thinner_than_labels`). Their meshes are whole."
+    )
 
 
 def _count_table(what: str, of: str, values: Iterable[str]) -> str:
