@@ -126,8 +126,8 @@ def _labels(table: pa.Table) -> str:
     flags = [part for row in table["part_flags"].to_pylist() for part in row]
     thin = sum("thinner_than_labels" in part for part in flags)
     return (
-        f"Of {len(flags)} parts {thin} carry the flag `thinner_than_labels`: their label voxels err\n"
-        "by more than a fifth about the volume of their mesh. Their meshes are whole."
+        f"Of {len(flags)} parts {thin} carry the flag `thinner_than_labels`: their label voxels\n"
+        "err by more than a fifth about the volume of their mesh. Their meshes are whole."
     )
 
 
