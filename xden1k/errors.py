@@ -12,9 +12,12 @@
 The commands turn each of them into one line on stderr and exit code 1.
 """
 
+import difflib
 import importlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from types import ModuleType
+from typing import Final
 
 __all__ = [
     "DataError",
@@ -22,8 +25,12 @@ __all__ = [
     "MissingObjectError",
     "SubmissionError",
     "XDenError",
+    "did_you_mean",
+    "install_command",
     "require",
 ]
+
+_PROJECT: Final = Path(__file__).parents[1]
 
 
 class XDenError(Exception):
@@ -56,6 +63,27 @@ class MissingExtraError(XDenError, ImportError):
     """An optional dependency is not installed; the message gives the pip command."""
 
 
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return ``"; did you mean ...?"`` where a known name is close to one, else nothing.
+
+    Examples
+    --------
+    >>> did_you_mean("mugg", ["mug", "bottle"])
+    '; did you mean mug?'
+    >>> did_you_mean("xyz", ["mug", "bottle"])
+    ''
+    """
+    near = difflib.get_close_matches(name, list(known), n=3)
+    return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
+def install_command(extra: str) -> str:
+    """Return the pip command that installs an extra: of this checkout, where it is one."""
+    if (_PROJECT / "pyproject.toml").is_file():
+        return f"pip install -e '{_PROJECT}[{extra}]'"
+    return f"pip install 'xden1k[{extra}]'"
+
+
 def require(module: str, extra: str) -> ModuleType:
     """Import an optional dependency.
 
@@ -75,5 +103,5 @@ def require(module: str, extra: str) -> ModuleType:
         return importlib.import_module(module)
     except ImportError as err:
         raise MissingExtraError(
-            f"{module} is needed here: pip install 'xden1k[{extra}]' ({err})"
+            f"{module} is needed here: {install_command(extra)} ({err})"
         ) from err

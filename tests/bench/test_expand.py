@@ -95,5 +95,5 @@ def test_without_the_extra_that_cuts_meshes_the_message_says_what_to_install(
     for name in [name for name in sys.modules if name.startswith("xden1k.rays")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "numba", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'xden1k\[build\]'"):
+    with pytest.raises(MissingExtraError, match=r"pip install .*\[build\]'"):
         expanded(reference, "bar-0002")

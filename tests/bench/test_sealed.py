@@ -449,7 +449,7 @@ def test_the_library_that_is_missing_is_named(
     sealed: Sealed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "cryptography", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'xden1k\[organiser\]'"):
+    with pytest.raises(MissingExtraError, match=r"pip install .*\[organiser\]'"):
         sealed.truth().answers(sealed.made.private_ids[0])
 
 

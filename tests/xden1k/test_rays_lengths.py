@@ -356,7 +356,7 @@ def test_bad_input_is_refused_with_its_part_and_place():
 
 def test_without_numba_the_pip_command_is_given(monkeypatch):
     monkeypatch.setitem(sys.modules, "numba", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'xden1k\[build\]'"):
+    with pytest.raises(MissingExtraError, match=r"pip install .*\[build\]'"):
         importlib.reload(kernels)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import os
 import threading
@@ -11,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from xden1k.errors import DataError, MissingObjectError
+from xden1k.errors import DataError, MissingObjectError, did_you_mean
 from xden1k.format.manifest import MANIFEST_NAME, DataFile, Manifest
 from xden1k.format.records import row_object
 from xden1k.format.shards import Row, ShardReader
@@ -166,6 +165,5 @@ class DatasetFolder:
         return ShardReader(self.root / file.path)
 
     def _missing_message(self, object_id: str) -> str:
-        near = difflib.get_close_matches(object_id, self._places, n=3)
-        hint = f"; did you mean {' or '.join(near)}?" if near else ""
+        hint = did_you_mean(object_id, self._places)
         return f"{self.root}: no object {object_id!r} among {len(self._places)}{hint}"

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from xden1k.errors import DataError, MissingExtraError, require
+from xden1k.errors import DataError, MissingExtraError, install_command, require
 from xden_builder.capture.damage import decoding
 from xden_builder.capture.images import ImageFile, Polarity
 
@@ -68,9 +68,8 @@ def _require_decoders(path: Path) -> None:
     """Name the package that is missing; pydicom would name every plugin it knows."""
     for module, package in _JPEG_2000_DECODERS.items():
         if importlib.util.find_spec(module) is None:
-            raise MissingExtraError(
-                f"{path}: JPEG 2000 needs {package}: pip install 'xden1k[build]'"
-            )
+            command = install_command("build")
+            raise MissingExtraError(f"{path}: JPEG 2000 needs {package}: {command}")
 
 
 def dicom_pixel_spacing_cm(path: Path) -> tuple[float, float]:
