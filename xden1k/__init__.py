@@ -11,6 +11,7 @@ import xden1k.access.alias as _alias
 
 if TYPE_CHECKING:
     from xden1k.access.dataset import XDen1K, collate
+    from xden1k.access.geometry import project, projection_matrix, view_geometry
     from xden1k.access.hub import data_root, download
     from xden1k.access.loading import load_dataset
     from xden1k.errors import (
@@ -58,13 +59,17 @@ __all__ = [
     "load_materials",
     "open_folder",
     "open_predictions",
+    "project",
+    "projection_matrix",
     "verify_folder",
+    "view_geometry",
     "write_folder",
     "write_predictions",
 ]
 
 _NAMES_OF = {
     "access.dataset": ("XDen1K", "collate"),
+    "access.geometry": ("project", "projection_matrix", "view_geometry"),
     "errors": (
         "DataError",
         "MissingExtraError",
@@ -93,11 +98,23 @@ if not TYPE_CHECKING:  # else every misspelt name would pass for Any
         if name == "__version__":
             value: Any = import_module("importlib.metadata").version(__name__)
         elif name in _MODULE_OF:
-            value = getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+            value = getattr(_module(name), name)
         else:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         globals()[name] = value
         return value
+
+
+def _module(name: str) -> Any:
+    """Import the module of a public name."""
+    try:
+        return import_module(f"{__name__}.{_MODULE_OF[name]}")
+    except ModuleNotFoundError as err:
+        if not err.name or err.name.startswith(__name__):
+            raise
+        from xden1k.errors import MissingExtraError
+
+        raise MissingExtraError(f"xden1k.{name} needs {err.name}: pip install {err.name}") from err
 
 
 def __dir__() -> list[str]:

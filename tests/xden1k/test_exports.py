@@ -11,6 +11,7 @@ import pytest
 from mypy import api
 
 import xden1k
+from xden1k.errors import MissingExtraError
 
 
 def test_all_is_sorted_and_listed() -> None:
@@ -45,6 +46,17 @@ def test_the_version_is_the_packages() -> None:
 def test_an_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="module 'xden1k' has no attribute 'nothing'"):
         xden1k.nothing  # noqa: B018
+
+
+def test_a_library_that_is_missing_is_named_with_its_command(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def missing(name: str) -> None:
+        raise ModuleNotFoundError("No module named 'torch'", name="torch")
+
+    monkeypatch.setattr(xden1k, "import_module", missing)
+    with pytest.raises(MissingExtraError, match=r"^xden1k.XDen1K needs torch: pip install torch$"):
+        xden1k.__getattr__("XDen1K")
 
 
 def test_type_checkers_tell_of_a_misspelt_name(tmp_path: Path) -> None:

@@ -31,6 +31,7 @@ from xden1k.values.views import ViewGeometry, XRayView
 
 __all__ = [
     "decode_array",
+    "decode_geometry",
     "mass_columns",
     "object_row",
     "preview_png",
@@ -215,9 +216,11 @@ def decode_array(row: Mapping[str, Any], name: str) -> np.ndarray:
         If the bytes do not make an array of that shape.
     """
     codec = ARRAY_COLUMNS[name]
-    shape = tuple(row[codec.shape]) if isinstance(codec.shape, str) else None
-    data: Buffer = row[name]
+    shape = tuple(row[codec.shape] or ()) if isinstance(codec.shape, str) else None
+    data: Buffer | None = row[name]
     try:
+        if data is None:
+            raise DataError("no value")
         return codec.decode(data, shape)
     except DataError as err:
         raise DataError(f"{row.get('object_id', 'row')}: column {name}: {err}") from err
@@ -283,18 +286,40 @@ def row_object(row: Mapping[str, Any]) -> DensityObject:
     )
 
 
-def _views(row: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[XRayView, XRayView]]:
-    """Return the rest of the meta data, and the radiographs."""
+def decode_geometry(row: Mapping[str, Any]) -> dict[str, ViewGeometry]:
+    """Where the radiographs of an encoded row were taken from, by view name: ``pa`` and ``lat``.
+
+    Parameters
+    ----------
+    row
+        With the column ``meta_json``.
+
+    Raises
+    ------
+    DataError
+        If the column is no JSON, or has not the geometry of both views.
+    """
+    return _meta_and_geometry(row)[1]
+
+
+def _meta_and_geometry(row: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, ViewGeometry]]:
     try:
         meta: dict[str, Any] = json.loads(row["meta_json"])
-        places = {name: ViewGeometry.from_dict(view) for name, view in meta.pop("views").items()}
-        return meta, (_view(row, "pa", places["pa"]), _view(row, "lat", places["lat"]))
+        views = meta.pop("views")
+        return meta, {name: ViewGeometry.from_dict(views[name]) for name in ("pa", "lat")}
     except DataError:
         raise
     except (ValueError, KeyError, TypeError, AttributeError) as err:
         raise DataError(
-            f"{row['object_id']}: meta_json must be JSON with the geometry of pa and lat: {err!r}"
+            f"{row.get('object_id', 'row')}: meta_json must be JSON with the geometry of pa and "
+            f"lat: {err!r}"
         ) from err
+
+
+def _views(row: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[XRayView, XRayView]]:
+    """Return the rest of the meta data, and the radiographs."""
+    meta, places = _meta_and_geometry(row)
+    return meta, (_view(row, "pa", places["pa"]), _view(row, "lat", places["lat"]))
 
 
 def _view(row: Mapping[str, Any], name: str, geometry: ViewGeometry) -> XRayView:
