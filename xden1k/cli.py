@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -26,6 +29,17 @@ root_option = click.option(
     type=FOLDER,
     help="Dataset folder. Default: $XDEN1K_ROOT, else what was downloaded, else the sample.",
 )
+
+
+def choosing_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Decorate with the options that choose objects."""
+    for name, text in (
+        ("flag", "Only objects with this flag, or with a part that has it."),
+        ("category", "Only objects of this category."),
+        ("split", "Only this split. Default: all."),
+    ):
+        command = click.option(f"--{name}", help=text)(command)
+    return command
 
 
 @click.group(cls=Group)
@@ -76,23 +90,71 @@ def _summary(folder: DatasetFolder) -> dict[str, Any]:
 @cli.command(epilog="Example: xden show kettle-0003 --root dataset -o kettle.png")
 @click.argument("object_id", metavar="ID")
 @root_option
-@click.option("-o", "--out", type=PICTURE, help="The PNG to write. Default: ID.png here.")
+@click.option(
+    "-o", "--out", type=PICTURE, help="The PNG to write. Default: ID.png here; none with --json."
+)
 @json_option
 def show(object_id: str, root: Path | None, out: Path | None, as_json: bool) -> None:
     """Draw an object: radiographs, residuals, slices, parts."""
-    from xden1k.errors import require
-
-    require("matplotlib", "view")
-    from xden1k.pictures.figures import object_sheet
-
     obj = open_root(root).object(object_id)
-    out = Path(f"{object_id}.png") if out is None else out
-    object_sheet(obj, out)
+    if out is None and not as_json:
+        out = Path(f"{object_id}.png")
+    if out is not None:
+        _figures().object_sheet(obj, out)
     if as_json:
-        print_json(_values(obj) | {"picture": str(out)})
+        print_json(_values(obj) | ({} if out is None else {"picture": str(out)}))
     else:
         click.echo(_text(obj))
         click.echo(f"\n{out}")
+
+
+def _figures() -> ModuleType:
+    from xden1k.errors import require
+
+    require("matplotlib", "view")
+    return importlib.import_module("xden1k.pictures.figures")
+
+
+@cli.command("list", epilog="Example: xden list --split test --category mug --root dataset")
+@root_option
+@choosing_options
+@json_option
+def list_objects(as_json: bool, **which: Any) -> None:
+    """List objects: category, split, source, mass and flags of each."""
+    from xden1k.folder.listing import LISTED, listed
+
+    rows = listed(open_root(which.pop("root")), **which)
+    if as_json:
+        print_json({"objects": rows})
+        return
+    from tabulate import tabulate
+
+    cells = [["" if row[name] is None else row[name] for name in LISTED] for row in rows]
+    for row in cells:
+        row[-1] = ", ".join(row[-1])
+    click.echo(tabulate(cells, LISTED, floatfmt=".4g", disable_numparse=[0, 1]))
+
+
+@cli.command(epilog="Example: xden gallery --split test -o sheet.png --root dataset")
+@root_option
+@choosing_options
+@click.option("--columns", type=click.IntRange(min=1), default=4, help="Objects in a row.")
+@click.option("-o", "--out", type=PICTURE, default=Path("gallery.png"), help="The PNG to write.")
+@json_option
+def gallery(columns: int, out: Path, as_json: bool, **which: Any) -> None:
+    """Draw many objects on one sheet: radiographs, a density slice, name and mass."""
+    from tqdm import tqdm
+
+    from xden1k.folder.listing import listed
+
+    folder = open_root(which.pop("root"))
+    ids = [row["object_id"] for row in listed(folder, **which)]
+    bar = tqdm(ids, disable=None, leave=False)
+    _figures().contact_sheet(map(folder.object, bar), out, columns)
+    if as_json:
+        print_json({"objects": ids, "picture": str(out)})
+    else:
+        click.echo(f"{len(ids)} objects\n{out}")
 
 
 def _text(obj: DensityObject) -> str:

@@ -5,6 +5,7 @@ Exit codes: 0 done, 1 error (one line, no traceback), 2 usage, 3 done in part.
 
 from __future__ import annotations
 
+import errno
 import json
 import shlex
 import warnings
@@ -36,6 +37,8 @@ class Group(click.Group):
         except XDenError as err:
             raise click.ClickException(str(err)) from err
         except OSError as err:
+            if err.errno == errno.EPIPE:  # the reader has seen enough; click ends quietly
+                raise
             known = err.filename is not None and err.strerror is not None
             said = f"{err.filename}: {err.strerror}" if known else str(err)
             raise click.ClickException(said) from err

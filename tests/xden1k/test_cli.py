@@ -15,7 +15,7 @@ from tests import phantoms
 from xden1k.access import hub
 from xden1k.cli import cli
 from xden1k.errors import DataError
-from xden1k.folder import write_folder
+from xden1k.folder import open_folder, write_folder
 
 MANUAL = hub.SAMPLE.parent / "README.md"
 
@@ -67,12 +67,84 @@ def test_show_writes_a_picture_and_prints_the_parts(folder: Path, tmp_path: Path
     assert "polypropylene" in result.stdout
 
 
-def test_show_gives_json_without_not_a_number(folder: Path, tmp_path: Path) -> None:
-    result = run("show", "cube-0002", "--root", folder, "-o", tmp_path / "cube.png", "--json")
-    values = json.loads(result.stdout, parse_constant=pytest.fail)
+def test_show_gives_json_without_not_a_number_and_draws_only_what_is_asked_for(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = run("show", "cube-0002", "--root", folder, "--json").stdout
+    values = json.loads(text, parse_constant=pytest.fail)
     assert values["mass_g"] is None
     assert values["parts"][0]["density_g_cm3"] is None
     assert values["parts"][0]["lac_per_cm"] == pytest.approx(1.25 * 0.34)
+    assert "picture" not in values
+    assert list(tmp_path.iterdir()) == []
+    text = run("show", "cube-0002", "--root", folder, "--json", "-o", "cube.png").stdout
+    assert json.loads(text) == values | {"picture": "cube.png"}
+    assert (tmp_path / "cube.png").is_file()
+
+
+def test_list_says_what_there_is_and_takes_a_choice(folder: Path) -> None:
+    lines = run("list", "--root", folder).stdout.splitlines()
+    assert [line.split()[0] for line in lines] == [
+        *("object_id", "-----------", "bar-0001", "cube-0001", "cube-0002"),
+        *("bar-0002", "filled-0001", "hollow-0001"),
+    ]
+    for options, ids in {
+        ("--split", "test"): ["bar-0002", "filled-0001", "hollow-0001"],
+        ("--category", "bar", "--split", "train"): ["bar-0001"],
+        ("--flag", "remark"): ["cube-0001"],
+        ("--flag", "remark", "--split", "val"): [],
+    }.items():
+        values = json.loads(run("list", "--root", folder, "--json", *options).stdout)
+        assert [row["object_id"] for row in values["objects"]] == ids
+    row = json.loads(run("list", "--root", folder, "--json", "--split", "val").stdout)["objects"][0]
+    assert row == {
+        "object_id": "cube-0002",
+        "category": "cube",
+        "split": "val",
+        "source": "phantom",
+        "mass_g": None,
+        "flags": [],
+    }
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--category", "barr"], "no category 'barr' among 4; did you mean bar?"),
+        (["--flag", "remarks"], "no flag 'remarks' among 1; did you mean remark?"),
+        (["--split", "validation"], "there are ['train', 'val', 'test']: validation is called val"),
+    ],
+)
+def test_list_names_what_is_nearest(folder: Path, options: list[str], said: str) -> None:
+    result = run("list", "--root", folder, *options)
+    assert (result.exit_code, result.stderr.count("\n")) == (1, 1)
+    assert said in result.stderr
+
+
+def test_gallery_draws_a_choice(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "sheet.png"
+    result = run("gallery", "--root", folder, "--category", "bar", "-o", out, "--json")
+    assert json.loads(result.stdout) == {"objects": ["bar-0001", "bar-0002"], "picture": str(out)}
+    assert out.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_reader_who_stops_early_is_told_nothing(folder: Path) -> None:
+    program = [sys.executable, "-c", "from xden1k.cli import cli; cli()", "list"]
+    with subprocess.Popen(  # noqa: S603
+        [*program, "--root", str(folder)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as ran:
+        assert ran.stdout is not None
+        assert ran.stderr is not None
+        ran.stdout.close()
+        assert ran.stderr.read() == b""
+
+
+def test_a_folder_that_is_not_there_is_not_said_to_lack_a_manifest(tmp_path: Path) -> None:
+    said = run("info", "--root", tmp_path / "nowhere").stderr
+    assert said.endswith("is not a dataset folder: there is no such folder\n")
+    with pytest.raises(DataError, match=r"nowhere: not a dataset folder: there is no such folder"):
+        open_folder(tmp_path / "nowhere")
 
 
 def test_show_of_a_missing_object_is_one_line_and_exit_code_1(folder: Path) -> None:

@@ -15,6 +15,7 @@ from xden1k.access.geometry import GEOMETRY_PARTS, VIEWS, geometry_tensors
 from xden1k.access.hub import data_root
 from xden1k.errors import DataError, did_you_mean
 from xden1k.folder import DatasetFolder
+from xden1k.folder.listing import check_known
 from xden1k.format.records import decode_array, decode_geometry
 from xden1k.format.schema import ARRAY_COLUMNS
 from xden1k.format.shards import Row
@@ -169,12 +170,8 @@ def _of_categories(
     folder: DatasetFolder, ids: tuple[str, ...], categories: tuple[str, ...], split: str
 ) -> tuple[str, ...]:
     of = dict(zip(folder.ids(), folder.light_column("category"), strict=True))
-    known = sorted(set(of.values()))
-    if unknown := [name for name in categories if name not in known]:
-        raise DataError(
-            f"{folder.root}: no category {unknown[0]!r} among {len(known)}"
-            f"{did_you_mean(unknown[0], known)}"
-        )
+    for name in categories:
+        check_known(folder, "category", name, of.values())
     chosen = tuple(name for name in ids if of[name] in categories)
     if not chosen:
         raise DataError(f"{folder.root}: split {split!r} has no object of {list(categories)}")

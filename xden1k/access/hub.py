@@ -68,9 +68,8 @@ def data_root(root: str | os.PathLike[str] | None = None) -> Path:
 def _checked(folder: Path, named_by: str) -> Path:
     folder = folder.expanduser().absolute()
     if not (folder / MANIFEST_NAME).is_file():
-        raise DataError(
-            f"{folder} (from {named_by}) is not a dataset folder: it has no {MANIFEST_NAME}"
-        )
+        why = f"it has no {MANIFEST_NAME}" if folder.is_dir() else "there is no such folder"
+        raise DataError(f"{folder} (from {named_by}) is not a dataset folder: {why}")
     return folder
 
 
@@ -101,14 +100,21 @@ def check_revision(folder: Path, revision: object) -> None:
     Raises
     ------
     DataError
-        If ``revision`` is not the folder's version, with or without a leading ``v``.
+        If ``revision`` is neither the folder's version, with or without a leading ``v``, nor the
+        commit by which a downloaded folder is named.
     """
     here = Manifest.read(folder).version
-    if revision is not None and str(revision).removeprefix("v") != here:
+    if revision is None or str(revision).removeprefix("v") == here or revision == folder.name:
+        return
+    if folder == SAMPLE:
         raise DataError(
-            f"revision {revision} was asked for, but {folder} holds {here}: "
-            f"get another by `xden download --revision {revision}`"
+            f"revision {revision} was asked for, but nothing is downloaded: there is only the "
+            f"sample in the package; get it by `xden download --revision {revision}`"
         )
+    raise DataError(
+        f"revision {revision} was asked for, but {folder} holds {here}: "
+        f"get another by `xden download --revision {revision}`"
+    )
 
 
 def folder_digest(folder: Path) -> str:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,9 @@ from xden1k.format.records import row_object
 from xden1k.format.shards import Row, ShardReader
 from xden1k.values.types import DensityObject
 
-__all__ = ["DatasetFolder", "open_folder"]
+__all__ = ["DatasetFolder", "open_folder", "other_name"]
+
+_NAMES_OF_VAL = ("validation", "valid", "dev")
 
 
 def open_folder(root: str | Path) -> DatasetFolder:
@@ -28,6 +31,18 @@ def open_folder(root: str | Path) -> DatasetFolder:
         If it is not one.
     """
     return DatasetFolder(Path(root))
+
+
+def other_name(split: str, splits: Iterable[str]) -> str:
+    """Return a hint where a split is called otherwise here, as ``validation`` is ``val``.
+
+    Examples
+    --------
+    >>> other_name("validation[:10]", ["train", "val"]), other_name("test", ["train", "val"])
+    (': validation is called val here', '')
+    """
+    words = [word for word in re.findall(r"\w+", split) if word in _NAMES_OF_VAL]
+    return f": {words[0]} is called val here" if words and "val" in splits else ""
 
 
 class _Readers(threading.local):
@@ -88,9 +103,9 @@ class DatasetFolder:
         if split is None:
             return tuple(self._places)
         if split not in self.manifest.splits:
-            raise DataError(
-                f"{self.root}: no split {split!r}; there are {list(self.manifest.splits)}"
-            )
+            splits = list(self.manifest.splits)
+            hint = other_name(split, splits)
+            raise DataError(f"{self.root}: no split {split!r}; there are {splits}{hint}")
         return tuple(name for name, (file, _) in self._places.items() if file.split == split)
 
     def row(self, object_id: str, columns: Sequence[str] | None = None) -> Row:

@@ -157,7 +157,8 @@ class Manifest:
         except DataError:
             raise
         except FileNotFoundError as err:
-            raise DataError(f"{root}: not a dataset folder: no {MANIFEST_NAME}") from err
+            why = f"no {MANIFEST_NAME}" if root.is_dir() else "there is no such folder"
+            raise DataError(f"{root}: not a dataset folder: {why}") from err
         except (ValueError, TypeError, KeyError) as err:
             raise DataError(f"{path}: not a manifest of schema {SCHEMA}: {err!r}") from err
 
