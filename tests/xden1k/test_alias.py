@@ -18,7 +18,7 @@ from datasets import get_dataset_config_names, get_dataset_split_names, load_dat
 import xden1k
 from tests.phantoms import objects
 from xden1k.access import alias
-from xden1k.access.hub import ROOT_VARIABLE
+from xden1k.access.hub import ROOT_VARIABLE, SAMPLE
 from xden1k.errors import DataError
 from xden1k.folder import open_folder, write_folder
 from xden1k.format.features import PackedArray
@@ -141,6 +141,28 @@ def test_a_wrong_revision_is_refused_by_both_forms() -> None:
         load_dataset("xden1k", split="val", revision="nope")
     with pytest.raises(DataError, match=r"revision nope was asked for"):
         xden1k.load_dataset(split="val", revision="nope")
+
+
+def test_a_revision_without_a_download_says_that_nothing_is_downloaded(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with pytest.raises(DataError, match=r"revision main was asked for, but nothing is downloaded"):
+        xden1k.load_dataset(split="val", root=SAMPLE, revision="main")
+    commit = tmp_path / ("0123456789" * 4)
+    write_folder(objects()[:1], commit, version="1.2.0", builder="test")
+    assert len(xden1k.load_dataset(split="train", root=commit, revision=commit.name)) == 1
+
+
+@pytest.mark.parametrize("streaming", [False, True])
+def test_a_split_of_another_name_is_hinted_at(streaming: bool) -> None:
+    for load in (
+        lambda s: load_dataset("xden1k", split=s, streaming=streaming),
+        lambda s: xden1k.load_dataset(split=s, streaming=streaming),
+    ):
+        with pytest.raises(DataError, match=r"no split validation; there are \['train', 'val'"):
+            load("validation")
+        with pytest.raises(ValueError, match="nope"):
+            load("nope")
 
 
 def test_an_absolute_data_dir_is_the_root_and_a_relative_one_lies_inside(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import pyarrow.dataset as ds
 from datasets.packaged_modules.parquet.parquet import Parquet, ParquetConfig
 
 from xden1k.errors import DataError
+from xden1k.folder.reader import other_name
 from xden1k.format.packing import pack, scanned_columns, with_arrays
 from xden1k.format.shards import ShardReader
 
@@ -46,6 +48,38 @@ class Rows(Parquet):  # type: ignore[misc]
     BUILDER_CONFIG_CLASS = RowsConfig
     DEFAULT_WRITER_BATCH_SIZE = 8
     """Rows of some 10 MB: the library's 100 or 1000 in one batch would fill the memory."""
+
+    def as_dataset(self, split: Any = None, **more: Any) -> Any:
+        """Rows of a split, as every builder gives them.
+
+        Raises
+        ------
+        DataError
+            If there is no such split, but one that other datasets call so.
+        """
+        with self._other_names(split):
+            return super().as_dataset(split=split, **more)
+
+    def as_streaming_dataset(self, split: Any = None, **more: Any) -> Any:
+        """Rows of a split while they are read, as every builder gives them.
+
+        Raises
+        ------
+        DataError
+            If there is no such split, but one that other datasets call so.
+        """
+        with self._other_names(split):
+            return super().as_streaming_dataset(split=split, **more)
+
+    @contextmanager
+    def _other_names(self, split: Any) -> Iterator[None]:
+        try:
+            yield
+        except ValueError as err:
+            known = list(self.info.splits or self.config.data_files or ())
+            if not (hint := other_name(str(split), known)):
+                raise
+            raise DataError(f"no split {split!s}; there are {known}{hint}") from err
 
     def _split_generators(self, dl_manager: Any) -> Any:
         splits = super()._split_generators(dl_manager)
