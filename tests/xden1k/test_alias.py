@@ -230,6 +230,22 @@ def test_other_paths_are_left_alone(root: Path) -> None:
     assert isinstance(load_dataset("parquet", data_files=files)["test"][0]["labels"], bytes)
 
 
+def test_a_builder_says_what_it_would_load_before_it_does() -> None:
+    info = datasets.load_dataset_builder("xden1k").info
+    assert {n for n, each in info.features.items() if isinstance(each, PackedArray)} == set(
+        ARRAY_COLUMNS
+    )
+    assert {name: split.num_examples for name, split in info.splits.items()} == {
+        "train": 2,
+        "val": 1,
+        "test": 3,
+    }
+    assert info.description.startswith("XDen-1K, simulated objects. **Where it comes from.**")
+    assert info.citation.startswith("@article{zhang2025xden1k,")
+    assert (info.license, info.homepage) == ("CC-BY-4.0", "https://arxiv.org/abs/2512.10668")
+    assert load_dataset("xden1k", split="val").info.description == info.description
+
+
 def test_the_builder_is_picklable() -> None:
     builder = datasets.load_dataset_builder("xden1k")
     again = pickle.loads(pickle.dumps(builder))  # noqa: S301

@@ -16,8 +16,10 @@ import pyarrow as pa
 import pyarrow.dataset as ds
 from datasets.packaged_modules.parquet.parquet import Parquet, ParquetConfig
 
+from xden1k.documents.card import HOMEPAGE, bibtex_entry, dataset_title, provenance_text
 from xden1k.errors import DataError
 from xden1k.folder.reader import other_name
+from xden1k.format.manifest import MANIFEST_NAME, Manifest
 from xden1k.format.packing import pack, scanned_columns, with_arrays
 from xden1k.format.shards import ShardReader
 
@@ -48,6 +50,13 @@ class Rows(Parquet):  # type: ignore[misc]
     BUILDER_CONFIG_CLASS = RowsConfig
     DEFAULT_WRITER_BATCH_SIZE = 8
     """Rows of some 10 MB: the library's 100 or 1000 in one batch would fill the memory."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        if self.config.features is None and self.info.features is not None:
+            self.info.features = with_arrays(self.info.features)
+        for name, value in _about(self.base_path).items():
+            setattr(self.info, name, getattr(self.info, name) or value)
 
     def as_dataset(self, split: Any = None, **more: Any) -> Any:
         """Rows of a split, as every builder gives them.
@@ -108,6 +117,15 @@ class Rows(Parquet):  # type: ignore[misc]
         if self.config.features is None:
             pa_table = pack(pa_table, self.info.features)
         return super()._cast_table(pa_table)
+
+
+def _about(base_path: str | None) -> dict[str, str]:
+    """Return what a card says in words and ``datasets`` does not read from it."""
+    about = {"citation": bibtex_entry(), "homepage": HOMEPAGE, "license": "CC-BY-4.0"}
+    if base_path and (Path(base_path) / MANIFEST_NAME).is_file():
+        manifest = Manifest.read(Path(base_path), damaged=True)
+        about["description"] = f"{dataset_title(manifest)}. {provenance_text(manifest)}"
+    return about
 
 
 def _damage(columns: list[str] | None, files: Any, *_: Any, **__: Any) -> str | None:

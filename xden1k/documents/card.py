@@ -14,7 +14,9 @@ from xden1k.values.types import PRIVATE
 __all__ = [
     "AUTHORS",
     "CONFIGS",
+    "HOMEPAGE",
     "bibtex",
+    "bibtex_entry",
     "citation_text",
     "dataset_title",
     "eval_text",
@@ -38,6 +40,8 @@ AUTHORS = (
 """Given and family names of the paper's authors, arXiv 2512.10668."""
 TAGS = ("x-ray", "density", "mass", "center-of-mass", "physical-properties", "3d")
 PAPER_TITLE = "XDen-1K: A Density Field Dataset of Real-World Objects"
+HOMEPAGE = "https://arxiv.org/abs/2512.10668"
+"""Where the paper is."""
 CONFIGS = {"default": COLUMNS, "metadata": COLUMNS[: len(LIGHT_COLUMNS)]}
 """Columns of each config."""
 _GLOBS = {"default": "data/{}-*.parquet", "metadata": "metadata/{}.parquet"}
@@ -262,15 +266,18 @@ def _value_name(arrow_type: pa.DataType) -> str:
 
 def bibtex() -> str:
     """Entry of the paper, as a Markdown block."""
+    return f"```bibtex\n{bibtex_entry()}\n```"
+
+
+def bibtex_entry() -> str:
+    """Entry of the paper for BibTeX."""
     authors = " and ".join(f"{family}, {given}" for given, family in AUTHORS)
-    return f"""```bibtex
-@article{{zhang2025xden1k,
+    return f"""@article{{zhang2025xden1k,
   title   = {{{PAPER_TITLE}}},
   author  = {{{authors}}},
   journal = {{arXiv preprint arXiv:2512.10668}},
   year    = {{2025}}
-}}
-```"""
+}}"""
 
 
 def citation_text(manifest: Manifest) -> str:
@@ -291,7 +298,7 @@ def citation_text(manifest: Manifest) -> str:
             "month": 12,
             "journal": "arXiv preprint arXiv:2512.10668",
             "doi": "10.48550/arXiv.2512.10668",
-            "url": "https://arxiv.org/abs/2512.10668",
+            "url": HOMEPAGE,
         },
     }
     return str(yaml.safe_dump(values, sort_keys=False, width=100, allow_unicode=True))
