@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from xden1k.access.geometry import project, projection_matrix, view_geometry
     from xden1k.access.hub import data_root, download
     from xden1k.access.loading import load_dataset
+    from xden1k.access.objects import open_object
     from xden1k.errors import (
         DataError,
         MissingExtraError,
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from xden1k.folder.verify import verify_folder
     from xden1k.predictions import Predictions, open_predictions, write_predictions
     from xden1k.predictor import Example, Predictor
+    from xden1k.rays.reprojection import reprojected
     from xden1k.values.mass import MassProperties
     from xden1k.values.materials import Material, load_materials
     from xden1k.values.modality import ModalityError
@@ -58,9 +60,11 @@ __all__ = [
     "load_dataset",
     "load_materials",
     "open_folder",
+    "open_object",
     "open_predictions",
     "project",
     "projection_matrix",
+    "reprojected",
     "verify_folder",
     "view_geometry",
     "write_folder",
@@ -80,6 +84,8 @@ _NAMES_OF = {
     "folder": ("open_folder", "write_folder"),
     "access.hub": ("data_root", "download"),
     "access.loading": ("load_dataset",),
+    "access.objects": ("open_object",),
+    "rays.reprojection": ("reprojected",),
     "values.mass": ("MassProperties",),
     "values.materials": ("Material", "load_materials"),
     "values.modality": ("ModalityError",),
@@ -91,6 +97,7 @@ _NAMES_OF = {
 }
 _MODULE_OF = {name: module for module, names in _NAMES_OF.items() for name in names}
 
+_EXTRA_OF = {"manifold3d": "build", "numba": "build"}
 
 if not TYPE_CHECKING:  # else every misspelt name would pass for Any
 
@@ -112,9 +119,10 @@ def _module(name: str) -> Any:
     except ModuleNotFoundError as err:
         if not err.name or err.name.startswith(__name__):
             raise
-        from xden1k.errors import MissingExtraError
-
-        raise MissingExtraError(f"xden1k.{name} needs {err.name}: pip install {err.name}") from err
+        errors = import_module("xden1k.errors")
+        extra = _EXTRA_OF.get(err.name)
+        command = errors.install_command(extra) if extra else f"pip install {err.name}"
+        raise errors.MissingExtraError(f"xden1k.{name} needs {err.name}: {command}") from err
 
 
 def __dir__() -> list[str]:

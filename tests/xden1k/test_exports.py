@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ast
 import inspect
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from mypy import api
@@ -48,15 +50,21 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
         xden1k.nothing  # noqa: B018
 
 
+@pytest.mark.parametrize(
+    ("name", "library", "command"),
+    [("XDen1K", "torch", r"pip install torch$"), ("reprojected", "numba", r"pip .*\[build\]'$")],
+)
 def test_a_library_that_is_missing_is_named_with_its_command(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, name: str, library: str, command: str
 ) -> None:
-    def missing(name: str) -> None:
-        raise ModuleNotFoundError("No module named 'torch'", name="torch")
+    def lacking(module: str) -> ModuleType:
+        if module == "xden1k.errors":
+            return import_module(module)
+        raise ModuleNotFoundError(f"No module named {library!r}", name=library)
 
-    monkeypatch.setattr(xden1k, "import_module", missing)
-    with pytest.raises(MissingExtraError, match=r"^xden1k.XDen1K needs torch: pip install torch$"):
-        xden1k.__getattr__("XDen1K")
+    monkeypatch.setattr(xden1k, "import_module", lacking)
+    with pytest.raises(MissingExtraError, match=f"^xden1k.{name} needs {library}: {command}"):
+        xden1k.__getattr__(name)
 
 
 def test_type_checkers_tell_of_a_misspelt_name(tmp_path: Path) -> None:

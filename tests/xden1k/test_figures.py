@@ -13,7 +13,7 @@ from tests import phantoms
 from xden1k.errors import DataError
 from xden1k.pictures import figures
 from xden1k.pictures.figures import contact_sheet, object_sheet
-from xden1k.pictures.radiographs import reprojection
+from xden1k.rays.reprojection import reprojected
 from xden1k.values.types import DensityObject
 
 
@@ -30,7 +30,7 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_reprojection_of_an_exact_object_is_its_radiograph(bar: DensityObject) -> None:
     for view in bar.views:
-        model = reprojection(bar, view)
+        model = reprojected(bar, view).transmission
         # the radiograph has one ray a pixel, the model nine: they differ at edges
         difference = np.abs(model - view.transmission)[view.valid]
         assert np.median(difference) < 1e-6
@@ -40,16 +40,26 @@ def test_reprojection_of_an_exact_object_is_its_radiograph(bar: DensityObject) -
 def test_reprojection_takes_the_gain_of_the_fit(bar: DensityObject) -> None:
     brighter = replace(bar, meta={"fit": {"gain": {"pa": 1.5, "lat": 0.5}}})
     for view, gain in zip(bar.views, (1.5, 0.5), strict=True):
-        model = reprojection(brighter, view)
-        np.testing.assert_allclose(model, gain * reprojection(bar, view), rtol=1e-6)
+        model = reprojected(brighter, view).transmission
+        np.testing.assert_allclose(model, gain * reprojected(bar, view).transmission, rtol=1e-6)
 
 
 def test_reprojection_through_unknown_attenuation_is_not_a_number(bar: DensityObject) -> None:
     steel = replace(bar.parts[1], lac_per_cm=phantoms.NAN, apparent_density_g_cm3=phantoms.NAN)
     part_known = replace(bar, parts=(bar.parts[0], steel))
-    model = reprojection(part_known, bar.views[0])
+    model = reprojected(part_known, "pa").transmission
     assert 0.01 < np.isnan(model).mean() < 0.5
     assert np.nanmin(model) > 0.5
+
+
+def test_a_reprojection_is_a_view_of_the_same_geometry(bar: DensityObject) -> None:
+    view = bar.views[1]
+    model = reprojected(bar, "lat", subrays=1)
+    assert (model.name, model.geometry) == ("lat", view.geometry)
+    assert model.valid.all()
+    np.testing.assert_allclose(model.transmission[view.valid], view.transmission[view.valid], 1e-6)
+    with pytest.raises(DataError, match=r"bar: no view 'ap'; there are \['pa', 'lat'\]"):
+        reprojected(bar, "ap")
 
 
 @pytest.mark.usefixtures("coarse")

@@ -21,10 +21,11 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from xden1k.errors import DataError
-from xden1k.pictures.radiographs import MADE_WORDS, Window, compare, object_window
+from xden1k.pictures.radiographs import MADE_WORDS, compare
 from xden1k.values.arrays import Image
 from xden1k.values.types import DensityField, DensityObject, Part
 from xden1k.values.views import XRayView
+from xden1k.values.windows import Window, object_window
 
 __all__ = ["contact_sheet", "object_sheet"]
 

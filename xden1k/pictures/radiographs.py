@@ -11,13 +11,12 @@ from xden1k.errors import require
 from xden1k.values.arrays import Image
 from xden1k.values.types import DensityObject
 from xden1k.values.views import XRayView
+from xden1k.values.windows import object_window, pixel_aspect
 
-__all__ = ["MADE_WORDS", "Comparison", "Window", "compare", "object_window", "reprojection"]
+__all__ = ["MADE_WORDS", "Comparison", "compare"]
 
-SUBRAYS = 3
 MADE_WORDS = {"scan": "measured", "phantom": "simulated", "ct": "computed"}
 """How the radiographs of each source came to be."""
-Window = tuple[slice, slice]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,53 +55,15 @@ def compare(obj: DensityObject, view: XRayView) -> Comparison:
     MissingExtraError
         If the projector's libraries (extra ``build``) are not installed.
     """
+    require("numba", "build")
+    from xden1k.rays.reprojection import gain_of, reprojected
+
     window = object_window(obj, view)
     measured = np.where(view.valid, view.transmission, np.float32(np.nan))[window]
-    model = reprojection(obj, view)[window]
-    on_object = model < _gain(obj, view)
+    model = reprojected(obj, view).transmission[window]
+    on_object = model < gain_of(obj, view.name)
     mean, limit = _mean_and_limit(np.abs((measured - model)[on_object]))
-    return Comparison(measured, model, mean, limit, _aspect(view))
-
-
-def reprojection(obj: DensityObject, view: XRayView) -> Image:
-    """Transmission that the stored parts give in a view, 3 x 3 rays a pixel.
-
-    The gain is that of ``meta["fit"]["gain"]``, 1 if there is none. Where a ray meets a part of
-    unknown attenuation, the pixel is not a number.
-
-    Raises
-    ------
-    MissingExtraError
-        If the projector's libraries (extra ``build``) are not installed.
-    """
-    require("numba", "build")
-    require("manifold3d", "build")
-    from xden1k.rays import path_lengths
-
-    meshes = [part.mesh for part in obj.parts]
-    lac = np.array([part.lac_per_cm for part in obj.parts])
-    lengths = path_lengths(meshes, range(len(meshes)), view.geometry, SUBRAYS)
-    image = lengths.image(np.nan_to_num(lac), _gain(obj, view))
-    unknown = lengths.lengths_cm[:, :, np.isnan(lac)].any(axis=(1, 2))
-    image.flat[lengths.pixels[unknown]] = np.nan
-    return image
-
-
-def object_window(obj: DensityObject, view: XRayView) -> Window:
-    """Rows and columns of the object and a margin: square, but for the image's edges."""
-    points = np.concatenate([part.mesh.vertices for part in obj.parts])
-    columns, rows, _ = view.geometry.project(points).T
-    side = int(np.ceil(1.2 * max(np.ptp(rows), np.ptp(columns)))) + 1
-    return _span(rows, side, view.geometry.shape[0]), _span(columns, side, view.geometry.shape[1])
-
-
-def _span(positions: Float[np.ndarray, "n"], side: int, size: int) -> slice:
-    first = round((positions.min() + positions.max() - side) / 2)
-    return slice(max(0, first), min(size, first + side))
-
-
-def _gain(obj: DensityObject, view: XRayView) -> float:
-    return float(obj.meta.get("fit", {}).get("gain", {}).get(view.name, 1.0))
+    return Comparison(measured, model, mean, limit, pixel_aspect(view))
 
 
 def _mean_and_limit(sizes: Float[np.ndarray, "n"]) -> tuple[float, float]:
@@ -110,8 +71,3 @@ def _mean_and_limit(sizes: Float[np.ndarray, "n"]) -> tuple[float, float]:
     if not len(known):
         return np.nan, 1e-3
     return float(known.mean()), float(f"{max(np.quantile(known, 0.99), 1e-3):.1g}")
-
-
-def _aspect(view: XRayView) -> float:
-    place = view.geometry
-    return float(np.linalg.norm(place.row_step_cm) / np.linalg.norm(place.column_step_cm))

@@ -5,18 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 import trimesh
+from jaxtyping import Float
 
-from xden1k.errors import DataError
+from xden1k.errors import DataError, require
 from xden1k.values.arrays import Grid, Labels, Vec3
 from xden1k.values.mass import MassProperties, mass_of_grid, mass_of_meshes
 from xden1k.values.views import XRayView
 
+if TYPE_CHECKING:
+    import torch
+
 __all__ = [
     "ALL_SPLITS",
+    "AXES",
     "FIELD_SIZE",
     "LABEL_SIZE",
     "MAX_PARTS",
@@ -36,6 +41,10 @@ LABEL_SIZE = 128
 """Voxels along each edge of the label grid, which fills the same cube."""
 MAX_PARTS = 255
 """Labels are one byte, and 0 is air."""
+
+MAX_RESAMPLED = 1024
+"""Voxels along an axis beyond which a resampled field is a slip of the unit."""
+AXES = ("x", "y", "z")
 
 Split = Literal["train", "val", "test", "private"]
 ALL_SPLITS: tuple[Split, ...] = get_args(Split)
@@ -163,6 +172,121 @@ class DensityField:
         """Centre of mass, shape (3,)."""
         return self.mass_properties.com_cm
 
+    def __repr__(self) -> str:
+        size = " x ".join(map(str, self.density_g_cm3.shape))
+        return f"DensityField({size} voxels of {self.voxel_size_cm:.4g} cm, {self.mass_g:.4g} g)"
+
+    def resampled(self, voxel_size_cm: float) -> DensityField:
+        """Field of the same matter in voxels of another size, which start at the same corner.
+
+        Each new voxel is the mean over its space, air where it reaches beyond the old grid: the
+        mass is kept to rounding, the centre of mass to a fraction of a voxel.
+
+        Parameters
+        ----------
+        voxel_size_cm
+            Edge of the new voxels, coarser or finer.
+
+        Raises
+        ------
+        DataError
+            If the size is not positive, or makes more than 1024 voxels along an axis.
+
+        Examples
+        --------
+        >>> field = DensityField(np.ones((4, 4, 4)), np.zeros(3), voxel_size_cm=1.0)
+        >>> coarse = field.resampled(2.0)
+        >>> coarse.density_g_cm3.shape, coarse.origin_cm.tolist(), coarse.mass_g
+        ((2, 2, 2), [0.5, 0.5, 0.5], 64.0)
+        """
+        if not 0 < voxel_size_cm < np.inf:
+            raise DataError(f"voxel_size_cm must be positive, got {voxel_size_cm}")
+        ratio = voxel_size_cm / self.voxel_size_cm
+        if max(self.density_g_cm3.shape) / ratio > MAX_RESAMPLED:
+            raise DataError(
+                f"voxels of {voxel_size_cm} cm make more than {MAX_RESAMPLED} along an axis of "
+                f"{max(self.density_g_cm3.shape)} voxels of {self.voxel_size_cm} cm"
+            )
+        values = self.density_g_cm3.astype(np.float64)
+        for axis, size in enumerate(values.shape):
+            values = np.moveaxis(np.tensordot(_shares(size, ratio), values, (1, axis)), 0, axis)
+        low = self.origin_cm - self.voxel_size_cm / 2
+        density = values.astype(np.promote_types(self.density_g_cm3.dtype, np.float32))
+        return DensityField(density, low + voxel_size_cm / 2, voxel_size_cm)
+
+    def sliced(
+        self, axis: Literal["x", "y", "z"], at_cm: float | None = None
+    ) -> Float[np.ndarray, "across up"]:
+        """Plane of voxels perpendicular to an axis; the other two axes stay in their order.
+
+        Parameters
+        ----------
+        axis
+            ``x``, ``y`` or ``z``.
+        at_cm
+            Where, object frame; None = through the centre of mass.
+
+        Raises
+        ------
+        DataError
+            If there is no such axis, the place is outside the grid, or it is not given and
+            nothing has mass.
+
+        Examples
+        --------
+        >>> field = DensityField(np.arange(8.0).reshape(2, 2, 2), np.zeros(3), voxel_size_cm=1.0)
+        >>> field.sliced("z", 1.2).tolist()
+        [[1.0, 3.0], [5.0, 7.0]]
+        """
+        if axis not in AXES:
+            raise DataError(f"axis must be one of {list(AXES)}, got {axis!r}")
+        number = AXES.index(axis)
+        if at_cm is None:
+            if self.mass_g == 0:
+                raise DataError("nothing has mass, and so no centre of mass to cut: give at_cm")
+            at_cm = float(self.com_cm[number])
+        size = self.density_g_cm3.shape[number]
+        place = (at_cm - self.origin_cm[number]) / self.voxel_size_cm
+        if not -0.5 <= place <= size - 0.5:
+            low, high = self.origin_cm[number] + np.array([-0.5, size - 0.5]) * self.voxel_size_cm
+            raise DataError(f"{axis} = {at_cm:g} cm is outside the grid, {low:g} to {high:g} cm")
+        plane: Float[np.ndarray, "across up"] = np.take(
+            self.density_g_cm3, min(max(round(place), 0), size - 1), axis=number
+        )
+        return plane
+
+    def to_torch(self) -> torch.Tensor:
+        """Densities as a float32 tensor of shape (x, y, z), a copy, g/cm³."""
+        import torch
+
+        return torch.tensor(self.density_g_cm3, dtype=torch.float32)
+
+    def to_nibabel(self) -> Any:
+        """Densities as a ``nibabel.Nifti1Image``, float32, g/cm³.
+
+        NIfTI is in millimetres: the affine takes voxel numbers to the object frame times 10. The
+        frame is the object's, not a patient's.
+
+        Raises
+        ------
+        MissingExtraError
+            If nibabel (extra ``nifti``) is not installed.
+        """
+        nibabel = require("nibabel", "nifti")
+        affine = np.diag([*[10 * self.voxel_size_cm] * 3, 1.0])
+        affine[:3, 3] = 10 * self.origin_cm
+        image = nibabel.Nifti1Image(self.density_g_cm3.astype(np.float32), affine)
+        image.header.set_xyzt_units("mm")
+        return image
+
+
+def _shares(size: int, ratio: float) -> Float[np.ndarray, "new old"]:
+    """Share of each new voxel, ``ratio`` times as wide, that each old one fills."""
+    count = max(1, int(np.ceil(size / ratio - 1e-9)))
+    low, old = ratio * np.arange(count)[:, None], np.arange(size)
+    shared: Float[np.ndarray, "new old"] = np.minimum(low + ratio, old + 1) - np.maximum(low, old)
+    return shared.clip(0) / ratio
+
 
 @dataclass(frozen=True, eq=False)
 class DensityObject:
@@ -236,6 +360,19 @@ class DensityObject:
             raise DataError(f"{self.object_id}: 1 to {MAX_PARTS} parts, got {len(self.parts)}")
         if len({part.name for part in self.parts}) < len(self.parts):
             raise DataError(f"{self.object_id}: part names must be unique")
+
+    def __repr__(self) -> str:
+        mass = f"{self.mass_g:.4g} g" if np.isfinite(self.mass_g) else "mass unknown"
+        return (
+            f"DensityObject({self.object_id!r}, {self.category!r}, {mass}, "
+            f"{len(self.parts)} parts, {self.source}, {self.split} split)"
+        )
+
+    def _repr_html_(self) -> str:
+        """Show radiographs, slices and parts in a notebook; no external resources."""
+        from xden1k.values.notebook import object_html
+
+        return object_html(self)
 
     @property
     def best_field(self) -> DensityField:
