@@ -6,12 +6,12 @@ import base64
 import io
 from collections.abc import Iterator
 from html import escape
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from jaxtyping import Float
 
-from xden1k.values.types import AXES, DensityField, Part
+from xden1k.values.types import AXES, Axis, DensityField, Part
 from xden1k.values.views import XRayView
 from xden1k.values.windows import object_window, pixel_aspect
 
@@ -36,8 +36,9 @@ _HEADS: Final = ("part", "material", "LAC 1/cm", "density g/cm³", "source", "fl
 def object_html(obj: DensityObject) -> str:
     """Page of an object: radiographs, two slices, parts; every text of the data escaped.
 
-    Radiographs are drawn as the attenuation -ln T, air black, the most attenuated pixel white;
-    slices go through the centre of mass, white is air and black the densest.
+    Radiographs are drawn as the root of the attenuation -ln T, air black, the most attenuated
+    pixel white; slices go through the centre of mass, the two in which most is filled, white is
+    air and black the densest.
 
     Parameters
     ----------
@@ -69,7 +70,7 @@ def _summary(obj: DensityObject) -> str:
 
 def _radiographs(obj: DensityObject) -> Iterator[str]:
     for view in obj.views:
-        yield _figure(_grey(obj, view), f"{view.name.upper()} radiograph, -ln T")
+        yield _figure(_grey(obj, view), f"{view.name.upper()} radiograph, √(-ln T)")
 
 
 def _grey(obj: DensityObject, view: XRayView) -> Float[np.ndarray, "rows columns 3"]:
@@ -77,7 +78,8 @@ def _grey(obj: DensityObject, view: XRayView) -> Float[np.ndarray, "rows columns
     window = object_window(obj, view)
     image = np.where(view.valid, view.transmission, np.float32(1))[window]
     attenuation = -np.log(image.clip(DARKEST, 1))
-    grey = 255 * attenuation / max(float(attenuation.max()), 1e-6)
+    # by the square root, so that plastic beside metal is not black
+    grey = 255 * np.sqrt(attenuation / max(float(attenuation.max()), 1e-6))
     height, width = grey.shape[0] * pixel_aspect(view), grey.shape[1]
     return np.repeat(_scaled(grey, height / width)[..., None], 3, axis=2)
 
@@ -95,20 +97,20 @@ def _scaled(image: Float[np.ndarray, "rows columns"], ratio: float) -> np.ndarra
 
 
 def _slices(obj: DensityObject) -> Iterator[str]:
-    """Draw the planes x and y = centre of mass; nothing where the answers are withheld."""
+    """Draw two planes through the centre of mass; nothing where the answers are withheld."""
     field = obj.density or obj.apparent_density
     if field is None or field.mass_g == 0:
         return
     what = "density" if obj.density else "apparent density"
     densest = float(field.density_g_cm3.max())
-    for axis in ("y", "x"):
-        at = float(field.com_cm[AXES.index(axis)])
+    for axis in sorted(AXES, key=lambda axis: -np.count_nonzero(field.sliced(axis)))[:2]:
+        at = round(float(field.com_cm[AXES.index(axis)]), 2) + 0.0  # no minus zero
         colours = _colours(field, axis, densest)
         yield _figure(colours, f"{what}, {axis} = {at:.2f} cm, 0 to {densest:.3g} g/cm³")
 
 
 def _colours(
-    field: DensityField, axis: Literal["x", "y"], densest: float
+    field: DensityField, axis: Axis, densest: float
 ) -> Float[np.ndarray, "rows columns 3"]:
     plane = field.sliced(axis).T[::-1].astype(np.float64)
     # by the square root, so that foam beside steel is not white

@@ -27,6 +27,7 @@ __all__ = [
     "MAX_PARTS",
     "PRIVATE",
     "SPLITS",
+    "Axis",
     "DensityField",
     "DensityObject",
     "DensitySource",
@@ -44,7 +45,8 @@ MAX_PARTS = 255
 
 MAX_RESAMPLED = 1024
 """Voxels along an axis beyond which a resampled field is a slip of the unit."""
-AXES = ("x", "y", "z")
+Axis = Literal["x", "y", "z"]
+AXES: tuple[Axis, ...] = get_args(Axis)
 
 Split = Literal["train", "val", "test", "private"]
 ALL_SPLITS: tuple[Split, ...] = get_args(Split)
@@ -214,9 +216,7 @@ class DensityField:
         density = values.astype(np.promote_types(self.density_g_cm3.dtype, np.float32))
         return DensityField(density, low + voxel_size_cm / 2, voxel_size_cm)
 
-    def sliced(
-        self, axis: Literal["x", "y", "z"], at_cm: float | None = None
-    ) -> Float[np.ndarray, "across up"]:
+    def sliced(self, axis: Axis, at_cm: float | None = None) -> Float[np.ndarray, "across up"]:
         """Plane of voxels perpendicular to an axis; the other two axes stay in their order.
 
         Parameters
