@@ -12,11 +12,11 @@ from jaxtyping import Float, UInt8
 from matplotlib.cm import ScalarMappable
 from scipy.ndimage import map_coordinates
 
+from xden1k.export.glb import write_nodes
 from xden1k.values.arrays import Grid, Vec3
 from xden1k.values.types import Part
 
 __all__ = [
-    "M_PER_CM",
     "cut_open",
     "part_values",
     "refined",
@@ -25,9 +25,6 @@ __all__ = [
     "write_glb",
 ]
 
-M_PER_CM: Final = 0.01
-UPRIGHT: Final = M_PER_CM * np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-"""From cm, z up, to glTF's metres, y up."""
 LONGEST_EDGE_VOXELS: Final = 3.0
 """Triangles that show a field are cut until no edge is longer, lest their corners speak for all."""
 SHARP: Final = np.radians(30)
@@ -117,22 +114,16 @@ def write_glb(
     parts
         Named.
     meshes
-        Their shapes, cm, object frame; vertices are stored so, and the transform of each node
-        makes them metres, y up.
+        Their shapes, cm, object frame.
     colours
         From :func:`vertex_colours`, one array for each mesh.
     """
-    transform, scene = np.eye(4), trimesh.Scene()
-    transform[:3, :3] = UPRIGHT
+    shown = {}
     for part, mesh, rgba in zip(parts, meshes, colours, strict=True):
         if len(mesh.faces):
-            painted = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False, vertex_colors=rgba)
-            shown = trimesh.graph.smooth_shade(painted, angle=SHARP)
-            scene.add_geometry(shown, node_name=part.name, geom_name=part.name, transform=transform)
-    exported = scene.export(  # type: ignore[no-untyped-call]
-        file_type="glb", include_normals=True, tree_postprocessor=_matt
-    )
-    path.write_bytes(exported)
+            bare = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False, vertex_colors=rgba)
+            shown[part.name] = trimesh.graph.smooth_shade(bare, angle=SHARP)
+    write_nodes(path, shown, normals=True, finish=_matt)
 
 
 def _matt(tree: dict[str, Any]) -> None:

@@ -9,12 +9,12 @@ from typing import Any, Final
 import gradio as gr
 import numpy as np
 
+from xden1k.export.si import M_PER_CM
 from xden1k.values.types import FIELD_SIZE
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.serve.explorer import COLOURS, PART_HEADINGS, Explorer, Fields, best_and_worst
 from xden_bench.serve.figures import AXES
-from xden_bench.serve.glb import M_PER_CM
 from xden_bench.serve.told import GRID, PICTURE, PRIVATE, frame, offer, told
 from xden_bench.serve.words import object_line
 
