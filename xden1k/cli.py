@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import math
+import warnings
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from xden1k.commands import Group, json_option, open_root, print_json
+from xden1k.commands import DONE_IN_PART, Group, json_option, open_root, print_json
+from xden1k.errors import DataError, MissingObjectError
 
 if TYPE_CHECKING:
+    from xden1k.export import Exported
     from xden1k.folder import DatasetFolder
     from xden1k.values.types import DensityObject
 
@@ -22,6 +27,7 @@ __all__ = ["cli"]
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 PICTURE = click.Path(path_type=Path, dir_okay=False)
+FORMATS = ("mjcf", "urdf", "sdf", "usd", "glb", "obj", "nifti", "vti", "npz", "hdf5")
 PART_HEADS = ("part", "material", "LAC 1/cm", "density g/cm³", "sd", "source", "flags")
 
 root_option = click.option(
@@ -236,3 +242,86 @@ def download(repo_id: str | None, revision: str | None, as_json: bool) -> None:
         print_json({"root": str(folder), "version": Manifest.read(folder).version})
     else:
         click.echo(folder)
+
+
+@cli.command(epilog="Example: xden export hammer-0000 --format mjcf -o models --check")
+@click.argument("object_ids", metavar="[ID]...", nargs=-1)
+@click.option("--format", "format_name", type=click.Choice(FORMATS), required=True)
+@click.option("-o", "--out", type=FOLDER, required=True, help="Each object gets a folder in it.")
+@root_option
+@click.option("--split", help="All objects of a split, instead of ids.")
+@click.option("--check", is_flag=True, help="Have it read by the format's own tools as well.")
+@click.option("--pieces", type=click.IntRange(1), default=1, help="Convex pieces for collisions.")
+@json_option
+def export(
+    object_ids: tuple[str, ...], root: Path | None, split: str | None, as_json: bool, **how: Any
+) -> None:
+    """Write objects for simulators, viewers and other libraries.
+
+    mjcf, urdf, sdf and usd: one rigid body with its exact mass, centre and inertia, in m and kg.
+    glb and obj: its part meshes, in m. nifti and vti: its voxels. npz: all there is of an object,
+    in cm and g. hdf5: all there is of all of them, stacked.
+    """
+    if bool(object_ids) == bool(split):
+        raise click.UsageError("give the ids of objects, or --split for all of one")
+    folder = open_root(root)
+    ids = object_ids or folder.ids(split)
+    with _notes():
+        done, failed = (_stacked if how["format_name"] == "hdf5" else _each)(folder, ids, **how)
+    if as_json:
+        exports = [dataclasses.asdict(one) | {"path": str(one.path)} for one in done]
+        print_json({"exported": exports, "failed": failed})
+    for path in dict.fromkeys(one.path for one in done if not as_json):
+        click.echo(path)
+    for message in failed.values():
+        click.echo(f"Error: {message}", err=True)
+    if failed:
+        raise SystemExit(DONE_IN_PART if done else 1)
+
+
+Done = tuple[list["Exported"], dict[str, str]]
+
+
+def _each(
+    folder: DatasetFolder,
+    ids: Sequence[str],
+    *,
+    format_name: str,
+    out: Path,
+    check: bool,
+    pieces: int,
+) -> Done:
+    """Export object by object; what fails is told with its reason."""
+    from tqdm import tqdm
+
+    from xden1k.export import exported
+
+    done, failed = [], {}
+    for object_id in tqdm(ids, disable=None, leave=False):
+        try:
+            obj = folder.object(object_id)
+            done.append(exported(obj, format_name, out, check=check, pieces=pieces))
+        except (DataError, MissingObjectError) as err:
+            failed[object_id] = str(err)
+    return done, failed
+
+
+def _stacked(
+    folder: DatasetFolder, ids: Sequence[str], *, out: Path, check: bool, **_: Any
+) -> Done:
+    from tqdm import tqdm
+
+    from xden1k.export import export_stack
+
+    objects = map(folder.object, tqdm(ids, disable=None, leave=False))
+    return export_stack(objects, out, check=check), {}
+
+
+@contextmanager
+def _notes() -> Iterator[None]:
+    """Turn warnings into lines on stderr."""
+    with warnings.catch_warnings(record=True) as notes:
+        warnings.simplefilter("always", UserWarning)
+        yield
+    for note in notes:
+        click.echo(f"note: {note.message}", err=True)
