@@ -272,7 +272,7 @@ class DensityField:
         MissingExtraError
             If nibabel (extra ``nifti``) is not installed.
         """
-        nibabel = require("nibabel", "nifti")
+        nibabel = require("nibabel", "volumes")
         affine = np.diag([*[10 * self.voxel_size_cm] * 3, 1.0])
         affine[:3, 3] = 10 * self.origin_cm
         image = nibabel.Nifti1Image(self.density_g_cm3.astype(np.float32), affine)
