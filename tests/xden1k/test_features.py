@@ -57,24 +57,46 @@ def test_nested_lists_as_map_makes_them_are_stored_again_as_they_were(codes: lis
 
 
 @pytest.mark.parametrize(
-    ("feature", "value"),
+    ("feature", "value", "kind"),
     [
-        (TRANSMISSION, [[1.3]]),
-        (TRANSMISSION, [[-0.1]]),
-        (TRANSMISSION, [[float("nan")]]),
-        (TRANSMISSION, [[0.123456789]]),
-        (PackedArray("|u1"), [256]),
-        (PackedArray("|u1"), [1.5]),
-        (PackedArray("<f2", 1.0), [0.1]),
+        (TRANSMISSION, [[1.3]], "f8"),
+        (TRANSMISSION, [[-0.1]], "f8"),
+        (TRANSMISSION, [[float("nan")]], "f8"),
+        (TRANSMISSION, np.float32([[0.123456789, 2]]), "f4"),
+        (TRANSMISSION, [[1, 1000]], "i8"),
+        (PackedArray("|u1"), [256], "i8"),
+        (PackedArray("|u1"), np.int16([-1]), "i2"),
+        (PackedArray("|u1"), [1.5], "f8"),
+        (PackedArray("<f2", 1.0), np.array([0.1], ">f4"), "f4"),
+        (PackedArray("<i4"), np.uint64([1 << 62]), "u8"),
     ],
 )
-def test_what_cannot_be_stored_exactly_is_refused_and_never_rounded(
-    feature: PackedArray, value: list
+def test_what_its_type_cannot_hold_is_held_in_its_own_and_never_rounded(
+    feature: PackedArray, value: object, kind: str
 ) -> None:
-    with pytest.raises(DataError, match="cannot be stored exactly"):
-        feature.encode_example(value)
-    with pytest.raises(pa.ArrowInvalid, match="cannot be stored exactly"):
-        feature.cast_storage(pa.array([value]))
+    array = np.asarray(value)
+    back = feature.decode_example(feature.encode_example(value))
+    assert f"{back.dtype.kind}{back.dtype.itemsize}" == kind
+    np.testing.assert_array_equal(back, array)
+    assert back.flags.writeable
+    (stored,) = feature.cast_storage(pa.array([array.tolist()])).to_pylist()
+    np.testing.assert_array_equal(feature.decode_example(stored), array.astype(float))
+    assert np.asarray([stored])[0] == stored
+
+
+@given(st.data())
+def test_any_array_of_numbers_comes_back(data: st.DataObject) -> None:
+    kinds = hnp.boolean_dtypes() | hnp.integer_dtypes() | hnp.floating_dtypes(sizes=(16, 32, 64))
+    array = data.draw(hnp.arrays(kinds, SHAPES))
+    feature = PackedArray(ARRAY_COLUMNS["labels"].stored)
+    back = feature.decode_example(feature.encode_example(array))
+    np.testing.assert_array_equal(back, array)
+
+
+@pytest.mark.parametrize("value", ["text", 1.5, ["a", "b"], [[1], [2, 3]]])
+def test_what_is_no_array_of_numbers_is_refused(value: object) -> None:
+    with pytest.raises((DataError, ValueError), match=r"no array of numbers|inhomogeneous"):
+        TRANSMISSION.encode_example(value)
 
 
 def test_ragged_lists_make_no_array() -> None:
@@ -82,7 +104,14 @@ def test_ragged_lists_make_no_array() -> None:
         TRANSMISSION.cast_storage(pa.array([[[0.0], [0.0, 0.0]]]))
 
 
-@pytest.mark.parametrize("value", [b"", b"\x05", b"\x01\x02\x00\x00\x00\x01"])
+@pytest.mark.parametrize(
+    "value",
+    [
+        *(b"", b"\x05", b"\x80", b"\x85", b"\x01\x02\x00\x00\x00\x01"),
+        b"\x01\x01\x00\x00\x00c8\x81",
+        b"\x01\x01\x00\x00\x00f4\x81",
+    ],
+)
 def test_bytes_that_lack_their_shape_are_refused(value: bytes) -> None:
     with pytest.raises(DataError):
         PackedArray("|u1").decode_example(value)
@@ -159,17 +188,24 @@ def test_map_keeps_the_type_of_arrays_it_reads_and_of_those_it_can_store(rows: D
     np.testing.assert_array_equal(read[0]["mask"], rows[0]["mask"], strict=True)
 
 
-def test_map_falls_back_to_exact_nested_lists_for_what_the_type_cannot_hold(rows: Dataset) -> None:
+def test_map_keeps_arrays_arrays_whatever_is_done_to_them(rows: Dataset) -> None:
     shifted = rows.map(lambda row: {"image": row["image"] - np.float32(0.1)})
-    assert not isinstance(shifted.features["image"], PackedArray)
+    assert shifted.features["image"] == rows.features["image"]
     np.testing.assert_array_equal(
-        np.float32(shifted[0]["image"]), np.full((2, 3), np.float32(-0.1))
+        shifted[0]["image"], np.full((2, 3), np.float32(-0.1)), strict=True
     )
+    named = rows.map(lambda row: {"image": row["image"] - 0.1}, features=rows.features)
+    np.testing.assert_array_equal(named[0]["image"], rows[0]["image"] - 0.1, strict=True)
+    for kind in (None, "numpy", "torch"):
+        assert np.asarray(shifted.with_format(kind)[1]["image"]).shape == (3, 3)
+    again = shifted.map(lambda row: {"image": row["image"] * 0 + np.float32(1.25)})
+    np.testing.assert_array_equal(again[2]["image"], np.full((4, 3), np.float32(1.25)))
+
+
+def test_map_gives_what_is_no_array_another_type(rows: Dataset) -> None:
     for other in ("text", 1, ["a", "list"]):
         mapped = rows.map(lambda row, value: {"mask": value}, fn_kwargs={"value": other})
         assert mapped[0]["mask"] == other
-    with pytest.raises(pa.ArrowInvalid, match="cannot be stored exactly"):
-        rows.map(lambda row: {"image": row["image"] - 0.1}, features=rows.features)
 
 
 def test_pickling_saving_parquet_and_the_card_keep_the_type(

@@ -6,13 +6,18 @@ value the shape it has (:mod:`xden1k.format.packing`):
 
     byte planes | the shape, int32 little-endian, one per axis | the number of axes, one byte
 
+An array that the column's own type cannot hold exactly, as ``map`` makes them, is stored in the
+type it has, which its value then names: kind and size, two bytes before the last, and 128 more in
+the last. So a column of arrays stays one, no value is ever rounded, and none becomes lists.
+
 The last byte is never zero, which matters: the NumPy and torch formats of ``datasets`` put
 bytes into a fixed-width array, where zeros at the end are lost.
 
 What decodes: rows, slices, columns, batches, streaming, every format but ``arrow``, and what
 ``map`` gives back. Limits, all of ``datasets``: its NumPy and torch formats widen integers to
-int64 (:class:`xden1k.XDen1K` does not), and its files (``save_to_disk``, ``to_parquet``, the
-cache) need ``import xden1k`` before they are read.
+int64 and are slow (:func:`xden1k.to_tensors` is not), and its files (``save_to_disk``,
+``to_parquet``, the cache) need ``import xden1k`` before they are read, unless
+:func:`xden1k.to_plain` was applied.
 """
 
 from __future__ import annotations
@@ -33,6 +38,8 @@ __all__ = ["PackedArray", "shape_footer"]
 
 _NAME = "Xden1kArray"
 """In every file ``datasets`` writes: who lacks the import reads it in the message."""
+_OWN_TYPE = 128
+_OWN_TYPES = frozenset(f"{kind}{n}".encode() for kind in "iuf" for n in (1, 2, 4, 8)) | {b"b1"}
 
 
 @dataclass
@@ -78,11 +85,15 @@ class PackedArray:
             If the value is not byte planes followed by their shape.
         """
         del token_per_repo_id  # every decoder gets one; nothing here is remote
-        end = len(value) - 1 - 4 * value[-1] if value else -1
+        axes = value[-1] & ~_OWN_TYPE if value else 0
+        own = bool(value) and value[-1] >= _OWN_TYPE
+        end = len(value) - 1 - 2 * own - 4 * axes if value else -1
         if end < 0:
             raise DataError(f"{len(value)} bytes are no byte planes followed by their shape")
-        shape = np.frombuffer(value, dtype="<i4", count=value[-1], offset=end)
-        codec = ArrayCodec(self.stored, tuple(shape.tolist()), self.scale)
+        shape = tuple(np.frombuffer(value, dtype="<i4", count=axes, offset=end).tolist())
+        codec = ArrayCodec(self.stored, shape, self.scale)
+        if own:
+            codec = ArrayCodec(_type_of(value[-3:-1]), shape)
         return codec.decode(memoryview(value)[:end])
 
     def encode_example(self, value: Any) -> bytes:
@@ -91,22 +102,24 @@ class PackedArray:
         Raises
         ------
         DataError
-            If the array cannot be stored exactly.
+            If it is no array of numbers.
         """
         if isinstance(value, bytes):
             return value
         array = np.asarray(value)
-        if array.dtype.kind in "biuf":
-            with np.errstate(all="ignore"):
-                steps = array if self.scale in (None, 1.0) else np.rint(array / self.scale)
-                codes = steps.astype(self.stored)
-            data = to_planes(codes) + shape_footer(array.shape)
-            if np.array_equal(self.decode_example(data), array):
-                return data
-        raise DataError(
-            f"an array of {array.dtype} and shape {array.shape} cannot be stored exactly as "
-            f"{self.stored} times {self.scale or 1}: give it a new column"
-        )
+        if array.dtype.kind not in "biuf" or not array.ndim:
+            raise DataError(
+                f"{array.dtype} of shape {array.shape} is no array of numbers: give it a new column"
+            )
+        with np.errstate(all="ignore"):
+            steps = array if self.scale in (None, 1.0) else np.rint(array / self.scale)
+            codes = steps.astype(self.stored)
+        data = to_planes(codes) + shape_footer(array.shape)
+        if np.array_equal(self.decode_example(data), array, equal_nan=True):
+            return data
+        own = array.dtype.newbyteorder("<")
+        named = f"{own.kind}{own.itemsize}".encode("ascii")
+        return to_planes(array) + shape_footer(array.shape, named)
 
     def cast_storage(self, storage: pa.Array) -> pa.BinaryArray:
         """Return the stored values of a column that is stored already, or of nested lists.
@@ -116,7 +129,7 @@ class PackedArray:
         Raises
         ------
         pyarrow.ArrowInvalid
-            If the column cannot be stored exactly; ``map`` then keeps the nested lists.
+            If the column holds no arrays of numbers; ``map`` then gives it another type.
         """
         if storage.type in (self.pa_type, pa.large_binary(), pa.null()):
             return storage.cast(self.pa_type)
@@ -131,9 +144,24 @@ class PackedArray:
         return pa.array(values, self.pa_type)
 
 
-def shape_footer(shape: tuple[int, ...]) -> bytes:
-    """Return what a stored value has after its byte planes."""
-    return np.array(shape, dtype="<i4").tobytes() + bytes([len(shape)])
+def shape_footer(shape: tuple[int, ...], own_type: bytes = b"") -> bytes:
+    """Return what a stored value has after its byte planes.
+
+    Parameters
+    ----------
+    shape
+        Of the array.
+    own_type
+        Kind and size of its type, such as ``b"f4"``, where that is not the column's.
+    """
+    last = len(shape) + (_OWN_TYPE if own_type else 0)
+    return np.array(shape, dtype="<i4").tobytes() + own_type + bytes([last])
+
+
+def _type_of(name: bytes) -> str:
+    if name not in _OWN_TYPES:
+        raise DataError(f"{name!r} is no type of stored values")
+    return f"<{name.decode('ascii')}"
 
 
 def _array_of(row: pa.ListScalar) -> Shaped[np.ndarray, "..."]:
