@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import xden1k.access.alias as _alias
 
 if TYPE_CHECKING:
+    from xden1k.access.conversion import decode, to_plain, to_tensors
     from xden1k.access.dataset import XDen1K, collate
     from xden1k.access.geometry import project, projection_matrix, view_geometry
     from xden1k.access.hub import data_root, download
@@ -56,6 +57,7 @@ __all__ = [
     "__version__",
     "collate",
     "data_root",
+    "decode",
     "download",
     "load_dataset",
     "load_materials",
@@ -65,6 +67,8 @@ __all__ = [
     "project",
     "projection_matrix",
     "reprojected",
+    "to_plain",
+    "to_tensors",
     "verify_folder",
     "view_geometry",
     "write_folder",
@@ -72,6 +76,7 @@ __all__ = [
 ]
 
 _NAMES_OF = {
+    "access.conversion": ("decode", "to_plain", "to_tensors"),
     "access.dataset": ("XDen1K", "collate"),
     "access.geometry": ("project", "projection_matrix", "view_geometry"),
     "errors": (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -222,10 +223,10 @@ def test_features_of_the_user_hold() -> None:
     assert len(row["labels"]) == 128**3
 
 
-def test_other_paths_are_left_alone(root: Path) -> None:
-    rows = load_dataset(str(root), split="test")
-    assert rows.info.dataset_name == "root"
-    assert isinstance(rows[0]["labels"], bytes)
+def test_other_paths_are_left_alone(root: Path, tmp_path: Path) -> None:
+    shutil.copytree(root / "metadata", tmp_path / "light")
+    rows = load_dataset(str(tmp_path / "light"), split="test")
+    assert rows.info.dataset_name == "light"
     files = {"test": str(root / "data" / "test-*.parquet")}
     assert isinstance(load_dataset("parquet", data_files=files)["test"][0]["labels"], bytes)
 
@@ -244,6 +245,21 @@ def test_a_builder_says_what_it_would_load_before_it_does() -> None:
     assert info.citation.startswith("@article{zhang2025xden1k,")
     assert (info.license, info.homepage) == ("CC-BY-4.0", "https://arxiv.org/abs/2512.10668")
     assert load_dataset("xden1k", split="val").info.description == info.description
+
+
+def test_a_hub_repository_is_read_by_our_builder_if_its_card_lists_our_columns() -> None:
+    def found(names: list[str]) -> Any:
+        features = datasets.Features({name: datasets.Value("binary") for name in names})
+        infos = datasets.info.DatasetInfosDict(default=datasets.DatasetInfo(features=features))
+        parquet = "datasets.packaged_modules.parquet.parquet"
+        module = datasets.load.DatasetModule(parquet, "commit", {}, dataset_infos=infos)
+        return alias._with_arrays("owner/name", module, {}), module
+
+    ours, module = found([column.name for column in COLUMNS])
+    assert ours.module_path == "xden1k.access.rows"
+    assert ours.hash != module.hash
+    theirs, module = found(["labels", "image"])
+    assert theirs is module
 
 
 def test_the_builder_is_picklable() -> None:
