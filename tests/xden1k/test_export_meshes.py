@@ -16,6 +16,7 @@ from xden1k.access.hub import SAMPLE
 from xden1k.errors import DataError
 from xden1k.export import export
 from xden1k.export.closed import closed_mesh
+from xden1k.export.hulls import convex_shapes
 from xden1k.export.names import LONGEST, file_name, written_names
 from xden1k.export.place import RECORD, in_place
 from xden1k.folder import open_folder
@@ -90,6 +91,25 @@ def test_the_samples_slivers_are_closed_in_both_units() -> None:
                 assert read.is_watertight
                 assert read.volume == pytest.approx(float(mesh.volume), rel=1e-6)
     assert opened > 3  # else this shows nothing
+
+
+def test_hulls_are_closed_where_qhull_leaves_a_hole() -> None:
+    scissors = open_folder(SAMPLE).object("scissors-0001")
+    (handle,) = [part.mesh for part in scissors.parts if part.name == "lower_handle"]
+    solid = trimesh.Trimesh(np.asarray(handle.vertices) / 100, handle.faces, process=False)
+    assert edge_faults(solid.convex_hull.faces).open  # else this shows nothing
+    (hull,) = convex_shapes(solid, 1)
+    assert as_read(hull).is_watertight
+    assert hull.volume == pytest.approx(float(solid.convex_hull.volume), rel=1e-6)
+
+
+def test_what_is_told_apart_is_told_apart_in_single_precision() -> None:
+    folder = open_folder(SAMPLE)
+    for part in folder.object("thermos-0001").parts:
+        vertices = np.asarray(part.mesh.vertices) / 100
+        mesh = closed_mesh(trimesh.Trimesh(vertices, part.mesh.faces, process=False))
+        single = mesh.vertices.astype(np.float32)
+        assert len(np.unique(single, axis=0)) == len(single)
 
 
 def test_an_open_mesh_is_refused() -> None:

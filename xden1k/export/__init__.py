@@ -1,9 +1,9 @@
 """Objects as files for simulators, viewers and other libraries: one module a format.
 
 ``exporting`` puts an object in its place and checks it; ``body`` makes it a rigid body in SI
-(``si``), with shapes that stay closed (``closed``) and names that can be held (``names``);
-``mjcf``, ``urdf``, ``sdf``, ``usd``, ``glb``, ``obj``, ``nifti``, ``vti``, ``npz`` and ``hdf5``
-write.
+(``si``), with shapes that stay closed (``closed``, ``hulls``) and names that can be held
+(``names``); ``mjcf``, ``urdf``, ``sdf``, ``usd``, ``glb``, ``obj``, ``nifti``, ``vti``, ``npz`` and
+``hdf5`` write.
 """
 
 from xden1k.export.check import Deviation

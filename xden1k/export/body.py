@@ -7,6 +7,8 @@ the dataset does not have.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -14,8 +16,9 @@ from typing import Final
 import numpy as np
 import trimesh
 
-from xden1k.errors import DataError, require
+from xden1k.errors import DataError
 from xden1k.export.closed import closed_mesh
+from xden1k.export.hulls import convex_shapes
 from xden1k.export.names import file_name, written_names
 from xden1k.export.si import M_PER_CM, Inertial
 from xden1k.values.closed import edge_faults
@@ -96,14 +99,12 @@ class Body:
         )
 
     def _visual(self, part: Part) -> trimesh.Trimesh:
-        try:
+        with _told(self.obj, part):
             return closed_mesh(_scaled(part.mesh, M_PER_CM))
-        except DataError as err:
-            raise DataError(f"{_where(self.obj, part)}: {err}") from err
 
     def _collision(self, part: Part) -> tuple[trimesh.Trimesh, ...]:
-        solid = _scaled(part.mesh, M_PER_CM)
-        return (solid.convex_hull,) if self.pieces == 1 else _pieces(solid, self.pieces)
+        with _told(self.obj, part):
+            return convex_shapes(_scaled(part.mesh, M_PER_CM), self.pieces)
 
 
 def body_of(obj: DensityObject, pieces: int = 1) -> Body:
@@ -138,6 +139,15 @@ def body_of(obj: DensityObject, pieces: int = 1) -> Body:
     _check_inertial(obj, obj.mass_properties, inertial)
     (name,) = written_names([obj.object_id])
     return Body(name, obj, inertial, pieces)
+
+
+@contextmanager
+def _told(obj: DensityObject, part: Part) -> Iterator[None]:
+    """Say of which part an error is."""
+    try:
+        yield
+    except DataError as err:
+        raise DataError(f"{_where(obj, part)}: {err}") from err
 
 
 def _where(obj: DensityObject, part: Part) -> str:
@@ -205,11 +215,3 @@ def _warn_if_light(obj: DensityObject, mass_kg: float, smallest: float) -> None:
 
 def _scaled(mesh: trimesh.Trimesh, factor: float) -> trimesh.Trimesh:
     return trimesh.Trimesh(np.asarray(mesh.vertices) * factor, mesh.faces, process=False)
-
-
-def _pieces(solid: trimesh.Trimesh, count: int) -> tuple[trimesh.Trimesh, ...]:
-    """Convex pieces by V-HACD, which covers a solid up to its voxels."""
-    require("vhacdx", "sim")
-    made = trimesh.decomposition.convex_decomposition(solid, maxConvexHulls=count)
-    meshes = (trimesh.Trimesh(one["vertices"], one["faces"], process=False) for one in made)
-    return tuple(mesh.convex_hull for mesh in meshes)

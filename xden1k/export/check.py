@@ -11,7 +11,7 @@ import numpy as np
 from xden1k.errors import DataError
 from xden1k.export.si import Inertial
 
-__all__ = ["TOLERANCE", "Deviation", "compare"]
+__all__ = ["TOLERANCE", "Deviation", "compare", "deviation"]
 
 TOLERANCE: Final = 1e-6
 """Largest relative deviation of what is read back."""
@@ -53,19 +53,24 @@ def compare(path: Path, found: Inertial, wanted: Inertial) -> Deviation:
         If the inertia is that of no rigid body, or one of the deviations is above 1e-6.
     """
     _check_physical(path, found)
+    off = deviation(found, wanted)
+    if not off.largest <= TOLERANCE:
+        raise DataError(
+            f"{path}: read back, mass, centre and inertia are off by {off.mass:.1e}, "
+            f"{off.com:.1e} and {off.inertia:.1e}, expected at most {TOLERANCE:g}"
+        )
+    return off
+
+
+def deviation(found: Inertial, wanted: Inertial) -> Deviation:
+    """Say how far one inertial is from another."""
     largest = float(np.linalg.eigvalsh(wanted.inertia_kg_m2)[-1])
     gyration = np.sqrt(largest / wanted.mass_kg)
-    deviation = Deviation(
+    return Deviation(
         abs(found.mass_kg - wanted.mass_kg) / wanted.mass_kg,
         float(np.linalg.norm(found.com_m - wanted.com_m) / gyration),
         float(np.abs(found.inertia_kg_m2 - wanted.inertia_kg_m2).max() / largest),
     )
-    if not deviation.largest <= TOLERANCE:
-        raise DataError(
-            f"{path}: read back, mass, centre and inertia are off by {deviation.mass:.1e}, "
-            f"{deviation.com:.1e} and {deviation.inertia:.1e}, expected at most {TOLERANCE:g}"
-        )
-    return deviation
 
 
 def _check_physical(path: Path, found: Inertial) -> None:

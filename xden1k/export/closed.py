@@ -1,9 +1,9 @@
 """Meshes that stay closed under readers which merge vertices, or ask for two faces at each edge.
 
 A mesh of the dataset is closed by its indices. ``trimesh.load`` merges vertices that agree to 1e-8
-of the file's unit; a sliver's two ends become one, its triangle a line, and an edge where four
-triangles meet is no longer watertight. So what is written is merged here first, by the same rule,
-and made to pass.
+of the file's unit, Open3D those that agree in single precision; a sliver's two ends become one, its
+triangle a line, and an edge where four triangles meet is no longer watertight. So what is written
+is merged here first, by both rules, and made to pass.
 """
 
 from __future__ import annotations
@@ -15,16 +15,20 @@ import trimesh
 from jaxtyping import Bool, Float, Integer
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from xden1k.errors import DataError
 from xden1k.values.closed import edge_faults
 
 __all__ = ["closed_mesh"]
 
-PER_UNIT: Final = 10**8
-"""Steps in the file's unit, to which trimesh rounds what it compares."""
-STEP: Final = 2
-"""By how many roundings two surfaces that touch are drawn apart."""
+MERGED: Final = 1.01e-8
+"""Of the file's unit: trimesh takes what is nearer than 1e-8 for the same."""
+ROUNDINGS: Final = 4
+"""Of single precision at the mesh's size: readers that keep vertices so, once they have moved them
+to another unit, take what is nearer for the same."""
+STEP: Final = 1.5
+"""By how much more than that surfaces which touch are drawn apart."""
 ROUNDS: Final = 8
 
 # Their sizes change within a function, so they have no names.
@@ -39,7 +43,7 @@ def closed_mesh(mesh: trimesh.Trimesh, *, single: bool = False) -> trimesh.Trime
     """Make a mesh whose every edge joins two faces, however its vertices are merged.
 
     Slivers shorter than the readers' tolerance vanish; where the surface touches itself in an
-    edge, its sides are drawn apart by a few roundings, into the solid. Volumes keep to 1e-6.
+    edge, its sides are drawn apart by a few roundings, into the solid.
 
     Parameters
     ----------
@@ -83,11 +87,19 @@ def _rounded(vertices: Vertices, single: bool) -> Vertices:
     return np.asarray(vertices, np.float32 if single else np.float64).astype(np.float64)
 
 
+def _reach(vertices: Vertices) -> float:
+    """Return the distance along an axis below which some reader merges."""
+    size = np.float32(np.abs(vertices).max())
+    return max(MERGED, ROUNDINGS * float(np.spacing(size)))
+
+
 def _merged(vertices: Vertices, faces: Triangles) -> tuple[Vertices, Triangles]:
-    """Merge as trimesh does; faces that became a line, or lie back to back, go."""
-    keys = np.round(vertices * PER_UNIT).astype(np.int64)
-    _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    faces = inverse.reshape(-1)[faces]
+    """Merge what a reader may merge; faces that became a line, or lie back to back, go."""
+    near = cKDTree(vertices).query_pairs(_reach(vertices), p=np.inf, output_type="ndarray")
+    linked = coo_array((np.ones(len(near), dtype=bool), near.T), shape=(len(vertices),) * 2)
+    groups = connected_components(linked, directed=False)[1]
+    _, first = np.unique(groups, return_index=True)
+    faces = groups[faces]
     a, b, c = faces.T
     faces = _without_pairs(faces[(a != b) & (b != c) & (c != a)])
     used, faces = np.unique(faces, return_inverse=True)
@@ -215,10 +227,8 @@ def _inwards(points: Vertices, faces: Triangles) -> Vertices:
 
 
 def _moved(points: Vertices, directions: Vertices, steps: Sides, single: bool) -> Vertices:
-    """Move points by some of the smallest steps that both file and reader tell apart."""
-    size = np.abs(points).max(axis=1)
-    rounding = np.spacing(size.astype(np.float32) if single else size).astype(np.float64)
-    length = STEP * steps * np.maximum(rounding, 1 / PER_UNIT)
+    """Move points by some of the smallest steps that every reader tells apart."""
+    length = STEP * _reach(points) * steps
     return _rounded(points + directions * length[:, None], single)
 
 
@@ -228,6 +238,8 @@ def _halved(
     """Cut edges that still join the same two vertices as another one does in their middle."""
     edge, _ = _edges(faces)
     crowded = pairs[(np.bincount(edge) > 2)[edge[pairs[:, 0]]]]
+    if not len(crowded):
+        return points, faces
     corners = faces.reshape(-1)
     middles = (points[corners[crowded[:, 0]]] + points[corners[_next(crowded[:, 0])]]) / 2
     inwards = _inwards(points, faces)[corners[crowded[:, 0]]]

@@ -120,15 +120,11 @@ def read(path: Path, body: Body) -> Inertial:
     scene = trimesh.load_scene(path)
     back = np.eye(4)
     back[:3, :3] = UPRIGHT.T
-    meshes = []
-    for part in body.obj.parts:
-        if part.name not in scene.graph.nodes_geometry:
-            raise DataError(f"{path}: no node {part.name}")
-        transform, name = scene.graph[part.name]
-        mesh = scene.geometry[name]
-        if not (isinstance(mesh, trimesh.Trimesh) and mesh.is_watertight):
-            raise DataError(f"{path}: part {part.name} is not closed once it is read back")
-        meshes.append(mesh.copy().apply_transform(back @ transform))
+    meshes: list[object] = [None] * len(body.obj.parts)
+    for k, part in enumerate(body.obj.parts):
+        if part.name in scene.graph.nodes_geometry:
+            transform, name = scene.graph[part.name]
+            meshes[k] = scene.geometry[name].copy().apply_transform(back @ transform)
     return of_meshes(path, body, meshes)
 
 

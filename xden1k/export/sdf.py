@@ -13,17 +13,13 @@ import numpy as np
 
 from xden1k.errors import DataError
 from xden1k.export.body import Body
-from xden1k.export.si import Inertial
+from xden1k.export.si import SIX, Inertial
 from xden1k.export.text import element, numbers, read_xml, vector, write_meshes, write_xml
 
 __all__ = ["SUFFIX", "check", "expected", "read", "write"]
 
 SUFFIX: Final = ".sdf"
 VERSION: Final = "1.9"
-SIX: Final = (
-    *(("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2)),
-    *(("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2)),
-)
 
 
 def write(body: Body, path: Path) -> None:
@@ -35,7 +31,7 @@ def write(body: Body, path: Path) -> None:
     element(inertial, "pose", numbers([*body.inertial.com_m, 0, 0, 0]))
     element(inertial, "mass", numbers([body.inertial.mass_kg]))
     tensor = element(inertial, "inertia")
-    for name, row, column in SIX:
+    for name, (row, column) in SIX.items():
         element(tensor, name, numbers([body.inertial.inertia_kg_m2[row, column]]))
     for shape, (visual, hulls) in zip(body.shapes, write_meshes(body, path.parent), strict=True):
         seen = element(link, "visual", name=shape.name)
@@ -73,7 +69,7 @@ def read(path: Path, body: Body) -> Inertial:
     if inertial is None:
         raise DataError(f"{path}: no inertial")
     tensor = np.empty((3, 3))
-    for name, row, column in SIX:
+    for name, (row, column) in SIX.items():
         tensor[row, column] = tensor[column, row] = float(inertial.findtext(f"inertia/{name}", ""))
     mass_kg = float(inertial.findtext("mass", "nan"))
     return Inertial(mass_kg, vector(inertial.findtext("pose"))[:3], tensor)

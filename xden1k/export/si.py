@@ -17,6 +17,7 @@ __all__ = [
     "KG_PER_G",
     "MM_PER_CM",
     "M_PER_CM",
+    "SIX",
     "Inertial",
     "Matrix",
 ]
@@ -28,6 +29,12 @@ KG_M3_PER_G_CM3: Final = 1e3
 KG_M2_PER_G_CM2: Final = KG_PER_G * M_PER_CM**2
 
 Matrix = Float[np.ndarray, "3 3"]
+
+SIX: Final = {
+    **{"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2)},
+    **{"iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)},
+}
+"""Names of the entries of a symmetric tensor, as URDF and SDF have them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,15 +17,12 @@ import numpy as np
 
 from xden1k.errors import DataError, require
 from xden1k.export.body import Body
-from xden1k.export.si import Inertial, Matrix
+from xden1k.export.si import SIX, Inertial, Matrix
 from xden1k.export.text import element, numbers, read_xml, vector, write_meshes, write_xml
 
 __all__ = ["SUFFIX", "check", "expected", "read", "write"]
 
 SUFFIX: Final = ".urdf"
-SIX: Final = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2)} | {
-    "izz": (2, 2)
-}
 COMPILER: Final = {"strippath": "false", "fusestatic": "false", "discardvisual": "false"}
 
 
