@@ -121,7 +121,8 @@ class Fault:
     """What goes wrong with the next requests that match, so many times.
 
     With ``status`` it is answered; with ``cut_after`` the connection ends after so many bytes of
-    the body, sent or received; ``then`` is called at that moment.
+    the body, sent or received; with ``cut_answer`` the request is served, and its answer lost.
+    ``then`` is called at that moment. The first ``skip`` requests that match go well.
     """
 
     pattern: str
@@ -129,7 +130,9 @@ class Fault:
     message: str = "fault"
     headers: Mapping[str, str] = field(default_factory=dict)
     cut_after: int | None = None
+    cut_answer: bool = False
     times: int = 10**9
+    skip: int = 0
     then: Callable[[], object] = lambda: None
 
 
@@ -234,11 +237,15 @@ class _Handler(BaseHTTPRequestHandler):
                 self._read(fault.cut_after)
                 fault.then()
                 raise Cut
+            if fault and not fault.status and fault.cut_after is None:
+                fault.then()
             self.body = self._read(self._length())
             if fault and fault.status:
                 raise Refused(fault.status, "", fault.message)
             with self.server.lock:
                 status, body, headers = self._route()
+            if fault and fault.cut_answer:
+                raise Cut
         except Refused as err:
             status, headers = err.status, dict(fault.headers) if fault else {}
             headers |= {"X-Error-Message": str(err)} | (
@@ -250,12 +257,15 @@ class _Handler(BaseHTTPRequestHandler):
             return
         self._send(status, body, headers, fault)
 
-    do_GET = do_HEAD = do_POST = do_PUT = do_DELETE = _answer  # noqa: N815
+    do_GET = do_HEAD = do_POST = do_PUT = do_DELETE = _answer
 
     def _fault(self) -> Fault | None:
         with self.server.lock:
             for fault in self.server.faults:
                 if fault.times > 0 and re.search(fault.pattern, str(self.line)):
+                    if fault.skip > 0:
+                        fault.skip -= 1
+                        continue
                     fault.times -= 1
                     return fault
         return None
@@ -425,8 +435,8 @@ class _Handler(BaseHTTPRequestHandler):
         start = int(query.get("cursor", ["0"])[0])
         headers = {"Content-Type": "application/json"}
         if len(entries) > start + PAGE:
-            where = f"{self.server.url}{urlsplit(self.path).path}?recursive={deep}&cursor={start + PAGE}"
-            headers["Link"] = f'<{where}>; rel="next"'
+            here, more = urlsplit(self.path).path, f"recursive={deep}&cursor={start + PAGE}"
+            headers["Link"] = f'<{self.server.url}{here}?{more}>; rel="next"'
         return 200, json.dumps(entries[start : start + PAGE]).encode(), headers
 
     def paths(self, repo_id: str, revision: str) -> Any:

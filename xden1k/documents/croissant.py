@@ -41,7 +41,7 @@ CONTEXT: dict[str, Any] = {
 _TYPES = {pa.float64(): "cr:Float64", pa.int32(): "cr:Int32", pa.string(): "sc:Text"}
 
 
-def croissant_text(manifest: Manifest, base_url: str = "") -> str:
+def croissant_text(manifest: Manifest, base_url: str = "", date_published: str = "") -> str:
     """Text of ``croissant.json``: a file object per shard, a record set per config.
 
     Parameters
@@ -51,6 +51,8 @@ def croissant_text(manifest: Manifest, base_url: str = "") -> str:
     base_url
         Where the files are, ending in a slash. Without it their addresses are relative to the
         document, which readers follow only where it lies beside them on a disk.
+    date_published
+        Day on which it was published, ``YYYY-MM-DD``; empty where it was not.
     """
     values = {
         "@context": CONTEXT,
@@ -60,6 +62,7 @@ def croissant_text(manifest: Manifest, base_url: str = "") -> str:
         "description": _description(manifest),
         "keywords": [*TAGS, *(["synthetic"] if manifest.simulated else [])],
         "version": manifest.version,
+        **({"datePublished": date_published} if date_published else {}),
         "license": "https://creativecommons.org/licenses/by/4.0/",
         "url": "https://arxiv.org/abs/2512.10668",
         "citeAs": "\n".join(bibtex().splitlines()[1:-1]),
