@@ -6,11 +6,14 @@ The profile ``fast`` is the one of ``make test``: few examples, the same each ti
 
 import gc
 import os
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import settings
+
+from tests.hub_server import HubServer, running_hub
 
 settings.register_profile("fast", max_examples=20, deadline=None, derandomize=True)
 settings.register_profile("all", max_examples=100, deadline=None)
@@ -41,3 +44,21 @@ def shared_data() -> Path:
     if not SHARED_DATA.is_dir():
         pytest.skip(f"real test data not found at {SHARED_DATA}; set XDEN1K_TEST_DATA")
     return SHARED_DATA
+
+
+@pytest.fixture
+def hub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[HubServer]:
+    """A stand-in for the Hub, which the client of this process takes for the real one."""
+    from huggingface_hub import constants
+    from huggingface_hub.utils import _http
+
+    with running_hub() as server:
+        monkeypatch.setattr(constants, "ENDPOINT", server.url)
+        template = f"{server.url}/{{repo_id}}/resolve/{{revision}}/{{filename}}"
+        monkeypatch.setattr(constants, "HUGGINGFACE_CO_URL_TEMPLATE", template)
+        monkeypatch.setattr(constants, "HF_HUB_DISABLE_XET", True)
+        monkeypatch.setattr(constants, "HF_TOKEN_PATH", str(tmp_path / "no-token"))
+        monkeypatch.setattr(_http, "time", SimpleNamespace(sleep=lambda _: None))
+        monkeypatch.setenv("HF_TOKEN", "hf_write")
+        yield server
+        _http.close_session()

@@ -1,4 +1,4 @@
-"""``xden-build``: simulate captures, rebuild them, audit the result, measure the speed."""
+"""``xden-build``: simulate captures, rebuild them, audit and publish the result."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from xden1k.commands import Group
 from xden_builder.commands.audit import audit
 from xden_builder.commands.evaluate import evaluate
 from xden_builder.commands.phantoms import gallery, phantoms
+from xden_builder.commands.push import push
 from xden_builder.commands.run import run
 from xden_builder.commands.speed import speed
 
@@ -23,5 +24,5 @@ def cli() -> None:
     logging.basicConfig(format="%(levelname)s: %(message)s")
 
 
-for _command in (phantoms, run, audit, evaluate, gallery, speed):
+for _command in (phantoms, run, audit, push, evaluate, gallery, speed):
     cli.add_command(_command)
