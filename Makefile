@@ -2,7 +2,11 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
 
-.PHONY: setup demo test test-all lint docs speed sample leaderboard clean
+# One thread in each worker, and what is imported is compiled once and kept.
+PYTEST := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile
+FAST := -m "not slow and not peer"
+
+.PHONY: setup demo test test-all coverage lint docs speed sample leaderboard clean
 
 setup: $(STAMP)
 
@@ -17,10 +21,17 @@ demo: setup
 	$(BIN)/python demo.py
 
 test: setup
-	$(BIN)/pytest -n 2 -m "not slow"
+	$(PYTEST) $(FAST)
 
 test-all: setup
-	$(BIN)/pytest -n 2
+	$(BIN)/pip install --quiet -c constraints.txt -e ".[tables,peers]"
+	$(PYTEST) --hypothesis-profile all
+
+coverage: setup  # of the fast tests: statements and branches of each area
+	$(PYTEST) $(FAST) --cov --cov-report=
+	for area in xden1k benchmarks baselines builder; do \
+	  echo $$area && $(BIN)/coverage report --include="$$area/*" | sed -n '1p;$$p'; \
+	done
 
 lint: setup
 	$(BIN)/ruff check

@@ -134,6 +134,7 @@ def test_held_out_objects_have_no_part_in_the_components(folder: DatasetFolder) 
     assert seen == ["bar-0001", "hollow-0001"]
 
 
+@pytest.mark.slow
 def test_pixie_with_clip_looks_through_it_and_says_so(
     folder: DatasetFolder, weights: str, tmp_path: Path
 ) -> None:

@@ -44,6 +44,7 @@ def weights(model: torch.nn.Module) -> dict[str, np.ndarray]:
     return {name: value.numpy().copy() for name, value in model.state_dict().items()}
 
 
+@pytest.mark.slow
 def test_a_network_learns_one_object_by_heart(objects: list[Stored]) -> None:
     bar = objects[0]
     settings = Settings(

@@ -163,6 +163,7 @@ def changed(page: Any, selector: str, before: str) -> None:
     )
 
 
+@pytest.mark.slow
 def test_from_upload_to_the_object(
     visit: Callable[..., Any], submission: Submit, reference: Reference, tmp_path: Path
 ) -> None:

@@ -177,6 +177,7 @@ def without_an_object(object_id: str, grid: np.ndarray) -> np.ndarray | None:
     return None if object_id == "bar-0002" else grid
 
 
+@pytest.mark.slow
 def test_two_kills_among_twenty_uploads_lose_double_and_spoil_nothing(
     uploads: Uploads, reference: Reference
 ) -> None:

@@ -83,7 +83,12 @@ def radiograph(solids, name, geometry, *, tube=TUBE, exposure=1.0, rays=4):
         ]
     )
     image = np.ones(geometry.shape, dtype=np.float32)
-    image.flat[lengths.pixels] = spectrum.transmission(lengths.lengths_cm @ lac).mean(axis=1)
+    image.flat[lengths.pixels] = np.concatenate(
+        [  # piece by piece: every energy of every ray at once would take hundreds of megabytes
+            spectrum.transmission(piece @ lac).mean(axis=1)
+            for piece in np.array_split(lengths.lengths_cm, 16)
+        ]
+    )
     light = np.asarray(exposure * image, dtype=np.float32)
     return XRayView(name, light, np.ones(image.shape, dtype=bool), geometry)
 

@@ -137,7 +137,9 @@ def test_twenty_kills_lose_nothing_and_show_nothing_half_written(captures, built
 
 
 @pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")  # a full disk takes no close
-@pytest.mark.parametrize("what", ["a_work_file", "the_dataset"])
+@pytest.mark.parametrize(
+    "what", [pytest.param("a_work_file", marks=pytest.mark.slow), "the_dataset"]
+)
 @pytest.mark.parametrize("pool", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_full_disk_is_one_line_and_a_rerun_completes(
     captures, built, tmp_path, monkeypatch, what, pool

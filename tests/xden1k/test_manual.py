@@ -41,6 +41,7 @@ def test_header_names_exactly_the_files_of_the_sample(request: pytest.FixtureReq
     assert below == {SAMPLE}
 
 
+@pytest.mark.slow
 def test_code_of_the_manual_runs(tmp_path: Path) -> None:
     blocks = re.findall(r"```python\n(.*?)```", LOADING.read_text(encoding="utf-8"), re.DOTALL)
     assert len(blocks) == 5

@@ -83,6 +83,7 @@ def from_empty(folders: dict[str, Path]) -> dict:
     return answer("import xden1k, datasets", folders["empty"], folders["home"])
 
 
+@pytest.mark.slow
 def test_sample_loads_from_an_empty_folder_and_then_from_the_root(from_empty: dict) -> None:
     assert from_empty["light"]
     assert from_empty["decoded"]
