@@ -1,7 +1,8 @@
 """Fixtures every area uses, and how many examples Hypothesis draws.
 
 The profile ``fast`` is the one of ``make test``: few examples, the same each time. Those of
-``make test-all``, with ``--hypothesis-profile all``, are new and more. None has a deadline.
+``make test-all``, with ``--hypothesis-profile all``, are new and more. None has a deadline. There
+the annotations of every function are checked as it runs, too (jaxtyping, beartype).
 """
 
 import gc
