@@ -144,10 +144,83 @@ def test_a_contact_sheet_says_which_plane_and_which_density_is_shown(
     contact_sheet([phantoms.box_object("flat-0001", flat), unknown], tmp_path / "sheet.png")
     assert [text for text in texts if " = " in text] == [
         "y = 1.75 cm",
-        "apparent, y = 1.75 cm",
+        "LAC, y = 1.75 cm",
     ]
-    assert "attenuation only: apparent density" in texts
+    assert "attenuation only" in texts
     assert texts.count("PA") == texts.count("LAT") == 2
+
+
+def shades(monkeypatch: pytest.MonkeyPatch) -> list[tuple[np.ndarray, float]]:
+    """What is drawn in grey, 0 to 1, and the height over width of a pixel."""
+    drawn: list[tuple[np.ndarray, float]] = []
+    picture = figures._picture
+
+    def note(axes: object, image: np.ndarray, scale: object, **how: object) -> None:
+        if scale.cmap.name == "gray":
+            drawn.append((np.asarray(scale.norm(image)), how["aspect"]))
+        picture(axes, image, scale, **how)
+
+    monkeypatch.setattr(figures, "_picture", note)
+    return drawn
+
+
+def test_light_matter_beside_metal_can_be_seen(
+    bar: DensityObject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = shades(monkeypatch)
+    object_sheet(bar, tmp_path / "bar.png")
+    contact_sheet([bar], tmp_path / "sheet.png")
+    assert len(drawn) == 6
+    for image, _ in (drawn[0], drawn[4]):  # along y, in which they lie side by side
+        levels = np.unique(np.asarray(image).round(1))
+        assert levels[[0, -1]].tolist() == pytest.approx([0, 1], abs=0.11)
+        # 1 cm of steel and of plastic side by side: an eighth of the attenuation, a third of grey
+        assert 0.25 < np.median(image[(image > 0.05) & (image < 0.8)]) < 0.5
+
+
+def test_a_radiograph_of_few_rows_is_no_hairline_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, texts: list[str]
+) -> None:
+    drawn, labels = shades(monkeypatch), []
+    bars = figures._Page.colour_bar
+    monkeypatch.setattr(
+        figures._Page, "colour_bar", lambda *args: labels.append(args[3]) or bars(*args)
+    )
+    flat = phantoms.box_object("flat", phantoms.BAR, shape=(60, 50))
+    views = tuple(
+        replace(
+            view,
+            transmission=view.transmission[29:31],
+            valid=view.valid[29:31],
+            geometry=replace(view.geometry, shape=(2, 50)),
+        )
+        for view in flat.views
+    )
+    few = replace(flat, views=views)
+    object_sheet(few, tmp_path / "few.png")
+    contact_sheet([few], tmp_path / "sheet.png")
+    for image, aspect in drawn:
+        assert image.shape[0] * aspect / image.shape[1] == pytest.approx(0.25)
+    assert any("rows drawn" in label and "times as high" in label for label in labels)
+
+
+def test_attenuation_is_never_on_the_scale_of_densities(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    labels = []
+    monkeypatch.setattr(
+        figures._Page,
+        "colour_bar",
+        lambda page, box, scale, label, ticks=None: labels.append((label, scale.norm.vmax)),
+    )
+    known, unknown = phantoms.objects()[2:4]
+    object_sheet(unknown, tmp_path / "unknown.png")
+    assert labels[-1][0] == "LAC, 1/cm"
+    assert labels[-1][1] == pytest.approx(2.5 * 0.17, rel=1e-3)
+    labels.clear()
+    contact_sheet([known, unknown], tmp_path / "sheet.png")
+    assert [label for label, _ in labels] == ["density, g/cm³", "LAC, 1/cm"]
+    np.testing.assert_allclose([highest for _, highest in labels], [2, 0.425], rtol=1e-3)
 
 
 def test_an_empty_contact_sheet_is_refused(tmp_path: Path) -> None:

@@ -6,8 +6,9 @@ Figures are drawn on their own canvas; matplotlib's global state is left alone.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -23,22 +24,29 @@ from matplotlib.ticker import MaxNLocator
 from xden1k.errors import DataError
 from xden1k.pictures.radiographs import MADE_WORDS, compare
 from xden1k.values.arrays import Image
-from xden1k.values.types import DensityField, DensityObject, Part
+from xden1k.values.physics import PAPER_MAC_CM2_G
+from xden1k.values.types import AXES, DensityField, DensityObject, Part
 from xden1k.values.views import XRayView
-from xden1k.values.windows import Window, object_window
+from xden1k.values.windows import Window, object_window, pixel_aspect
 
 __all__ = ["contact_sheet", "object_sheet"]
 
 INK, FAINT, STRIPE, RULE = "#1b1b1b", "#777777", "#f4f4f1", "#c9c9c4"
 NO_VALUE = "#e9a23b"
 """Colour of pixels without a value: invalid, or seen through a part of unknown attenuation."""
+OPAQUE = 1e-4
+"""Transmission below which a picture makes no difference."""
+SLENDER = 0.25
+"""Height over width below which a radiograph is stretched."""
 DPI = 120
 SOURCE_WORDS = {
     "scan": "scan",
     "phantom": "simulated, never on a scanner",
     "ct": "views computed from a CT",
 }
-AXES = ("x", "y", "z")
+DENSITY_COLOURS, LAC_COLOURS = "magma_r", "viridis_r"
+CROSS = {DENSITY_COLOURS: "#1f9e89", LAC_COLOURS: "#e4572e"}
+"""Colour of the centre of mass, by the colours it lies on."""
 LINE = 0.2
 """Height of a line of the part table, inches."""
 TABLE_ROWS = 12
@@ -49,8 +57,18 @@ TABLE_COLUMNS = (
 """Of the part table: position in inches, alignment, characters that fit."""
 CELL_GAP = 0.06
 """Between the pictures of an object on a contact sheet, inches."""
-Cell = tuple[str, str, str, tuple[np.ndarray, ...]]
-"""On a contact sheet: name, mass, plane of the slice, pictures."""
+
+
+class _Cell(NamedTuple):
+    """An object on a contact sheet."""
+
+    name: str
+    note: str
+    plane: str
+    views: tuple[Image, ...]
+    cut: Float[np.ndarray, "down across"]
+    colours: str
+    aspects: tuple[float, ...]
 
 
 def object_sheet(obj: DensityObject, path: Path) -> None:
@@ -147,23 +165,48 @@ def _radiographs(page: _Page, left: float, obj: DensityObject, view: XRayView) -
     top, size, gap, made = 1.45, 2.5, 0.1, MADE_WORDS[obj.source]
     found = compare(obj, view)
     limit, residual = found.limit, found.residual
-    grey = _scale("gray", Normalize(0, max(1.0, float(np.nanmax(found.model)))))
+    measured, model = _attenuation(found.measured), _attenuation(found.model)
+    grey = _grey(measured, model)
     split = _scale("RdBu", Normalize(-limit, limit))
+    aspect, times = _readable(residual.shape, found.aspect)
     columns = (
-        (made, found.measured, grey),
-        ("reprojected", found.model, grey),
+        (made, measured, grey),
+        ("reprojected", model, grey),
         (f"residual, mean |r| = {found.mean_abs_residual:.2g}", residual, split),
     )
     for column, (label, image, scale) in enumerate(columns):
         start = left + column * (size + gap)
         page.text(start, top - 0.24, f"{view.name.upper()} {label}", fontsize=10)
-        _picture(page.axes(start, top, size, size), image, scale, aspect=found.aspect)
-    note = " (orange: no value)" if np.isnan(residual).any() else ""
+        _picture(page.axes(start, top, size, size), image, scale, aspect=aspect)
+    note = "; orange: no value" if np.isnan(residual).any() else ""
+    if times != 1:
+        note += f"; rows drawn {times:.3g} times as high"
     bar, inset = top + size + 0.1, 0.25
     wide = (left + inset, bar, 2 * size + gap - 2 * inset, 0.09)
-    page.colour_bar(wide, grey, f"transmission I / I₀{note}")
+    page.colour_bar(wide, grey, f"attenuation -ln (I / I₀){note}")
     narrow = (left + 2 * (size + gap) + inset, bar, size - 2 * inset, 0.09)
-    page.colour_bar(narrow, split, f"{made} - reprojected", [-limit, 0, limit])
+    page.colour_bar(narrow, split, f"{made} - reprojected, I / I₀", [-limit, 0, limit])
+
+
+def _attenuation(transmission: Image) -> Image:
+    """Return -ln T: what light and heavy matter both show in. Not a number stays so."""
+    return np.asarray(-np.log(transmission.clip(OPAQUE, 1.0)))
+
+
+def _grey(*images: Image) -> ScalarMappable:
+    """Air is black; by the root, so that plastic beside metal is not black too."""
+    highest = max(float(np.nanmax(image, initial=1e-3)) for image in images)
+    return _scale("gray", PowerNorm(0.5, 0, highest))
+
+
+def _readable(shape: tuple[int, ...], aspect: float) -> tuple[float, float]:
+    """Height of a pixel over its width to draw it with, and how many times the true one that is.
+
+    What would be a hairline is drawn a quarter as high as it is wide, or as wide as it is high.
+    """
+    slender = shape[0] * aspect / shape[1]
+    times = min(max(slender, SLENDER), 1 / SLENDER) / slender
+    return aspect * times, times
 
 
 def _scale(name: str, norm: Normalize) -> ScalarMappable:
@@ -180,12 +223,12 @@ def _picture(axes: Axes, image: np.ndarray, scale: ScalarMappable, **how: Any) -
 
 def _slices(page: _Page, obj: DensityObject) -> None:
     """Draw three slices through the centre of mass, or of the attenuation if that is all."""
-    field = obj.best_field
-    what = "density" if obj.density else "apparent density, LAC / 0.17"
+    field, colours = _shown_field(obj)
+    what = "density, g/cm³" if obj.density else "LAC, 1/cm"
     centre = field.com_cm if field.mass_g > 0 else field.origin_cm
     cuts = [_cut(field, axis, centre) for axis in (1, 0, 2)]
     top, size, gap = 5.2, 1.95, 0.56
-    scale = _scale("magma_r", Normalize(0, max(1e-3, *(float(cut.max()) for cut in cuts))))
+    scale = _scale(colours, Normalize(0, max(1e-3, *(float(cut.max()) for cut in cuts))))
     for number, (axis, cut) in enumerate(zip((1, 0, 2), cuts, strict=True)):
         left = 0.75 + number * (size + gap)
         page.text(
@@ -193,15 +236,20 @@ def _slices(page: _Page, obj: DensityObject) -> None:
         )
         axes = page.axes(left, top, size, size)
         _draw_cut(axes, field, axis, cut, centre, scale)
-    page.colour_bar((0.83 + 3 * size + 2 * gap, top, 0.1, size), scale, f"{what}, g/cm³")
+    page.colour_bar((0.83 + 3 * size + 2 * gap, top, 0.1, size), scale, what)
+
+
+def _shown_field(obj: DensityObject) -> tuple[DensityField, str]:
+    """Return the density, or where only attenuation is known that in 1/cm; and the colours."""
+    if obj.density:
+        return obj.density, DENSITY_COLOURS
+    field = obj.best_field
+    return replace(field, density_g_cm3=field.density_g_cm3 * PAPER_MAC_CM2_G), LAC_COLOURS
 
 
 def _cut(field: DensityField, axis: int, centre: np.ndarray) -> Float[np.ndarray, "down across"]:
     """Plane of voxels at the centre, rows downwards along the last axis left."""
-    index = round((centre[axis] - field.origin_cm[axis]) / field.voxel_size_cm)
-    index = min(max(index, 0), field.density_g_cm3.shape[axis] - 1)
-    plane: Float[np.ndarray, "across down"] = np.take(field.density_g_cm3, index, axis=axis)
-    return plane.T.astype(np.float32)
+    return field.sliced(AXES[axis], float(centre[axis])).T.astype(np.float32)
 
 
 def _draw_cut(
@@ -219,7 +267,8 @@ def _draw_cut(
     empty = np.where(cut > 0, cut, np.nan)
     clear = ScalarMappable(scale.norm, scale.cmap.with_extremes(bad="white"))
     _picture(axes, empty, clear, origin="lower", extent=extent)
-    axes.plot(centre[across], centre[up], "+", color="#1f9e89", markersize=9, markeredgewidth=1.4)
+    cross = CROSS[scale.cmap.name]
+    axes.plot(centre[across], centre[up], "+", color=cross, markersize=9, markeredgewidth=1.4)
     columns, rows = _filled(cut, 1), _filled(cut, 0)
     half = 0.6 * field.voxel_size_cm * max(np.ptp(columns), np.ptp(rows))
     for side, number, span in ((axes.xaxis, across, columns), (axes.yaxis, up, rows)):
@@ -256,7 +305,9 @@ def _part_table(page: _Page, parts: Sequence[Part]) -> None:
         if number % 2 == 0:
             axes.add_patch(Rectangle((0, number * LINE + 0.02), width, LINE, color=STRIPE))
         if color is not None:
-            axes.add_patch(Rectangle((0.03, number * LINE + 0.06), 0.12, 0.12, color=color))
+            axes.add_patch(
+                Rectangle((0.03, number * LINE + 0.06), 0.12, 0.12, fc=color, ec=RULE, lw=0.5)
+            )
         _table_line(axes, number, cells, color=INK)
 
 
@@ -290,10 +341,11 @@ def _part_cells(part: Part) -> tuple[str, ...]:
 def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4) -> None:
     """Draw many objects: both radiographs, a density slice, name and mass.
 
-    The slice is the one of the three planes through the centre of mass in which the object is
-    largest; which one is written below it. One colour scale for all, by the square root of the
-    density. An object of which only the attenuation is known shows the apparent density, and no
-    mass; it says so. A note says whether the objects are scans or simulated.
+    Radiographs are the attenuation -ln T, each on its own scale, air black. The slice is the one of
+    the three planes through the centre of mass in which the object is largest; which one is written
+    below it. One colour scale for all densities, by the square root. An object of which only the
+    attenuation is known shows that, in other colours of their own scale, and no mass; it says so.
+    A note says whether the objects are scans or simulated.
 
     Parameters
     ----------
@@ -320,15 +372,20 @@ def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4
     rows = -(-len(cells) // columns)
     columns = min(columns, len(cells))
     page = _Page(columns * width + 0.35, rows * height + 1.2)
-    densest = max(float(np.nanmax(cut)) for *_, (*_, cut) in cells)
-    scale = _scale("magma_r", PowerNorm(0.5, 0, max(densest, 1e-3)))
-    clear = ScalarMappable(scale.norm, scale.cmap.with_extremes(bad="white"))
-    grey = _scale("gray", Normalize(0, 1))
+    looks = {
+        colours: _scale(colours, PowerNorm(0.5, 0, max(1e-3, *highest)))
+        for colours in (DENSITY_COLOURS, LAC_COLOURS)
+        if (highest := [float(np.nanmax(c.cut)) for c in cells if c.colours == colours])
+    }
     for number, cell in enumerate(cells):
         left, top = 0.35 + number % columns * width, 0.15 + number // columns * height
-        _draw_cell(page, left, top, size, cell, (grey, grey, clear))
-    bar = (0.35, rows * height + 0.25, min(5.0, page.width - 0.7), 0.09)
-    page.colour_bar(bar, scale, "density, g/cm³")
+        _draw_cell(page, left, top, size, cell, looks[cell.colours])
+    room = page.width - 0.35
+    for number, (colours, look) in enumerate(looks.items()):
+        label = "density, g/cm³" if colours == DENSITY_COLOURS else "LAC, 1/cm"
+        start = 0.35 + number * room / len(looks)
+        wide = min(5.0, room / len(looks) - 0.35)
+        page.colour_bar((start, rows * height + 0.25, wide, 0.09), look, label)
     words = " / ".join(SOURCE_WORDS[source] for source in sorted(sources, reverse=True))
     page.text(
         0.35,
@@ -341,44 +398,51 @@ def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4
 
 
 def _draw_cell(
-    page: _Page,
-    left: float,
-    top: float,
-    size: float,
-    cell: Cell,
-    looks: Sequence[ScalarMappable],
+    page: _Page, left: float, top: float, size: float, cell: _Cell, look: ScalarMappable
 ) -> None:
-    name, note, plane, pictures = cell
     right = left + 3 * size + 2 * CELL_GAP
-    page.text(left, top + 0.07, name, fontsize=9, weight="bold")
-    page.text(right, top + 0.07, note, fontsize=9, ha="right", color=FAINT)
-    for column, (image, look) in enumerate(zip(pictures, looks, strict=True)):
+    page.text(left, top + 0.07, cell.name, fontsize=9, weight="bold")
+    page.text(right, top + 0.07, cell.note, fontsize=9, ha="right", color=FAINT)
+    clear = ScalarMappable(look.norm, look.cmap.with_extremes(bad="white"))
+    pictures = [(image, _grey(image)) for image in cell.views]
+    aspects = (*cell.aspects, 1.0)
+    for column, (image, scale) in enumerate([*pictures, (cell.cut, clear)]):
         start = left + column * (size + CELL_GAP)
-        _picture(page.axes(start, top + 0.3, size, size), image, look)
-        below = ("PA", "LAT", plane)[column]
+        axes = page.axes(start, top + 0.3, size, size)
+        _picture(axes, image, scale, aspect=aspects[column])
+        below = ("PA", "LAT", cell.plane)[column]
         page.text(start, top + 0.33 + size, below, fontsize=7, color=FAINT)
 
 
-def _cell(obj: DensityObject) -> Cell:
-    """Name, mass, plane, and the three pictures, reduced so that many fit into memory."""
-    mass = (
-        f"{obj.mass_g:.4g} g" if np.isfinite(obj.mass_g) else "attenuation only: apparent density"
-    )
-    field = obj.best_field
+def _cell(obj: DensityObject) -> _Cell:
+    """Gather an object's texts and pictures, reduced so that many fit into memory."""
+    field, colours = _shown_field(obj)
     centre = field.com_cm if field.mass_g > 0 else field.origin_cm
     cuts = {axis: _cut(field, axis, centre) for axis in (1, 0, 2)}
     axis = max(cuts, key=lambda each: _filled_area(cuts[each]))
-    what = "" if obj.density else "apparent, "
-    plane, cut = f"{what}{AXES[axis]} = {_centimetres(centre[axis])} cm", cuts[axis][::-1]
-    small = (_small(view, object_window(obj, view)) for view in obj.views)
-    return obj.object_id, mass, plane, (*small, np.where(cut > 0, cut, np.nan))
+    what = "" if obj.density else "LAC, "
+    cut = cuts[axis][::-1]
+    views, aspects = zip(
+        *(_small(view, object_window(obj, view)) for view in obj.views), strict=True
+    )
+    return _Cell(
+        name=obj.object_id,
+        note=f"{obj.mass_g:.4g} g" if np.isfinite(obj.mass_g) else "attenuation only",
+        plane=f"{what}{AXES[axis]} = {_centimetres(centre[axis])} cm",
+        views=views,
+        cut=np.where(cut > 0, cut, np.nan),
+        colours=colours,
+        aspects=aspects,
+    )
 
 
 def _filled_area(cut: Float[np.ndarray, "down across"]) -> float:
     return float(np.ptp(_filled(cut, 0)) * np.ptp(_filled(cut, 1)))
 
 
-def _small(view: XRayView, window: Window) -> Image:
+def _small(view: XRayView, window: Window) -> tuple[Image, float]:
+    """Return some pixels of a radiograph, and the height over width to draw each with."""
     image = np.where(view.valid, view.transmission, np.float32(np.nan))[window]
-    step = -(-max(image.shape) // 256)
-    return image[::step, ::step]
+    rows, columns = (-(-size // 256) for size in image.shape)
+    image = _attenuation(image[::rows, ::columns])
+    return image, _readable(image.shape, pixel_aspect(view) * rows / columns)[0]
