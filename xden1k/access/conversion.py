@@ -96,7 +96,7 @@ def to_tensors(batch: Mapping[str, Sequence[Any]]) -> dict[str, list[Any]]:
     """Make tensors of what a batch of rows holds, for ``rows.with_transform(to_tensors)``.
 
     Arrays become tensors of their type: ``labels`` stay uint8, where ``with_format("torch")``
-    makes int64 of them and takes four times as long. Numbers and lists of numbers become float32
+    makes int64 of them and takes several times as long. Numbers and lists of numbers become float32
     tensors. Texts, images, lists of texts and what is unknown (None) are left as they are.
 
     Parameters

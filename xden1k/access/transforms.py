@@ -329,8 +329,8 @@ class Rotate:
 
     Meshes, centre of mass, inertia and geometry are rotated exactly; the radiographs stay as they
     are. Voxels cannot be rotated and hold the same means: a sample with grids is refused unless
-    they are made anew, from the rotated meshes, as the builder made the stored ones (a tenth of a
-    second; needs the extra ``build``). They then fill another cube.
+    they are made anew, from the rotated meshes, as the builder made the stored ones (some
+    tenths of a second; needs the extra ``build``). They then fill another cube.
 
     Parameters
     ----------

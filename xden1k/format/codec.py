@@ -124,10 +124,13 @@ class ArrayCodec:
             if isinstance(self.shape, str):
                 raise DataError(f"the shape of this array is in the column {self.shape}: pass it")
             shape = self.shape
-        values = from_planes(data, np.dtype(self.stored), shape)
+        return self.values(from_planes(data, np.dtype(self.stored), shape))
+
+    def values(self, codes: AnyArray) -> AnyArray:
+        """Return the values of stored codes: the same array where they are stored as they are."""
         if self.scale is None:
-            return values
-        decoded: Float32[np.ndarray, "..."] = values.astype(np.float32)
+            return codes
+        decoded: Float32[np.ndarray, "..."] = codes.astype(np.float32)
         if self.scale != 1.0:
             decoded *= np.float32(self.scale)
         return decoded

@@ -114,9 +114,9 @@ class PackedArray:
         with np.errstate(all="ignore"):
             steps = array if self.scale in (None, 1.0) else np.rint(array / self.scale)
             codes = steps.astype(self.stored)
-        data = to_planes(codes) + shape_footer(array.shape)
-        if np.array_equal(self.decode_example(data), array, equal_nan=True):
-            return data
+        back = ArrayCodec(self.stored, array.shape, self.scale).values(codes)
+        if np.array_equal(back, array, equal_nan=True):
+            return to_planes(codes) + shape_footer(array.shape)
         own = array.dtype.newbyteorder("<")
         named = f"{own.kind}{own.itemsize}".encode("ascii")
         return to_planes(array) + shape_footer(array.shape, named)
