@@ -8,12 +8,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from xden1k.access.dataset import FIELDS
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "manual" / "torch.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_every_block_of_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
     blocks = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     assert len(blocks) == 8

@@ -129,7 +129,7 @@ def test_the_sample_is_true_before_anything_is_done(corner: dict[str, Any]) -> N
     assert_true(corner)
 
 
-@settings(deadline=None, max_examples=12)
+@settings(deadline=None, max_examples=8)
 @given(st.integers(0, 47))
 def test_whatever_turns_turns_along(corner: dict[str, Any], number: int) -> None:
     turned = Turn(TURNS[number])(corner)
@@ -138,7 +138,7 @@ def test_whatever_turns_turns_along(corner: dict[str, Any], number: int) -> None
     assert_grids_follow(corner, turned, TURNS[number])
 
 
-@settings(deadline=None, max_examples=12)
+@settings(deadline=None, max_examples=8)
 @given(st.integers(0, 47), st.integers(0, 47))
 def test_two_turns_are_their_product(corner: dict[str, Any], one: int, other: int) -> None:
     corner = {name: each for name, each in corner.items() if name not in GRIDS[1:4]}
@@ -165,7 +165,7 @@ steps = st.one_of(
 )
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=25)
 @given(st.lists(steps, min_size=1, max_size=4), st.booleans(), st.integers(0, 99))
 def test_meshes_are_seen_where_they_were_in_whatever_is_left(
     corner: dict[str, Any], chain: list, is_parallel: bool, seed: int
