@@ -16,7 +16,7 @@ from xden1k.export.si import Inertial
 from xden1k.values.plain import plain
 from xden1k.values.types import DensityObject
 
-__all__ = ["FORMATS", "Exported", "Format", "export", "export_stack", "exported"]
+__all__ = ["FORMATS", "Exported", "Format", "export", "export_stack", "exported", "format_of"]
 
 FORMATS: Final = ("mjcf", "urdf", "sdf", "usd", "glb", "obj", "nifti", "vti", "npz", "hdf5")
 """What an object can be written as."""
