@@ -141,7 +141,9 @@ def _drawn_apart(vertices: Vertices, faces: Triangles, single: bool) -> tuple[Ve
     fans = _fans(faces, pairs)
     _, first, corner = np.unique(fans, return_index=True, return_inverse=True)
     corner, origin = corner.reshape(-1, 3), faces.reshape(-1)[first]
-    points = _moved(vertices[origin], _inwards(vertices[origin], corner), _rank(origin), single)
+    inwards, area = _inwards(vertices[origin], corner)
+    # the fan of the largest area stays, since moving it changes the volume most
+    points = _moved(vertices[origin], inwards, _rank(origin, -area), single)
     return _halved(points, corner, pairs, single)
 
 
@@ -205,25 +207,26 @@ def _fans(faces: Triangles, pairs: Pairs) -> Sides:
     return fans
 
 
-def _rank(values: Sides) -> Sides:
-    """Which of its equals each value is, from 0."""
-    order = np.argsort(values, kind="stable")
+def _rank(values: Sides, by: Float[np.ndarray, "_"] | None = None) -> Sides:
+    """Which of its equals each value is, from 0, in ascending order of ``by``."""
+    order = np.lexsort((np.zeros(len(values)) if by is None else by, values))
     rank = np.empty(len(values), dtype=np.int64)
     rank[order] = np.arange(len(values)) - np.searchsorted(values[order], values[order])
     return rank
 
 
-def _inwards(points: Vertices, faces: Triangles) -> Vertices:
-    """Directions against the normals around each point, largest component 1."""
+def _inwards(points: Vertices, faces: Triangles) -> tuple[Vertices, Float[np.ndarray, "_"]]:
+    """Directions against the normals around each point, largest component 1; and areas there."""
     sides = points[faces]
     normals = np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])
-    sums = np.zeros_like(points)
+    sums, areas = np.zeros_like(points), np.zeros(len(points))
     for column in range(3):
         np.add.at(sums, faces[:, column], normals)
+        np.add.at(areas, faces[:, column], np.linalg.norm(normals, axis=1))
     largest = np.abs(sums).max(axis=1, keepdims=True)
     flat = np.broadcast_to([1.0, 0.0, 0.0], sums.shape).copy()
     directions: Vertices = np.divide(-sums, largest, out=flat, where=largest > 0)
-    return directions
+    return directions, areas
 
 
 def _moved(points: Vertices, directions: Vertices, steps: Sides, single: bool) -> Vertices:
@@ -242,7 +245,7 @@ def _halved(
         return points, faces
     corners = faces.reshape(-1)
     middles = (points[corners[crowded[:, 0]]] + points[corners[_next(crowded[:, 0])]]) / 2
-    inwards = _inwards(points, faces)[corners[crowded[:, 0]]]
+    inwards = _inwards(points, faces)[0][corners[crowded[:, 0]]]
     middles = _moved(middles, inwards, _rank(edge[crowded[:, 0]]), single)
     middle_of = {
         int(side): len(points) + number for number, pair in enumerate(crowded) for side in pair
