@@ -306,8 +306,8 @@ class _Handler(BaseHTTPRequestHandler):
         if fault and fault.cut_after is not None:
             body, self.close_connection = body[: fault.cut_after], True
             fault.then()
+        self.line.sent += len(body)  # before the client can look
         self.wfile.write(body)
-        self.line.sent += len(body)
 
     # Who asks, and for what
 

@@ -18,7 +18,10 @@ from collections.abc import Callable, Iterable
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from xden1k.format.remote import RemotePath
 
 __all__ = ["NAME", "register"]
 
@@ -120,9 +123,14 @@ def _resolve(
     from xden1k.access.hub import check_revision, folder_digest
     from xden1k.format.checksums import check_document
     from xden1k.format.manifest import Manifest
+    from xden1k.format.remote import RemotePath
 
     root, inside = _root_and_inside(data_dir)
     check_revision(root, revision)
+    if isinstance(root, RemotePath):
+        from xden1k.access.loading import remote_module
+
+        return remote_module(root)
     Manifest.read(root).check_files(root)  # else a damaged shard is an error that names no file
     check_document(root, "README.md")  # which splits and files there are
     module = original(
@@ -182,18 +190,23 @@ def _lists_our_columns(module: Any) -> bool:
     return any((info.features or {}).keys() >= ARRAY_COLUMNS.keys() for info in infos.values())
 
 
-def _root_and_inside(data_dir: str | os.PathLike[str] | None) -> tuple[Path, str | None]:
+def _root_and_inside(
+    data_dir: str | os.PathLike[str] | None,
+) -> tuple[Path | RemotePath, str | None]:
     """Return the dataset folder, and the folder inside it that alone is to be read, if one is."""
     from xden1k.access.hub import data_root
     from xden1k.errors import DataError
     from xden1k.format.manifest import MANIFEST_NAME
+    from xden1k.format.remote import RemotePath, is_url
 
-    if data_dir is None:
-        return data_root(), None
+    if data_dir is None or is_url(data_dir):
+        return data_root(data_dir), None
     named = Path(data_dir).expanduser()
     if named.is_absolute() or (named / MANIFEST_NAME).is_file():
         return data_root(named), None
     root = data_root()
+    if isinstance(root, RemotePath):
+        raise DataError(f"data_dir={os.fspath(data_dir)!r} is not there: {root} is read as a whole")
     if not (root / named).is_dir():
         raise DataError(
             f"data_dir={os.fspath(data_dir)!r} is neither a dataset folder ({named.absolute()} "

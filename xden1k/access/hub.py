@@ -1,7 +1,8 @@
 """Where the dataset lies on this machine, and how it gets there.
 
 The first of these that is there: the ``root`` argument, the environment variable
-``XDEN1K_ROOT``, the user's cache (filled by :func:`download`), the sample in the package.
+``XDEN1K_ROOT``, the user's cache (filled by :func:`download`), the sample in the package. The
+first two may be URLs, of which is fetched what is read: ``hf://datasets/OWNER/NAME@TAG``.
 """
 
 from __future__ import annotations
@@ -10,13 +11,14 @@ import hashlib
 import logging
 import os
 import shutil
-import sys
 import warnings
 from functools import cache
 from pathlib import Path
 
 from xden1k.errors import DataError
+from xden1k.format.cache import cache_folder
 from xden1k.format.manifest import MANIFEST_NAME, Manifest
+from xden1k.format.remote import RemotePath, root_of
 
 __all__ = [
     "REPO_ID",
@@ -41,14 +43,14 @@ _CURRENT = "current"
 logger = logging.getLogger(__name__)
 
 
-def data_root(root: str | os.PathLike[str] | None = None) -> Path:
-    """Return the dataset folder to use: absolute, and with a manifest.
+def data_root(root: str | os.PathLike[str] | None = None) -> Path | RemotePath:
+    """Return the dataset folder to use: absolute, and with a manifest; of a URL, its commit.
 
     Parameters
     ----------
     root
-        A dataset folder; None = ``XDEN1K_ROOT``, else the user's cache, else the packaged sample,
-        with one warning that says so.
+        A dataset folder, or a URL that fsspec knows; None = ``XDEN1K_ROOT``, else the user's
+        cache, else the packaged sample, with one warning that says so.
 
     Raises
     ------
@@ -56,16 +58,19 @@ def data_root(root: str | os.PathLike[str] | None = None) -> Path:
         If the folder named by the argument or the variable is not a dataset folder.
     """
     if root is not None:
-        return _checked(Path(root), "root")
+        return _checked(root, "root")
     if from_environment := os.environ.get(ROOT_VARIABLE):
-        return _checked(Path(from_environment), ROOT_VARIABLE)
+        return _checked(from_environment, ROOT_VARIABLE)
     if (pointer := cache_folder() / _CURRENT).is_file():
         return _checked(pointer.parent / pointer.read_text(encoding="utf-8"), str(pointer))
     _say_that_it_is_the_sample()
     return _checked(SAMPLE, "the packaged sample")
 
 
-def _checked(folder: Path, named_by: str) -> Path:
+def _checked(root: str | os.PathLike[str], named_by: str) -> Path | RemotePath:
+    folder = root_of(root if isinstance(root, str | RemotePath) else Path(root))
+    if isinstance(folder, RemotePath):
+        return folder  # reading its manifest says whether it is one
     folder = folder.expanduser().absolute()
     if not (folder / MANIFEST_NAME).is_file():
         why = f"it has no {MANIFEST_NAME}" if folder.is_dir() else "there is no such folder"
@@ -83,18 +88,7 @@ def _say_that_it_is_the_sample() -> None:
     )
 
 
-def cache_folder() -> Path:
-    """Return the user's cache for this dataset, as the platform has it; it may not exist yet."""
-    if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or "~/AppData/Local"
-    elif sys.platform == "darwin":
-        base = "~/Library/Caches"
-    else:
-        base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
-    return Path(base).expanduser() / "xden1k"
-
-
-def check_revision(folder: Path, revision: object) -> None:
+def check_revision(folder: Path | RemotePath, revision: object) -> None:
     """Refuse a revision other than the one that lies here; None is any.
 
     Raises
@@ -117,11 +111,16 @@ def check_revision(folder: Path, revision: object) -> None:
     )
 
 
-def folder_digest(folder: Path) -> str:
-    """Return what changes whenever the card, the manifest or a shard does; reads no shard."""
+def folder_digest(folder: Path | RemotePath) -> str:
+    """Return what changes whenever the card, the manifest or a shard does; reads no shard.
+
+    Of a URL, a shard that is changed without its manifest is an error when it is read.
+    """
     digest = hashlib.sha256()
     for path in (folder / MANIFEST_NAME, folder / "README.md"):
         digest.update(path.read_bytes())
+    if isinstance(folder, RemotePath):
+        return digest.hexdigest()[:32]
     for file in Manifest.read(folder, damaged=True).files:
         stat = (folder / file.path).stat()
         digest.update(f"{file.path} {stat.st_size} {stat.st_mtime_ns}\n".encode())

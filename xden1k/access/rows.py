@@ -6,21 +6,27 @@ Nothing else belongs here: ``datasets`` patches ``open``, ``Path`` and more in a
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.dataset as ds
+import pyarrow.parquet as pq
+from datasets import Features, builder
 from datasets.packaged_modules.parquet.parquet import Parquet, ParquetConfig
 
 from xden1k.documents.card import HOMEPAGE, bibtex_entry, dataset_title, provenance_text
 from xden1k.errors import DataError
+from xden1k.folder import open_folder
 from xden1k.folder.reader import other_name
 from xden1k.format.manifest import MANIFEST_NAME, Manifest
 from xden1k.format.packing import pack, scanned_columns, with_arrays
+from xden1k.format.remote import is_url
+from xden1k.format.schema import DATA_SCHEMA, METADATA_SCHEMA
 from xden1k.format.shards import ShardReader
 
 __all__ = ["Rows", "RowsConfig"]
@@ -91,6 +97,11 @@ class Rows(Parquet):  # type: ignore[misc]
             raise DataError(f"no split {split!s}; there are {known}{hint}") from err
 
     def _split_generators(self, dl_manager: Any) -> Any:
+        if is_url(self.base_path):  # the files stay where they are
+            dl_manager = _NoDownload()
+            if self.info.features is None:
+                schema = METADATA_SCHEMA if self.config.name == "metadata" else DATA_SCHEMA
+                self.info.features = Features.from_arrow_schema(schema)
         splits = super()._split_generators(dl_manager)
         if self.config.filters is not None:
             self.info.splits = None  # else fewer rows than the card promises are an error
@@ -99,6 +110,9 @@ class Rows(Parquet):  # type: ignore[misc]
         return splits
 
     def _generate_tables(self, *files: Any, **more: Any) -> Iterator[Any]:
+        if is_url(self.base_path):
+            yield from self._remote_tables(more["files"] if "files" in more else files[0])
+            return
         reader = copy.copy(self)
         reader.config = copy.copy(self.config)
         if self.config.features is None and self.config.columns is not None:
@@ -113,6 +127,20 @@ class Rows(Parquet):  # type: ignore[misc]
         except (pa.ArrowException, OSError) as err:
             raise DataError(_damage(reader.config.columns, *files, **more) or str(err)) from err
 
+    def _remote_tables(self, files: Iterable[Any]) -> Iterator[Any]:
+        """Tables of files at URLs, a row group each; only the columns asked for are fetched."""
+        folder = open_folder(self.base_path)
+        columns = self.config.columns
+        if columns is not None and self.config.features is None:
+            columns = scanned_columns(columns)
+        wanted = _Wanted(columns, self.config.filters)
+        urls = [url for each in files for url in ([each] if isinstance(each, str) else each)]
+        for number, url in enumerate(urls):
+            reader = folder.shard(url.removeprefix(f"{self.base_path}/"))
+            for index in range(reader.row_groups):
+                if (table := wanted.read(reader, index)).num_rows:
+                    yield _key(number, index), self._cast_table(table)
+
     def _cast_table(self, pa_table: Any) -> Any:
         if self.config.features is None:
             pa_table = pack(pa_table, self.info.features)
@@ -126,6 +154,51 @@ def _about(base_path: str | None) -> dict[str, str]:
         manifest = Manifest.read(Path(base_path), damaged=True)
         about["description"] = f"{dataset_title(manifest)}. {provenance_text(manifest)}"
     return about
+
+
+class _NoDownload:
+    """Stands in for the download manager of ``datasets``, and leaves files where they are."""
+
+    def __init__(self) -> None:
+        self.download_config = SimpleNamespace()
+
+    def download(self, files: Any) -> Any:
+        return files
+
+    download_and_extract = download
+
+    def iter_files(self, file: str) -> list[str]:
+        return [file]
+
+
+class _Wanted:
+    """Columns of the rows that pass the filters, of one row group after the other."""
+
+    def __init__(self, columns: list[str] | None, filters: Any) -> None:
+        self._columns = columns
+        named = isinstance(filters, list)
+        self._filter = pq.filters_to_expression(filters) if named else filters
+        self._looked_at: list[str] | None = None
+        if named:
+            terms = [t for one in filters for t in (one if isinstance(one, list) else [one])]
+            self._looked_at = sorted({term[0] for term in terms})
+
+    def read(self, reader: ShardReader, index: int) -> pa.Table:
+        if self._filter is None:
+            return reader.table(index, self._columns)
+        light = reader.table(index, self._looked_at)
+        if self._looked_at is not None and not light.filter(self._filter).num_rows:
+            return light.slice(0, 0)
+        every = self._columns or reader.schema.names
+        looked_at = reader.schema.names if self._looked_at is None else self._looked_at
+        table = reader.table(index, [*dict.fromkeys((*every, *looked_at))])
+        return table.filter(self._filter).select(every)
+
+
+def _key(file: int, batch: int) -> Any:
+    """Name a batch as this version of datasets does."""
+    key = getattr(builder, "Key", None)
+    return f"{file}_{batch}" if key is None else key(file, batch)
 
 
 def _damage(columns: list[str] | None, files: Any, *_: Any, **__: Any) -> str | None:

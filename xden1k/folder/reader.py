@@ -14,6 +14,7 @@ from typing import Any
 from xden1k.errors import DataError, MissingObjectError, did_you_mean
 from xden1k.format.manifest import MANIFEST_NAME, DataFile, Manifest
 from xden1k.format.records import row_object
+from xden1k.format.remote import RemotePath, root_of
 from xden1k.format.shards import Row, ShardReader
 from xden1k.values.types import DensityObject
 
@@ -22,15 +23,24 @@ __all__ = ["DatasetFolder", "open_folder", "other_name"]
 _NAMES_OF_VAL = ("validation", "valid", "dev")
 
 
-def open_folder(root: str | Path) -> DatasetFolder:
+def open_folder(root: str | Path | RemotePath) -> DatasetFolder:
     """Open a dataset folder.
+
+    Parameters
+    ----------
+    root
+        A folder of this machine, or any URL that fsspec knows: ``hf://datasets/OWNER/NAME@TAG``,
+        ``s3://...``. Of a URL only the rows and columns are fetched that are asked for, through a
+        cache of ``XDEN1K_CACHE_GB`` gigabytes (10); a name on the Hub is pinned to its commit.
 
     Raises
     ------
     DataError
-        If it is not one.
+        If it is not one, or cannot be reached.
+    MissingExtraError
+        If the package for the URL's scheme is not installed.
     """
-    return DatasetFolder(Path(root))
+    return DatasetFolder(root_of(root))
 
 
 def other_name(split: str, splits: Iterable[str]) -> str:
@@ -68,7 +78,7 @@ class DatasetFolder:
     Parameters
     ----------
     root
-        The folder.
+        The folder; :func:`open_folder` takes URLs.
 
     Raises
     ------
@@ -76,7 +86,7 @@ class DatasetFolder:
         If it is not a dataset folder.
     """
 
-    def __init__(self, root: Path) -> None:
+    def __init__(self, root: Path | RemotePath) -> None:
         self.root = root
         self.manifest = Manifest.read(root)
         self._readers = _Readers()
@@ -86,6 +96,19 @@ class DatasetFolder:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _readers=_Readers())
+
+    @property
+    def path(self) -> Path:
+        """The folder on this machine.
+
+        Raises
+        ------
+        DataError
+            If it is at a URL.
+        """
+        if isinstance(self.root, RemotePath):
+            raise DataError(f"{self.root} is a URL: this needs a folder here; get it first")
+        return self.root
 
     @cached_property
     def manifest_sha256(self) -> str:
@@ -121,7 +144,13 @@ class DatasetFolder:
         if object_id not in self._places:
             raise MissingObjectError(self._missing_message(object_id))
         file, index = self._places[object_id]
-        return self._reader(file).row(index, columns)
+        if not isinstance(self.root, RemotePath) or columns is None:
+            row = self._reader(file).row(index, columns)
+        else:
+            row = self._reader(file).row(index, [*dict.fromkeys((*columns, "object_id"))])
+        if row.get("object_id", object_id) != object_id:
+            raise DataError(f"{self.root / file.path}: {row['object_id']} is where {object_id} was")
+        return row if columns is None else {name: row[name] for name in dict.fromkeys(columns)}
 
     def rows(self, split: str | None = None, columns: Sequence[str] | None = None) -> Iterator[Row]:
         """Iterate over the encoded rows of one split, or of all."""
@@ -162,12 +191,28 @@ class DatasetFolder:
     @cached_property
     def _places(self) -> dict[str, tuple[DataFile, int]]:
         """Shard and row group of each object."""
+        if isinstance(self.root, RemotePath):
+            return dict(self._places_by_metadata())
         return {
             object_id: (file, index)
             for split in self.manifest.splits
             for file in self.manifest.shards(split=split)
             for index, object_id in enumerate(self._reader(file).column("object_id"))
         }
+
+    def _places_by_metadata(self) -> Iterator[tuple[str, tuple[DataFile, int]]]:
+        """Take the ids from the light files, which have the order of the shards: few requests."""
+        for split in self.manifest.splits:
+            shards = self.manifest.shards(split=split)
+            places = ((file, index) for file in shards for index in range(file.rows))
+            light = self.manifest.shards("metadata", split)
+            ids = (name for file in light for name in self._reader(file).column("object_id"))
+            yield from zip(ids, places, strict=True)
+
+    def shard(self, path: str) -> ShardReader:
+        """Return the reader of one Parquet file, by its path inside the folder."""
+        (file,) = (file for file in self.manifest.files if file.path == path)
+        return self._reader(file)
 
     def _reader(self, file: DataFile) -> ShardReader:
         readers = self._readers.mine()
@@ -176,6 +221,8 @@ class DatasetFolder:
         return readers[file.path]
 
     def _open(self, file: DataFile) -> ShardReader:
+        if isinstance(self.root, RemotePath):
+            return ShardReader(self.root / file.path, file.remote(self.root))
         file.check(self.root)
         return ShardReader(self.root / file.path)
 

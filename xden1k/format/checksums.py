@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from xden1k.errors import DataError
+from xden1k.format.remote import RemotePath
 
 __all__ = ["CHECKSUMS_NAME", "check_document", "file_sha256", "footer_sha256", "listed_sums"]
 
@@ -43,26 +44,31 @@ def footer_sha256(path: Path) -> str:
         return hashlib.sha256(file.read()).hexdigest()
 
 
-def listed_sums(root: Path) -> dict[str, str]:
+def listed_sums(root: Path | RemotePath) -> dict[str, str]:
     """Checksum of each file that a folder's list names; none where there is no list."""
-    path = root / CHECKSUMS_NAME
-    if not path.is_file():
+    try:
+        content = (root / CHECKSUMS_NAME).read_bytes()
+    except FileNotFoundError:
         return {}
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    lines = content.decode(errors="replace").splitlines()
     return {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
 
 
-def check_document(root: Path, name: str) -> None:
-    """Refuse a document that is not the one which the folder's list of checksums names.
+def check_document(root: Path | RemotePath, name: str) -> bytes:
+    """Return a document, if it is the one which the folder's list of checksums names.
 
     Raises
     ------
+    FileNotFoundError
+        If there is none.
     DataError
         If it was damaged or changed.
     """
+    content = (root / name).read_bytes()
     wanted = listed_sums(root).get(name)
-    if wanted is not None and file_sha256(root / name) != wanted:
+    if wanted is not None and hashlib.sha256(content).hexdigest() != wanted:
         raise DataError(
             f"{root / name}: its sha256 is not the one in {CHECKSUMS_NAME}: damaged or changed; "
             f"`xden verify {root}` lists every such file"
         )
+    return content

@@ -9,6 +9,7 @@ from typing import Any
 
 from xden1k.errors import DataError
 from xden1k.format.checksums import check_document, footer_sha256
+from xden1k.format.remote import RemoteFile, RemotePath
 
 __all__ = ["MANIFEST_NAME", "SCHEMA", "DataFile", "Manifest"]
 
@@ -49,7 +50,20 @@ class DataFile:
     sha256: str
     footer_sha256: str = ""
 
-    def check(self, root: Path) -> None:
+    def remote(self, root: RemotePath) -> RemoteFile:
+        """Open the file at a URL.
+
+        Raises
+        ------
+        DataError
+            If it is not there, cut short, or its footer is another.
+        """
+        try:
+            return RemoteFile(root / self.path, self.bytes, self.sha256, self.footer_sha256)
+        except FileNotFoundError as err:
+            raise DataError(f"{root / self.path} is missing: the manifest lists it") from err
+
+    def check(self, root: Path | RemotePath) -> None:
         """Refuse a file that is not there, not of its size, or whose footer is another.
 
         Raises
@@ -57,6 +71,9 @@ class DataFile:
         DataError
             With the file, and what was expected and found.
         """
+        if isinstance(root, RemotePath):
+            self.remote(root)
+            return
         path = root / self.path
         hint = f"`xden verify {root}` lists every such file"
         if not path.is_file():
@@ -117,7 +134,7 @@ class Manifest:
             file for file in self.files if file.config == config and split in (None, file.split)
         )
 
-    def check_files(self, root: Path) -> None:
+    def check_files(self, root: Path | RemotePath) -> None:
         """Refuse a folder in which a file is missing, of another size, or has another footer.
 
         Raises
@@ -134,7 +151,7 @@ class Manifest:
         return json.dumps(values, indent=2, ensure_ascii=False) + "\n"
 
     @classmethod
-    def read(cls, root: Path, *, damaged: bool = False) -> Manifest:
+    def read(cls, root: Path | RemotePath, *, damaged: bool = False) -> Manifest:
         """Read the manifest of a dataset folder.
 
         Parameters
@@ -151,13 +168,13 @@ class Manifest:
         """
         path = root / MANIFEST_NAME
         try:
-            if not damaged:
-                check_document(root, MANIFEST_NAME)
-            return cls._from_dict(json.loads(path.read_text(encoding="utf-8")))
+            content = path.read_bytes() if damaged else check_document(root, MANIFEST_NAME)
+            return cls._from_dict(json.loads(content))
         except DataError:
             raise
         except FileNotFoundError as err:
-            why = f"no {MANIFEST_NAME}" if root.is_dir() else "there is no such folder"
+            missing = isinstance(root, Path) and not root.is_dir()
+            why = "there is no such folder" if missing else f"no {MANIFEST_NAME}{_found(root)}"
             raise DataError(f"{root}: not a dataset folder: {why}") from err
         except (ValueError, TypeError, KeyError) as err:
             raise DataError(f"{path}: not a manifest of schema {SCHEMA}: {err!r}") from err
@@ -169,3 +186,15 @@ class Manifest:
         names = ("version", "builder", "config_sha256", "splits", "sources", "density_sources")
         files = tuple(DataFile(**file) for file in values["files"])
         return cls(**{name: values[name] for name in names}, files=files)
+
+
+def _found(root: Path | RemotePath) -> str:
+    """Say what a URL holds in its place."""
+    if not isinstance(root, RemotePath):
+        return ""
+    try:
+        names = root.names()
+    except FileNotFoundError:
+        return ", there is nothing"
+    shown = ", ".join(names[:5]) or "nothing"
+    return f" among {shown}{' ...' * (len(names) > 5)}; only what xden-build wrote can be read"

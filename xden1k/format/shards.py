@@ -7,6 +7,7 @@ everything else of JSON's types.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -14,6 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from xden1k.errors import DataError
+from xden1k.format.remote import RemoteFile, RemotePath
 from xden1k.format.schema import PREVIEW_COLUMNS
 
 __all__ = ["Row", "ShardReader", "ShardWriter", "row_table"]
@@ -129,7 +131,8 @@ class ShardReader:
     path
         A file of one row per row group.
     file
-        The file opened, where it is not one of this machine: read in place of the path.
+        The file opened, where it is not one of this machine: read in place of the path. Of a
+        :class:`RemoteFile` only what is asked for is fetched.
 
     Raises
     ------
@@ -137,11 +140,15 @@ class ShardReader:
         If it cannot be read as Parquet: cut short, not there, or something else.
     """
 
-    def __init__(self, path: Path, file: BinaryIO | None = None) -> None:
+    def __init__(self, path: Path | RemotePath, file: BinaryIO | RemoteFile | None = None) -> None:
         self.path = path
+        self._remote = file if isinstance(file, RemoteFile) else None
         try:
             self._file = pq.ParquetFile(
-                file or path, memory_map=file is None, page_checksum_verification=True
+                file or path,
+                metadata=self._remote and self._remote.metadata,
+                memory_map=file is None,
+                page_checksum_verification=True,
             )
         except (pa.ArrowException, OSError, UnicodeDecodeError) as err:
             raise DataError(f"{path}: not a whole Parquet file: {err}") from err
@@ -170,6 +177,8 @@ class ShardReader:
             If the file is damaged or has no such column.
         """
         self._check_columns([name])
+        if self._remote:
+            return [value for table in self.groups([name]) for value in table[name].to_pylist()]
         try:
             table = self._file.read(columns=[name], use_threads=False)
         except (pa.ArrowException, OSError) as err:
@@ -192,7 +201,7 @@ class ShardReader:
         DataError
             If the file is damaged or has no such column.
         """
-        return _row(self._group(index, columns), 0)
+        return _row(self.table(index, columns), 0)
 
     def __iter__(self) -> Iterator[Row]:
         for table in self.groups():
@@ -208,14 +217,25 @@ class ShardReader:
             If the file is damaged or has no such column.
         """
         for index in range(self.row_groups):
-            yield self._group(index, columns)
+            yield self.table(index, columns)
 
-    def _group(self, index: int, columns: Sequence[str] | None) -> pa.Table:
+    def table(self, index: int, columns: Sequence[str] | None = None) -> pa.Table:
+        """Read one row group, some columns or all.
+
+        Raises
+        ------
+        DataError
+            If the file is damaged or has no such column.
+        """
         if columns is not None:
             self._check_columns(columns)
+        held = self._remote.holding(index, columns) if self._remote else nullcontext()
         try:
-            return self._file.read_row_group(index, columns=columns, use_threads=False)
+            with held:
+                return self._file.read_row_group(index, columns=columns, use_threads=False)
         except (pa.ArrowException, OSError) as err:
+            if self._remote:
+                self._remote.forget(index)
             raise DataError(f"{self.path}: cannot read {self._named(index)}: {err}") from err
 
     def _named(self, index: int) -> str:

@@ -43,7 +43,7 @@ def speed(
         if submission is None:
             submission = Path(scratch) / "water.npz"
             run_predictor(find_predictor("water"), folder, split, submission)
-        measured = measure_speed(submission, folder.root, split, load_protocol(), repeats)
+        measured = measure_speed(submission, folder.path, split, load_protocol(), repeats)
     if as_json:
         print_json({**asdict(measured), "ratio": measured.ratio})
     else:

@@ -141,7 +141,7 @@ class SealedTruth:
     @cached_property
     def commitments(self) -> Mapping[str, str]:
         """Commitment to the answers of each private object, as published."""
-        path = self.folder.root / COMMITMENTS_NAME
+        path = self.folder.path / COMMITMENTS_NAME
         if not path.is_file():
             raise DataError(f"{self.folder.root}: no {COMMITMENTS_NAME}: nothing is sealed here")
         values = _parse(path.read_bytes(), COMMITMENTS_SCHEMA, path, "manifest_sha256", "objects")
