@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xden1k.commands import DONE_IN_PART, Group, json_option, open_root, print_json
+from xden1k.commands import DONE_IN_PART, ROOT, Group, json_option, open_root, print_json
 from xden1k.errors import DataError, MissingObjectError
 
 if TYPE_CHECKING:
@@ -32,8 +32,8 @@ PART_HEADS = ("part", "material", "LAC 1/cm", "density g/cm³", "sd", "source", 
 
 root_option = click.option(
     "--root",
-    type=FOLDER,
-    help="Dataset folder. Default: $XDEN1K_ROOT, else what was downloaded, else the sample.",
+    type=ROOT,
+    help="Dataset folder or URL. Default: $XDEN1K_ROOT, else what was downloaded, else the sample.",
 )
 
 
@@ -57,7 +57,7 @@ def cli() -> None:
 @cli.command(epilog="Example: xden info --root dataset")
 @root_option
 @json_option
-def info(root: Path | None, as_json: bool) -> None:
+def info(root: Path | str | None, as_json: bool) -> None:
     """Say what a dataset folder holds, and where it comes from."""
     folder = open_root(root)
     folder.manifest.check_files(folder.root)
@@ -100,7 +100,7 @@ def _summary(folder: DatasetFolder) -> dict[str, Any]:
     "-o", "--out", type=PICTURE, help="The PNG to write. Default: ID.png here; none with --json."
 )
 @json_option
-def show(object_id: str, root: Path | None, out: Path | None, as_json: bool) -> None:
+def show(object_id: str, root: Path | str | None, out: Path | None, as_json: bool) -> None:
     """Draw an object: radiographs, residuals, slices, parts."""
     obj = open_root(root).object(object_id)
     if out is None and not as_json:

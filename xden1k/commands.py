@@ -21,7 +21,15 @@ from xden1k.values.plain import plain
 if TYPE_CHECKING:
     from xden1k.folder import DatasetFolder
 
-__all__ = ["DONE_IN_PART", "Group", "command_line", "json_option", "open_root", "print_json"]
+__all__ = [
+    "DONE_IN_PART",
+    "ROOT",
+    "Group",
+    "command_line",
+    "json_option",
+    "open_root",
+    "print_json",
+]
 
 DONE_IN_PART = 3
 """Exit code of a command that finished although some objects failed."""
@@ -43,6 +51,17 @@ class Group(click.Group):
             said = f"{err.filename}: {err.strerror}" if known else str(err)
             raise click.ClickException(said) from err
 
+
+class _Root(click.Path):
+    """A folder, or a URL, which is left as it is."""
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a path or a URL."""
+        return value if "://" in str(value) else super().convert(value, param, ctx)
+
+
+ROOT = _Root(path_type=Path, file_okay=False)
+"""Type of an option that names a dataset folder, here or at a URL."""
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, for machines.")
 """Decorator: adds ``--json``, which arrives as ``as_json``."""
@@ -76,7 +95,7 @@ def command_line(context: click.Context, program: str) -> str:
     return shlex.join(words)
 
 
-def open_root(root: Path | None) -> DatasetFolder:
+def open_root(root: Path | str | None) -> DatasetFolder:
     """Open the dataset folder that ``--root`` names, or the one there is without it.
 
     What its finder warns of becomes a line on stderr.

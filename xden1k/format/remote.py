@@ -36,8 +36,11 @@ END_BYTES: Final = 8
 SMALL_BYTES: Final = 4 << 10
 """Columns of a row below this are read together with their neighbours."""
 CONNECTIONS: Final = 8
-PACKAGES: Final = {"s3": "s3fs", "s3a": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "abfs": "adlfs"}
-PACKAGES_OF_HTTP: Final = {"http": "aiohttp requests", "https": "aiohttp requests"}
+PACKAGES: Final = {
+    **{"s3": "s3fs", "s3a": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "abfs": "adlfs", "az": "adlfs"},
+    **{"http": "aiohttp", "https": "aiohttp", "sftp": "paramiko"},
+}
+"""What to install for a scheme; the other schemes say so themselves."""
 HUB: Final = re.compile(
     r"hf://datasets/(?P<repo>[^/@]+/[^/@]+)"
     r"(?:@(?P<revision>refs/(?:pr|convert)/[^/]+|[^/]+))?(?P<inside>/.*)?"
@@ -347,8 +350,7 @@ def _opened(url: str) -> tuple[Any, str]:
     try:
         fs, path = url_to_fs(url)
     except ImportError as err:
-        package = (PACKAGES | PACKAGES_OF_HTTP).get(scheme)
-        command = f"pip install {package}" if package else str(err)
+        command = f"pip install {PACKAGES[scheme]}" if scheme in PACKAGES else str(err)
         raise MissingExtraError(f"{url}: reading {scheme}:// needs more: {command}") from err
     except ValueError as err:
         raise DataError(f"{url}: {err}") from err
