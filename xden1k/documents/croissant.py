@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import PurePosixPath
 from typing import Any
 
 import pyarrow as pa
@@ -44,6 +45,9 @@ _TYPES = {pa.float64(): "cr:Float64", pa.int32(): "cr:Int32", pa.string(): "sc:T
 def croissant_text(manifest: Manifest, base_url: str = "", date_published: str = "") -> str:
     """Text of ``croissant.json``: a file object per shard, a record set per config.
 
+    With ``base_url`` there is a record set per file instead: readers look for a set of files on a
+    disk, in an archive or a Git repository, and fetch by its address one file at a time.
+
     Parameters
     ----------
     manifest
@@ -68,9 +72,9 @@ def croissant_text(manifest: Manifest, base_url: str = "", date_published: str =
         "citeAs": "\n".join(bibtex().splitlines()[1:-1]),
         "distribution": [
             *_file_objects(manifest, base_url),
-            *(_file_set(name) for name in CONFIGS),
+            *([] if base_url else map(_file_set, CONFIGS)),
         ],
-        "recordSet": [_record_set(name) for name in CONFIGS],
+        "recordSet": _sets_of_files(manifest) if base_url else _sets_of_configs(),
     }
     return json.dumps(values, indent=2, ensure_ascii=False) + "\n"
 
@@ -107,28 +111,44 @@ def _file_set(config: str) -> dict[str, Any]:
     }
 
 
-def _record_set(config: str) -> dict[str, Any]:
+def _sets_of_configs() -> list[dict[str, Any]]:
+    return [_record_set(name, name, {"fileSet": {"@id": f"{name}-files"}}) for name in CONFIGS]
+
+
+def _sets_of_files(manifest: Manifest) -> list[dict[str, Any]]:
+    """Name each ``CONFIG/FILE``, as in ``default/train-00000-of-00004`` and ``metadata/train``."""
+    return [
+        _record_set(
+            f"{file.config}/{PurePosixPath(file.path).stem}",
+            file.config,
+            {"fileObject": {"@id": file.path}},
+        )
+        for file in manifest.files
+    ]
+
+
+def _record_set(name: str, config: str, source: dict[str, Any]) -> dict[str, Any]:
     return {
         "@type": "cr:RecordSet",
-        "@id": config,
-        "name": config,
+        "@id": name,
+        "name": name,
         "description": "One record per object.",
-        "key": {"@id": f"{config}/object_id"},
-        "field": [_field(config, column) for column in CONFIGS[config]],
+        "key": {"@id": f"{name}/object_id"},
+        "field": [_field(name, column, source) for column in CONFIGS[config]],
     }
 
 
-def _field(config: str, column: Column) -> dict[str, Any]:
+def _field(record_set: str, column: Column, source: dict[str, Any]) -> dict[str, Any]:
     # An image is a struct of its bytes and a path.
     transform = {"transform": {"jsonPath": "bytes"}} if column.type == IMAGE else {}
     return {
         "@type": "cr:Field",
-        "@id": f"{config}/{column.name}",
+        "@id": f"{record_set}/{column.name}",
         "name": column.name,
         "description": column.text,
         **_type(column),
         "source": {
-            "fileSet": {"@id": f"{config}-files"},
+            **source,
             "extract": {"column": column.name},
             **transform,
         },
