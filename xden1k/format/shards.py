@@ -234,9 +234,10 @@ class ShardReader:
             with held:
                 return self._file.read_row_group(index, columns=columns, use_threads=False)
         except (pa.ArrowException, OSError) as err:
+            name = self._named(index)
             if self._remote:
-                self._remote.forget(index)
-            raise DataError(f"{self.path}: cannot read {self._named(index)}: {err}") from err
+                self._remote.forget(index)  # last, since naming it has read it again
+            raise DataError(f"{self.path}: cannot read {name}: {err}") from err
 
     def _named(self, index: int) -> str:
         """Name a row by its object, if that can still be read."""
