@@ -60,7 +60,6 @@ def test_rows_of_datasets_and_torch_are_the_folders(
     for found in (
         xden1k.load_dataset(repo_id=REPO, revision=TAG, **options),
         xden1k.load_dataset(repo_id=REPO, revision=TAG, streaming=True, **options),
-        xden1k.load_dataset(root=download(REPO, TAG), **options),
     ):
         for one, two in zip(expected, found, strict=True):
             assert one.keys() == two.keys()
