@@ -15,6 +15,7 @@ from tests.docs.blocks import ROOT, blocks
 from tests.docs.playing import PROGRAMS
 from xden1k.documents.card import type_name
 from xden1k.format.schema import COLUMNS
+from xden1k.rays import THINNER_THAN_LABELS
 from xden_bench.scoring.metrics import METRICS
 from xden_builder.capture import CaptureFolder, ObjectRow, read_scanner
 from xden_builder.capture import scanner as scanner_module
@@ -67,6 +68,7 @@ def flags_of_the_builder() -> set[str]:
     for path in sorted((ROOT / "builder" / "xden_builder").rglob("*.py")):
         if "evaluate" not in path.parts and "phantoms" not in path.parts:
             found |= set(flags_in(ast.parse(path.read_text())))
+    found.add(THINNER_THAN_LABELS)  # which the rays know, and the builder takes from them
     return found - {column.name for column in COLUMNS if "flags" in column.name}
 
 

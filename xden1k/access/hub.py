@@ -98,7 +98,8 @@ def check_revision(folder: Path | RemotePath, revision: object) -> None:
         commit by which a downloaded folder is named.
     """
     here = Manifest.read(folder).version
-    if revision is None or str(revision).removeprefix("v") == here or revision == folder.name:
+    named = folder.name if isinstance(folder, Path) else None
+    if revision is None or str(revision).removeprefix("v") == here or revision == named:
         return
     if folder == SAMPLE:
         raise DataError(
