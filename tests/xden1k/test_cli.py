@@ -17,7 +17,7 @@ from xden1k.cli import cli
 from xden1k.errors import DataError
 from xden1k.folder import open_folder, write_folder
 
-MANUAL = hub.SAMPLE.parent / "README.md"
+MANUAL = hub.SAMPLE.parents[1] / "docs" / "manual" / "look.md"
 
 
 @pytest.fixture(scope="module")

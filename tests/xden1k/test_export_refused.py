@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -108,7 +109,7 @@ def test_a_missing_extra_is_named_and_leaves_nothing(
     how = ["--check"] if checked else []
     result = run("bar-0002", "--root", folder, "--format", name, "-o", out, *how)
     assert result.exit_code == 1
-    assert f"pip install 'xden1k[{extra}]'" in result.stderr
+    assert re.search(rf"pip install .*\[{extra}\]'", result.stderr)
     assert result.stderr.count("\n") == 1
     assert not any(out.iterdir())
     if checked:

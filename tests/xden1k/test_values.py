@@ -93,7 +93,7 @@ def test_a_nifti_image_is_in_millimetres(tmp_path: Path) -> None:
 
 def test_nibabel_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "nibabel", None)
-    with pytest.raises(MissingExtraError, match=r"nibabel is needed here: pip .*\[nifti\]"):
+    with pytest.raises(MissingExtraError, match=r"nibabel is needed here: pip .*\[volumes\]"):
         WATER.to_nibabel()
 
 

@@ -150,7 +150,7 @@ class Rows(Parquet):  # type: ignore[misc]
 def _about(base_path: str | None) -> dict[str, str]:
     """Return what a card says in words and ``datasets`` does not read from it."""
     about = {"citation": bibtex_entry(), "homepage": HOMEPAGE, "license": "CC-BY-4.0"}
-    if base_path and (Path(base_path) / MANIFEST_NAME).is_file():
+    if base_path and not is_url(base_path) and (Path(base_path) / MANIFEST_NAME).is_file():
         manifest = Manifest.read(Path(base_path), damaged=True)
         about["description"] = f"{dataset_title(manifest)}. {provenance_text(manifest)}"
     return about
