@@ -47,19 +47,30 @@ def shared_data() -> Path:
     return SHARED_DATA
 
 
-@pytest.fixture
-def hub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[HubServer]:
-    """A stand-in for the Hub, which the client of this process takes for the real one."""
-    from huggingface_hub import constants
+@pytest.fixture(scope="session")
+def one_hub() -> Iterator[HubServer]:
+    """One server for all tests: the client keeps its connections, which are dear to make."""
     from huggingface_hub.utils import _http
 
     with running_hub() as server:
-        monkeypatch.setattr(constants, "ENDPOINT", server.url)
-        template = f"{server.url}/{{repo_id}}/resolve/{{revision}}/{{filename}}"
-        monkeypatch.setattr(constants, "HUGGINGFACE_CO_URL_TEMPLATE", template)
-        monkeypatch.setattr(constants, "HF_HUB_DISABLE_XET", True)
-        monkeypatch.setattr(constants, "HF_TOKEN_PATH", str(tmp_path / "no-token"))
-        monkeypatch.setattr(_http, "time", SimpleNamespace(sleep=lambda _: None))
-        monkeypatch.setenv("HF_TOKEN", "hf_write")
         yield server
         _http.close_session()
+
+
+@pytest.fixture
+def hub(one_hub: HubServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[HubServer]:
+    """A stand-in for the Hub, empty, which the client of this process takes for the real one."""
+    from huggingface_hub import HfFileSystem, constants
+    from huggingface_hub.utils import _http
+
+    one_hub.reset()
+    HfFileSystem.clear_instance_cache()
+    monkeypatch.setattr(constants, "ENDPOINT", one_hub.url)
+    template = f"{one_hub.url}/{{repo_id}}/resolve/{{revision}}/{{filename}}"
+    monkeypatch.setattr(constants, "HUGGINGFACE_CO_URL_TEMPLATE", template)
+    monkeypatch.setattr(constants, "HF_HUB_DISABLE_XET", True)
+    monkeypatch.setattr(constants, "HF_TOKEN_PATH", str(tmp_path / "no-token"))
+    monkeypatch.setattr(_http, "time", SimpleNamespace(sleep=lambda _: None))
+    monkeypatch.setenv("HF_TOKEN", "hf_write")
+    yield one_hub
+    HfFileSystem.clear_instance_cache()

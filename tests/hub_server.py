@@ -174,12 +174,16 @@ class HubServer(ThreadingHTTPServer):
             "hf_write": Account("owner", namespaces=("owner", "zhangjxx")),
             "hf_read": Account("owner", role="read", namespaces=("owner",)),
         }
+        self.lock = threading.RLock()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
         self.repos: dict[str, Repo] = {}
         self.faults: list[Fault] = []
         self.log: list[Request] = []
         self.largest = 10**18
         """Bytes of the largest file it takes."""
-        self.lock = threading.RLock()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Nothing: a client that was killed is what these tests are about."""
