@@ -36,7 +36,10 @@ def stored_at(folder: DatasetFolder) -> Callable[[int], list[Stored]]:
     return cache(lambda resolution: prepared(folder, GEOMETRY, resolution))
 
 
-@pytest.mark.parametrize("resolution", [16, 32, pytest.param(64, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "resolution",
+    [16, pytest.param(32, marks=pytest.mark.slow), pytest.param(64, marks=pytest.mark.slow)],
+)
 def test_an_object_unpacks_to_what_it_was(
     folder: DatasetFolder, stored_at: Callable[[int], list[Stored]], resolution: int
 ) -> None:

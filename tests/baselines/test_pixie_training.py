@@ -71,6 +71,7 @@ def test_the_published_architecture_learns_too(
     assert report.best_mae_g_cm3 < 0.5 * report.train_median_mae_g_cm3
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_weights_to_the_bit(objects: list[Stored]) -> None:
     torch.manual_seed(1)
     one, report = train(objects, NAMES, Settings(**TINY), seed=3)
@@ -223,6 +224,7 @@ def test_radiographs_keep_their_directions() -> None:
     assert XRayUNet().settings.turned == "mirrored"
 
 
+@pytest.mark.slow
 def test_one_object_in_twenty_is_told_no_category(objects: list[Stored]) -> None:
     categories, kinds = Categories.of(objects)
     rng = np.random.default_rng(0)

@@ -95,6 +95,7 @@ def test_a_seed_gives_the_same_damage(sounds: tuple[bytes, bytes]) -> None:
     assert mutated(sounds[0], 7) == mutated(sounds[0], 7) != mutated(sounds[0], 8)
 
 
+@pytest.mark.slow
 def test_dozens_of_mutations_are_scored_or_told_what_is_wrong(
     sounds: tuple[bytes, bytes], dataset: Path, tmp_path: Path
 ) -> None:

@@ -411,6 +411,7 @@ def test_another_file_is_no_sealed_truth(sealed: Sealed, tmp_path: Path, data: b
         sealed.truth(path)
 
 
+@pytest.mark.slow
 @settings(
     max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )

@@ -37,6 +37,7 @@ def contents(root: Path) -> dict[str, bytes]:
     }
 
 
+@pytest.mark.slow
 def test_other_answers_of_the_private_objects_give_the_same_public_bytes(
     sealed: Sealed, tmp_path: Path
 ) -> None:

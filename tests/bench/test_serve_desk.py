@@ -214,6 +214,7 @@ def test_a_process_that_is_killed_fails_its_file_and_no_other(
     assert ended(desk, again).state == "scored"
 
 
+@pytest.mark.slow
 def test_a_file_that_takes_too_long_is_given_up(open_desk: Open, submission: Submit) -> None:
     desk = open_desk(job_seconds=1)
     ticket = desk.submit(submission(scaled(1.1)), user="a", filename="x")
@@ -290,6 +291,7 @@ def test_an_entry_whose_process_died_before_it_could_say_so_is_found(
     assert len(desk.entries()) == 1
 
 
+@pytest.mark.slow
 def test_an_outcome_that_a_full_disk_cannot_take_is_recorded_later(
     open_desk: Open, submission: Submit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -373,6 +375,7 @@ def test_two_desks_never_share_a_state_folder(open_desk: Open) -> None:
     open_desk()
 
 
+@pytest.mark.slow
 def test_closing_in_the_middle_puts_the_file_back_for_the_next_desk(
     open_desk: Open, submission: Submit
 ) -> None:

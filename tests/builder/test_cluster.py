@@ -67,6 +67,7 @@ def built(captures) -> Path:
     return out
 
 
+@pytest.mark.slow
 def test_what_a_lost_node_was_working_on_is_done_on_another(cluster, second_node, tmp_path):
     doomed = second_node.node_id
 

@@ -59,6 +59,7 @@ def test_each_case_varies_one_thing_and_is_measured_once():
         assert BASE in along(axis)
 
 
+@pytest.mark.slow
 def test_memory_is_that_of_the_case_and_not_of_who_asks():
     held = np.ones(12_500_000)
     who_asks_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
@@ -73,6 +74,7 @@ def test_a_process_that_dies_is_named():
         growth._in_fresh_process(Deadly(64, 20, 1))
 
 
+@pytest.mark.slow
 def test_growth_is_drawn(tmp_path):
     draw_growth([made_up(case) for case in cases()], tmp_path / "growth.png")
     picture = np.asarray(Image.open(tmp_path / "growth.png").convert("RGB"))

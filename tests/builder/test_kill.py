@@ -232,6 +232,7 @@ def replace(out: Path, text: str) -> None:
         publish(beside / "folder", out)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux exchanges two folders in one step")
 def test_a_folder_that_is_replaced_is_never_absent(tmp_path):
     replace(tmp_path / "out", "first")

@@ -298,6 +298,7 @@ def test_appearance_has_the_shape_that_is_handed_over(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_truth_in_voxels_weighs_what_the_meshes_weigh() -> None:
     scanner = Scanner(size_px=32)
     for plan in plan_objects(19, 4)[::3]:
@@ -311,6 +312,7 @@ def test_truth_in_voxels_weighs_what_the_meshes_weigh() -> None:
         np.testing.assert_allclose(np.array(lacs) / 0.17, apparent)
 
 
+@pytest.mark.slow
 def test_gallery_draws_a_picture(tmp_path: Path) -> None:
     gallery(tmp_path / "sheet.png", seed=2, categories=["bolt"])
     assert (tmp_path / "sheet.png").read_bytes()[:4] == b"\x89PNG"

@@ -115,6 +115,7 @@ def test_a_foamed_grip_is_measured():
     assert "label_doubted" not in grip.flags
 
 
+@pytest.mark.slow
 def test_a_weighed_mass_makes_the_mass_of_unlabelled_parts_right_within_a_percent(capture):
     weighed_g = true_mass_g(tool())
     blind = relabelled(capture, blade="", grip="", level="")

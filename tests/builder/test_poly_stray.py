@@ -118,6 +118,7 @@ def test_strength_of_a_veil_is_recovered(clean, near, far):
         assert fitted_veil == pytest.approx(expected, abs=0.0035)
 
 
+@pytest.mark.slow
 def test_a_veil_moves_densities_only_if_it_is_not_modelled(clean):
     capture = relabelled(veiled(clean, 0.2, 0.2), grip="polymer")
     truth = 0.91

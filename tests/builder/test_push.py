@@ -262,9 +262,7 @@ def killed_push(hub: HubServer, root: Path, skip: int, cut_after: int) -> None:
     assert process.returncode == -signal.SIGKILL, said
 
 
-@pytest.mark.parametrize(
-    "moments", [2, pytest.param(10, marks=pytest.mark.slow)], ids=["two", "ten"]
-)
+@pytest.mark.parametrize("moments", [pytest.param(10, marks=pytest.mark.slow)], ids=["ten"])
 def test_a_push_that_is_killed_at_any_moment_is_completed_by_the_next(
     hub: HubServer, root: Path, tmp_path: Path, moments: int
 ) -> None:

@@ -89,6 +89,7 @@ def test_iron_frame_as_others_reached_it_with_as_many_rays(shared_data, subrays,
     assert fit.lac_per_cm[0] == pytest.approx(reached["mu_per_cm"], rel=1e-4)
 
 
+@pytest.mark.slow
 def test_run_and_audit_a_real_capture_from_the_command_line(shared_data, tmp_path):
     captures, out = tmp_path / "captures", tmp_path / "tooth"
     shutil.copytree(shared_data / "captures-tooth", captures)  # a rebuild writes splits.csv

@@ -190,6 +190,7 @@ def test_a_part_without_space_of_its_own_is_an_error(captures, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_the_papers_way_runs_and_says_so(pristine, tmp_path):
     one = tmp_path / "captures"
     shutil.copytree(pristine, one)

@@ -123,6 +123,7 @@ print(labels.shape, image.mode, image.size, "xden1k" in sys.modules)
 """
 
 
+@pytest.mark.slow
 def test_plain_rows_are_read_without_this_package(rows: Dataset, tmp_path: Path) -> None:
     plain = to_plain(rows)
     assert not any(isinstance(each, PackedArray) for each in plain.features.values())

@@ -91,6 +91,7 @@ def test_sample_loads_from_an_empty_folder_and_then_from_the_root(from_empty: di
     assert from_empty["same elsewhere"]
 
 
+@pytest.mark.slow
 def test_sample_loads_from_the_root_without_our_import(
     folders: dict[str, Path], from_empty: dict
 ) -> None:
