@@ -2,13 +2,24 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
 
-# One thread in each worker, and what is imported is compiled once and kept.
-PYTEST := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile
+# One thread in each process, and what is imported is compiled once and kept.
+ENVIRONMENT := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+PYTEST := $(ENVIRONMENT) $(BIN)/pytest
 FAST := -m "not slow and not peer"
 # Annotations become assertions, shapes included: a quarter of the time of a test.
 CHECKED := --jaxtyping-packages=xden1k,xden_bench,xden_baselines,xden_builder,typecheck.checked
 
-.PHONY: setup demo test test-all coverage lint docs speed sample leaderboard clean
+# The fast tests, a process for each of these, two at a time: none imports what all need together.
+TESTS := builder bench xden1k access baselines docs
+builder := tests/builder builder
+bench := tests/bench benchmarks
+xden1k := tests/xden1k xden1k
+access := tests/access tests/export
+baselines := tests/baselines baselines
+docs := tests/docs $(wildcard tests/test_*.py)
+TWO_AT_A_TIME := $(MAKE) --jobs=2 --keep-going $(if $(filter output-sync,$(.FEATURES)),--output-sync=target)
+
+.PHONY: setup demo test test-all coverage $(TESTS:%=test-%) lint docs speed sample leaderboard clean
 
 setup: $(STAMP)
 
@@ -23,14 +34,18 @@ demo: setup
 	$(BIN)/python demo.py
 
 test: setup
-	$(PYTEST) $(FAST)
+	$(TWO_AT_A_TIME) $(TESTS:%=test-%)
+
+$(TESTS:%=test-%): test-%: setup
+	COVERAGE_FILE=.coverage.$* $(PYTEST) --quiet $(FAST) $(COVERED) $($*)
 
 test-all: setup
 	$(BIN)/pip install --quiet -c constraints.txt -e ".[tables,peers]"
-	$(PYTEST) $(CHECKED) --hypothesis-profile all
+	$(PYTEST) -n 2 --dist loadfile $(CHECKED) --hypothesis-profile all
 
 coverage: setup  # of the fast tests: statements and branches of each area
-	$(PYTEST) $(FAST) --cov --cov-report=
+	$(TWO_AT_A_TIME) $(TESTS:%=test-%) COVERED="--cov --cov-report="
+	$(BIN)/coverage combine --quiet
 	for area in xden1k benchmarks baselines builder; do \
 	  echo $$area && $(BIN)/coverage report --include="$$area/*" | sed -n '1p;$$p'; \
 	done

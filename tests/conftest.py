@@ -5,6 +5,7 @@ The profile ``fast`` is the one of ``make test``: few examples, the same each ti
 the annotations of every function are checked as it runs, too (jaxtyping, beartype).
 """
 
+import ctypes
 import gc
 import os
 from collections.abc import Generator, Iterator
@@ -36,6 +37,17 @@ def pytest_collection() -> Generator[None]:
     result = yield
     gc.enable()
     gc.freeze()
+    return result
+
+
+@pytest.hookimpl(wrapper=True, trylast=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None]:
+    """Give back what a module held before the next one takes its own."""
+    result = yield
+    if nextitem is None or nextitem.path != item.path:
+        gc.collect()
+        if malloc_trim := getattr(ctypes.CDLL(None), "malloc_trim", None):  # the GNU C library's
+            malloc_trim(0)
     return result
 
 

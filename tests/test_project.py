@@ -57,3 +57,14 @@ def test_the_oldest_python_that_is_named_is_the_one_required(project: dict[str, 
     named = re.findall(r"Python :: 3\.(\d+)$", "\n".join(project["classifiers"]), re.MULTILINE)
     assert project["requires-python"] == f">=3.{min(map(int, named))}"
     assert named == [str(minor) for minor in range(int(named[0]), int(named[-1]) + 1)]
+
+
+def test_every_folder_of_tests_is_run_by_make_test() -> None:
+    makefile = (ROOT / "Makefile").read_text()
+    named = re.search(r"^TESTS := (.*)$", makefile, re.MULTILINE)
+    assert named is not None
+    lines = [f"^{name} := (.*)$" for name in named[1].split()]
+    paths = {path for line in lines for path in re.search(line, makefile, re.M)[1].split()}
+    tests = {file.parent.relative_to(ROOT).as_posix() for file in ROOT.glob("tests/*/test_*.py")}
+    assert tests | set(PACKAGES) <= paths
+    assert "$(wildcard" in paths  # of those that lie above the folders

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.xden1k.export_sweep import sweep, tables
+from tests.export.sweep import sweep, tables
 from xden_builder.phantoms.catalogue import CATALOGUE
 
 

@@ -1,6 +1,6 @@
 """One object of each category in every format: how far from the truth, and what others would say.
 
-``PYTHONPATH=.:benchmarks:baselines:builder python -m tests.xden1k.export_sweep`` prints the tables
+``PYTHONPATH=.:benchmarks:baselines:builder python -m tests.export.sweep`` prints the tables
 of the manual.
 """
 
@@ -18,7 +18,7 @@ import trimesh
 from tabulate import tabulate
 
 from tests import phantoms
-from tests.xden1k.flight import fly
+from tests.export.flight import fly
 from xden1k.export import FORMATS, Deviation, exported
 from xden1k.export.body import body_of
 from xden1k.export.check import deviation

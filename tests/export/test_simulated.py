@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tests import phantoms
+from tests.export.flight import fly, frame, spin
 from tests.phantoms import Box
-from tests.xden1k.flight import fly, frame, spin
 from xden1k.access.hub import SAMPLE
 from xden1k.export import export
 from xden1k.export.body import body_of
