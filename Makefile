@@ -9,12 +9,14 @@ FAST := -m "not slow and not peer"
 # Annotations become assertions, shapes included: a quarter of the time of a test.
 CHECKED := --jaxtyping-packages=xden1k,xden_bench,xden_baselines,xden_builder,typecheck.checked
 
-# The fast tests, a process for each of these, two at a time: none imports what all need together.
-TESTS := builder bench xden1k access baselines docs
+# The fast tests, a process for each of these (make test-bench is one), two at a time: none imports
+# what all together need.
+TESTS := builder bench xden1k access baselines docs export
 builder := tests/builder builder
 bench := tests/bench benchmarks
 xden1k := tests/xden1k xden1k
-access := tests/access tests/export
+access := tests/access
+export := tests/export
 baselines := tests/baselines baselines
 docs := tests/docs $(wildcard tests/test_*.py)
 TWO_AT_A_TIME := $(MAKE) --jobs=2 --keep-going $(if $(filter output-sync,$(.FEATURES)),--output-sync=target)
