@@ -114,7 +114,8 @@ def test_without_tube_and_detector_both_are_unknown(tmp_path: Path) -> None:
         ('flat = "flat_pa.tif"', 'flat = "f.tif"\nflat_value = 1', "flat and flat_value exclude"),
         ('polarity = "linear"', "", "views.pa.polarity is missing, expected linear or inverted"),
         ('"linear"', '"bright"', "views.pa.polarity must be linear or inverted, got 'bright'"),
-        ('"attenuation"', '"attenuation"\npolarity = "linear"', "polarity goes with counts only"),
+        ('"attenuation"', '"attenuation"\npolarity = "inverted"', "polarity is linear by definition"),
+        ('"attenuation"', '"attenuation"\nflat_value = 9', "flat_value goes with counts only"),
         ('"attenuation"', '"absorbance"', "views.lat.quantity must be counts or transmission or"),
         ("dark_value = 105", "dark_value = nan", "views.pa.dark_value must be a number, got nan"),
         ("direction = [2.0, 0.0, 0.0]", "", "views.lat.direction is missing, expected three"),
@@ -155,6 +156,11 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 def test_no_views_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="views is missing, expected a table for each view"):
         read(tmp_path, WHOLE[: WHOLE.index("[views.pa]")])
+
+
+def test_linear_beside_attenuation_says_nothing_false_and_nothing_new(tmp_path: Path) -> None:
+    said = read(tmp_path, WHOLE.replace('"attenuation"', '"attenuation"\npolarity = "linear"'))
+    assert as_plain(said) == as_plain(read(tmp_path, WHOLE))
 
 
 def test_only_a_dicom_image_may_leave_its_polarity_out(tmp_path: Path) -> None:

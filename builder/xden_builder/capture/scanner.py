@@ -41,8 +41,8 @@ KV_RANGE: Final = (20.0, 500.0)
 _POSITIONS = ("pixel00_cm", "column_step_cm", "row_step_cm")
 _ABSENT: tuple[object, ...] = (None, "", {})
 _EMITTERS = {"cone": "source_cm", "parallel": "direction"}
-_CALIBRATION = ("polarity", "flat", "flat_value", "dark", "dark_value")
-_VIEW_KEYS = ("image", "quantity", *_CALIBRATION, "beam", *_EMITTERS.values(), *_POSITIONS, "shape")
+_CALIBRATION = ("flat", "flat_value", "dark", "dark_value")
+_VIEW_KEYS = ("image", "quantity", "polarity", *_CALIBRATION, "beam", *_EMITTERS.values(), *_POSITIONS, "shape")
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,9 +183,7 @@ def _read_view(table: TomlTable, object_folder: Path | None) -> ViewFile:
     image = table.get("image", _is_inner_path, "a path inside the object's folder")
     quantity = cast(Quantity, table.choice("quantity", get_args(Quantity)))
     if quantity != "counts":
-        for key in _CALIBRATION:
-            if key in table:
-                raise table.error(key, f"goes with counts only, not with {quantity}")
+        _refuse_calibration(table, quantity)
     geometry = _read_geometry(table, object_folder / image if object_folder else None)
     if quantity != "counts":
         return ViewFile(image, quantity, geometry)
@@ -194,6 +192,15 @@ def _read_view(table: TomlTable, object_folder: Path | None) -> ViewFile:
         raise table.error("flat", "is missing, expected flat (an image) or flat_value")
     polarity, dark = _read_polarity(table, image), _read_calibration(table, "dark")
     return ViewFile(image, quantity, geometry, polarity, flat, dark)
+
+
+def _refuse_calibration(table: TomlTable, quantity: Quantity) -> None:
+    """Refuse what only counts have; a polarity that says nothing new is none of it."""
+    for key in _CALIBRATION:
+        if key in table:
+            raise table.error(key, f"goes with counts only, not with {quantity}")
+    if "polarity" in table and table.choice("polarity", get_args(Polarity)) != "linear":
+        raise table.error("polarity", f"is linear by definition with {quantity}, or left out")
 
 
 def _read_polarity(table: TomlTable, image: str) -> Polarity | None:
