@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import get_context, parent_process
+from multiprocessing import active_children, get_context, parent_process
 from multiprocessing.connection import wait as wait_for
 from typing import TypeVar
 
@@ -68,12 +69,32 @@ def explain(key: str, error: BaseException) -> str:
 def _with_pool(
     task: Callable[[Key], Result], keys: Iterator[Key], workers: int, window: int
 ) -> Generator[Answer[Key, Result], None, list[Key]]:
-    context = get_context("spawn")
-    with (
-        _one_thread_each(),
-        ProcessPoolExecutor(workers, context, initializer=_end_with_the_parent) as pool,
-    ):
+    with _one_thread_each(), _pool(workers) as pool:
         return (yield from _finish(pool, task, keys, window))
+
+
+@contextmanager
+def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Give processes that are killed when the caller is interrupted or wants no more answers."""
+    others = set(active_children())
+    context = get_context("spawn")
+    with ProcessPoolExecutor(workers, context, initializer=_end_with_the_parent) as pool:
+        try:
+            yield pool
+        except BaseException:
+            for process in set(active_children()) - others:
+                process.kill()
+            raise
+
+
+@contextmanager
+def _ctrl_c_is_the_parents() -> Iterator[None]:
+    """Let processes that are started meanwhile never see Ctrl-C; here it waits for the end."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _end_with_the_parent() -> None:
@@ -97,7 +118,8 @@ def _finish(
     while True:
         while not died and len(running) < window and (key := next(keys, None)) is not None:
             try:
-                running[pool.submit(task, key)] = key
+                with _ctrl_c_is_the_parents():
+                    running[pool.submit(task, key)] = key
             except BrokenProcessPool:
                 died.append(key)
         if not running:

@@ -114,7 +114,11 @@ def test_without_tube_and_detector_both_are_unknown(tmp_path: Path) -> None:
         ('flat = "flat_pa.tif"', 'flat = "f.tif"\nflat_value = 1', "flat and flat_value exclude"),
         ('polarity = "linear"', "", "views.pa.polarity is missing, expected linear or inverted"),
         ('"linear"', '"bright"', "views.pa.polarity must be linear or inverted, got 'bright'"),
-        ('"attenuation"', '"attenuation"\npolarity = "inverted"', "polarity is linear by definition"),
+        (
+            '"attenuation"',
+            '"attenuation"\npolarity = "inverted"',
+            "polarity is linear by",
+        ),
         ('"attenuation"', '"attenuation"\nflat_value = 9', "flat_value goes with counts only"),
         ('"attenuation"', '"absorbance"', "views.lat.quantity must be counts or transmission or"),
         ("dark_value = 105", "dark_value = nan", "views.pa.dark_value must be a number, got nan"),

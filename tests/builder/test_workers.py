@@ -65,19 +65,35 @@ def linger(key):
 """
 
 
-def test_workers_end_when_their_parent_is_killed(tmp_path):
+def lingering(tmp_path):
+    """A parent and its two workers, at work for ever; in a process group of their own."""
     (tmp_path / "parent.py").write_text(PARENT)
     (tmp_path / "test_workers_tasks.py").write_text(TASKS)
     path = os.pathsep.join([str(tmp_path), *sys.path])
     parent = subprocess.Popen(  # noqa: S603
         [sys.executable, str(tmp_path / "parent.py"), str(tmp_path)],
         env={**os.environ, "PYTHONPATH": path},
+        stderr=subprocess.PIPE,
+        start_new_session=True,
     )
     marks = [tmp_path / "a", tmp_path / "b"]
     until(lambda: all(mark.exists() and mark.read_text() for mark in marks))
+    return parent, [int(mark.read_text()) for mark in marks]
+
+
+def test_workers_end_when_their_parent_is_killed(tmp_path):
+    parent, workers = lingering(tmp_path)
     parent.kill()
-    parent.wait()
-    workers = [int(mark.read_text()) for mark in marks]
+    parent.communicate()
+    until(lambda: not any(map(_alive, workers)))
+
+
+def test_ctrl_c_waits_for_no_task_and_workers_do_not_speak_of_it(tmp_path):
+    parent, workers = lingering(tmp_path)
+    os.killpg(parent.pid, signal.SIGINT)
+    _, said = parent.communicate()
+    assert parent.returncode == -signal.SIGINT
+    assert said.count(b"KeyboardInterrupt") == said.count(b"Traceback") == 1  # the parent's
     until(lambda: not any(map(_alive, workers)))
 
 

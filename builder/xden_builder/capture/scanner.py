@@ -42,7 +42,16 @@ _POSITIONS = ("pixel00_cm", "column_step_cm", "row_step_cm")
 _ABSENT: tuple[object, ...] = (None, "", {})
 _EMITTERS = {"cone": "source_cm", "parallel": "direction"}
 _CALIBRATION = ("flat", "flat_value", "dark", "dark_value")
-_VIEW_KEYS = ("image", "quantity", "polarity", *_CALIBRATION, "beam", *_EMITTERS.values(), *_POSITIONS, "shape")
+_VIEW_KEYS = (
+    "image",
+    "quantity",
+    "polarity",
+    *_CALIBRATION,
+    "beam",
+    *_EMITTERS.values(),
+    *_POSITIONS,
+    "shape",
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
-from contextlib import redirect_stdout
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["run"]
 
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells know it."""
 MOST_FLAGGED = 30
 """Objects whose flags are printed; the report has them all."""
 
@@ -53,8 +57,8 @@ def run(
     """Rebuild every object of a capture folder into a dataset folder.
 
     CAPTURES, --out and --parts are folders, or fsspec URLs such as s3://bucket/captures. Can be
-    stopped and started again: finished objects are kept in OUT.work. Exits with 3 if some objects
-    failed; they are listed, and in OUT.work/build_report.json.
+    stopped (Ctrl-C) and started again: finished objects are kept in OUT.work. Exits with 3 if some
+    objects failed; they are listed, and in OUT.work/build_report.json.
     """
     from xden_builder.pipeline.run import build
     from xden_builder.pipeline.storage import place
@@ -63,13 +67,7 @@ def run(
     told = click.get_current_context().get_parameter_source("workers")
     if cluster and told is ParameterSource.COMMANDLINE:
         raise click.UsageError("--workers has no meaning with --cluster: Ray knows its cores")
-    with progress_bar() as bar, redirect_stdout(sys.stderr):  # where Ray tells of lost machines
-
-        def on_done(outcome: Outcome) -> None:
-            bar.update()
-            if outcome.status == "failed":
-                bar.write(f"failed: {outcome.object_id}: {outcome.message}", file=sys.stderr)
-
+    with _progress() as progress, redirect_stdout(sys.stderr):  # where Ray tells of lost machines
         report = build(
             place(captures),
             place(out),
@@ -77,8 +75,8 @@ def run(
             workers=workers,
             cluster=cluster,
             parts=place(parts) if parts else None,
-            on_start=bar.reset,
-            on_done=on_done,
+            on_start=progress.start,
+            on_done=progress.add,
         )
     if as_json:
         print_json(report.to_dict())
@@ -86,6 +84,39 @@ def run(
         _echo_report(report, place(out))
     if report.failures:
         raise SystemExit(DONE_IN_PART)
+
+
+@dataclass(slots=True)
+class _Progress:
+    """How many objects there are and are done, on a bar."""
+
+    bar: Any
+    total: int = 0
+    done: int = 0
+
+    def start(self, total: int) -> None:
+        self.total = total
+        self.bar.reset(total)
+
+    def add(self, outcome: Outcome) -> None:
+        self.done += 1
+        self.bar.update()
+        if outcome.status == "failed":
+            said = f"failed: {outcome.object_id}: {outcome.message}"
+            self.bar.write(said, file=sys.stderr)
+
+
+@contextmanager
+def _progress() -> Iterator[_Progress]:
+    """Show progress; when interrupted, say how far it got and leave."""
+    with progress_bar() as bar:
+        progress = _Progress(bar)
+        try:
+            yield progress
+        except KeyboardInterrupt:
+            so_far = f"{progress.done} of {progress.total} done; run again to go on"
+            bar.write(so_far if progress.total else "stopped before the start", file=sys.stderr)
+            raise SystemExit(INTERRUPTED) from None
 
 
 def _echo_report(report: BuildReport, out: Place) -> None:
