@@ -193,7 +193,8 @@ def _values(obj: DensityObject) -> dict[str, Any]:
         "parts": [
             {name: getattr(part, name) for name in words}
             | {name: _number(getattr(part, name)) for name in figures}
-            for part in obj.parts
+            | {"label_voxels": voxels}
+            for part, voxels in zip(obj.parts, obj.label_voxels.tolist(), strict=True)
         ],
     }
 

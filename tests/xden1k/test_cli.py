@@ -76,6 +76,9 @@ def test_show_gives_json_without_not_a_number_and_draws_only_what_is_asked_for(
     assert values["mass_g"] is None
     assert values["parts"][0]["density_g_cm3"] is None
     assert values["parts"][0]["lac_per_cm"] == pytest.approx(1.25 * 0.34)
+    assert (
+        values["parts"][0]["label_voxels"] == open_folder(folder).object("cube-0002").labels.sum()
+    )
     assert "picture" not in values
     assert list(tmp_path.iterdir()) == []
     text = run("show", "cube-0002", "--root", folder, "--json", "-o", "cube.png").stdout

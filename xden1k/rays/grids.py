@@ -19,14 +19,13 @@ from xden1k.rays.voxels import (
     voxel_labels,
 )
 from xden1k.values.arrays import Grid, Labels
+from xden1k.values.labels import count_label_voxels, labels_err
 from xden1k.values.types import DensityField
 
 __all__ = ["COLUMN_SAMPLES", "THINNER_THAN_LABELS", "ObjectGrids", "column_samples", "object_grids"]
 
 COLUMN_SAMPLES = 16
 """Least density of columns through a field voxel."""
-THIN = 0.2
-"""Of a part's volume: labels that err by more do not show it well."""
 THINNER_THAN_LABELS = "thinner_than_labels"
 """Flag of a part that labels show badly, and of an object of which they show nothing."""
 SMALL_BASE, DENSEST = 0.5, 4
@@ -57,7 +56,7 @@ class ObjectGrids:
     envelope: Grid
 
     def thin(self, regions: Sequence[trimesh.Trimesh]) -> tuple[bool, ...]:
-        """Say of each part whether labels err about its volume by more than :data:`THIN`.
+        """Say of each part whether labels err about its volume, by more than a fifth.
 
         Parameters
         ----------
@@ -71,12 +70,9 @@ class ObjectGrids:
         >>> object_grids([plate, block], [0, 1]).thin([plate, block])
         (True, False)
         """
-        voxel_cm3 = (self.field.voxel_size_cm / 2) ** 3
-        counts = np.bincount(self.labels.ravel(), minlength=len(regions) + 1)[1:]
-        return tuple(
-            abs(count * voxel_cm3 - float(region.volume)) > THIN * float(region.volume)
-            for count, region in zip(counts.tolist(), regions, strict=True)
-        )
+        counts = count_label_voxels(self.labels, len(regions))
+        volumes = [float(region.volume) for region in regions]
+        return tuple(labels_err(counts, self.field.voxel_size_cm / 2, volumes).tolist())
 
     def density(self, densities_g_cm3: Sequence[float]) -> DensityField:
         """Voxel means of a density that is constant over each part."""

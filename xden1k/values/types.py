@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 import trimesh
-from jaxtyping import Float
+from jaxtyping import Float, Integer
 
 from xden1k.errors import DataError, require
 from xden1k.values.arrays import Grid, Labels, Vec3
+from xden1k.values.labels import count_label_voxels
 from xden1k.values.mass import MassProperties, mass_of_grid, mass_of_meshes
 from xden1k.values.views import XRayView
 
@@ -387,6 +388,15 @@ class DensityObject:
         if field is None:
             raise DataError(f"{self.object_id}: its density is withheld: there is no field")
         return field
+
+    @cached_property
+    def label_voxels(self) -> Integer[np.ndarray, "parts"]:
+        """How many voxels of the labels each part has, in the order of the parts.
+
+        None where a part is thinner than they are: its mesh and the shares of the field grid have
+        it all the same.
+        """
+        return count_label_voxels(self.labels, len(self.parts))
 
     @cached_property
     def mass_properties(self) -> MassProperties:
