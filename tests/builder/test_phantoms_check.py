@@ -11,7 +11,9 @@ import pytest
 import trimesh
 from click.testing import CliRunner
 
+from tests.phantoms import objects
 from xden1k.errors import DataError
+from xden1k.folder import write_folder
 from xden_builder.cli import cli
 from xden_builder.phantoms import Phantom, Plan, make_phantom, write_captures
 from xden_builder.phantoms.check import ObjectCheck, SetReport, check_set
@@ -176,6 +178,27 @@ def test_truth_as_a_dataset_is_not_for_the_check(tmp_path: Path) -> None:
     result = CliRunner().invoke(cli, [*arguments, "--as-dataset", "--check"])
     assert result.exit_code == 2
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("damaged", [False, True])
+def test_truth_as_a_dataset_is_verified_in_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damaged: bool
+) -> None:
+    def write(out: Path, *_: object, **__: object) -> None:
+        write_folder(objects()[:1], out, version="1.0.0", builder="test")
+        if damaged:
+            (out / "README.md").write_text("damaged")
+
+    monkeypatch.setattr("xden_builder.phantoms.write_truth_dataset", write)
+    truth = tmp_path / "truth"
+    arguments = ["phantoms", str(truth), "--as-dataset", "--count", "1", "--seed", "1"]
+    result = CliRunner().invoke(cli, arguments)
+    if not damaged:
+        assert (result.exit_code, result.stderr) == (0, "")
+        return
+    assert (result.exit_code, result.stdout) == (1, "")
+    (line,) = result.stderr.splitlines()
+    assert line.startswith(f"Error: {truth} does not verify, 1 problems, the first: README.md: ")
 
 
 def test_ideal_switches_everything_off(tmp_path: Path) -> None:

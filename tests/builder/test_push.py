@@ -287,14 +287,13 @@ def test_a_push_that_is_killed_at_any_moment_is_completed_by_the_next(
 def test_a_repository_that_changed_meanwhile_is_left_alone(
     hub: HubServer, root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def someone_else(*_: object) -> list[str]:
+    def someone_else(*_: object) -> None:
         repo = hub.repos[REPO]
         head = repo.commits[repo.branches["main"]]
         repo.commit("main", Commit(head.oid, "someone else's", head.tree))
-        return []
 
     hub.make(REPO)
-    monkeypatch.setattr("xden_builder.publish.run.verify_folder", someone_else)
+    monkeypatch.setattr("xden_builder.publish.run.refuse_unsound", someone_else)
     assert "main has changed meanwhile" in refusal(run(root, "--repo-id", REPO))
     assert hub.repos[REPO].tags == {}
 
@@ -302,11 +301,10 @@ def test_a_repository_that_changed_meanwhile_is_left_alone(
 def test_a_file_that_changes_while_it_is_pushed_is_not_committed(
     hub: HubServer, root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def change(*_: object) -> list[str]:
+    def change(*_: object) -> None:
         damage(root)
-        return []
 
-    monkeypatch.setattr("xden_builder.publish.run.verify_folder", change)
+    monkeypatch.setattr("xden_builder.publish.run.refuse_unsound", change)
     assert "changed while it was pushed" in refusal(run(root, "--repo-id", REPO))
     assert len(hub.repos[REPO].commits) == 1
 

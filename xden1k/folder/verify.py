@@ -37,7 +37,7 @@ from xden1k.values.types import (
     Source,
 )
 
-__all__ = ["row_problems", "verify_folder"]
+__all__ = ["refuse_unsound", "row_problems", "verify_folder"]
 
 CAN_LABEL = all(find_spec(name) for name in ("numba", "manifold3d"))
 """Whether the extra ``build`` is there, with which labels are compared with the meshes."""
@@ -79,6 +79,21 @@ def verify_folder(root: Path, on_row: Callable[[], object] = lambda: None) -> li
     for split in manifest.splits:
         _check_split(root, manifest, split, problems.append, on_row)
     return problems
+
+
+def refuse_unsound(root: Path, on_row: Callable[[], object] = lambda: None) -> None:
+    """Check a dataset folder as :func:`verify_folder` does, and raise if there is a problem.
+
+    Raises
+    ------
+    DataError
+        With the first problem, and how many there are.
+    """
+    if problems := verify_folder(root, on_row):
+        raise DataError(
+            f"{root} does not verify, {len(problems)} problems, the first: {problems[0]}; "
+            f"`xden verify {root}` lists them all"
+        )
 
 
 def _check_sums(root: Path, manifest: Manifest, report: Report) -> None:

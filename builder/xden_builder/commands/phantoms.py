@@ -67,6 +67,7 @@ def phantoms(
 ) -> None:
     """Simulate captures of objects whose density is known.
 
+    What --as-dataset writes is verified in the end, as `xden verify` does.
     With --check, exits with 3 if a part is open or shares space with another, an object does not
     read back, or a truth grid weighs something else than its parts.
     """
@@ -94,6 +95,8 @@ def phantoms(
             categories=names,
             split=split,
         )
+    if as_dataset:
+        _verify(out, count_made)
     kind = "dataset" if as_dataset else "captures"
     report = _checked(out, count_made, workers) if check else None
     if as_json:
@@ -105,6 +108,13 @@ def phantoms(
             _echo_check(report)
     if report and not report.good:
         raise SystemExit(DONE_IN_PART)
+
+
+def _verify(out: Path, count: int) -> None:
+    from xden1k.folder.verify import refuse_unsound
+
+    with progress_bar(count) as bar:
+        refuse_unsound(out, bar.update)
 
 
 def _checked(out: Path, count: int, workers: int) -> SetReport:

@@ -20,7 +20,7 @@ from huggingface_hub.errors import HfHubHTTPError
 
 from xden1k.access.hub import REPO_ID
 from xden1k.errors import DataError
-from xden1k.folder.verify import verify_folder
+from xden1k.folder.verify import refuse_unsound
 from xden1k.format.checksums import CHECKSUMS_NAME
 from xden1k.format.manifest import MANIFEST_NAME, Manifest
 from xden_builder.publish.parcel import CROISSANT_NAME, Parcel, published_on, read_folder
@@ -187,7 +187,7 @@ class _Push:
                     plan = self._plan(head)
         except HubError as err:
             note = f"{err}: what would be deleted is not known"
-        self._verify(on_row)
+        refuse_unsound(self.root, on_row)
         changed = plan.changed if plan.head else plan.parcel.names
         return self._pushed(plan, "", changed, note)
 
@@ -199,7 +199,7 @@ class _Push:
         if head is None and self.create_pr:
             raise DataError(f"{self.repository.repo_id} is not there: no pull request without it")
         plan = None if head is None else self._plan(head)
-        self._verify(on_row)
+        refuse_unsound(self.root, on_row)
         plan = plan or self._plan(self._make())
         if self.create_pr:
             return self._open_pull(plan)
@@ -278,13 +278,6 @@ class _Push:
                 "there, or choose another repository"
             )
         return _Plan(parcel, head, changed, deleted)
-
-    def _verify(self, on_row: Callable[[], object]) -> None:
-        if problems := verify_folder(self.root, on_row):
-            raise DataError(
-                f"{self.root} does not verify, {len(problems)} problems, the first: {problems[0]}; "
-                f"`xden verify {self.root}` lists them all"
-            )
 
     def _make(self) -> str:
         """Make the repository; its first commit is the Hub's."""
