@@ -8,6 +8,7 @@ import click
 
 from xden1k.commands import Group
 from xden_builder.commands.audit import audit
+from xden_builder.commands.datasheet import datasheet
 from xden_builder.commands.evaluate import evaluate
 from xden_builder.commands.phantoms import gallery, phantoms
 from xden_builder.commands.push import push
@@ -24,5 +25,5 @@ def cli() -> None:
     logging.basicConfig(format="%(levelname)s: %(message)s")
 
 
-for _command in (phantoms, run, audit, push, evaluate, gallery, speed):
+for _command in (phantoms, run, audit, datasheet, push, evaluate, gallery, speed):
     cli.add_command(_command)

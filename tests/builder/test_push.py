@@ -128,8 +128,8 @@ def test_a_date_that_is_there_stays(
 ) -> None:
     whole = parcel.Parcel.of
 
-    def long_ago(root: Path, manifest: Manifest, base_url: str, date: str) -> parcel.Parcel:
-        return whole(root, manifest, base_url, "2020-02-02")
+    def long_ago(root: Path, facts: Facts, base_url: str, date: str) -> parcel.Parcel:
+        return whole(root, facts, base_url, "2020-02-02")
 
     with monkeypatch.context() as patch:
         patch.setattr(parcel.Parcel, "of", long_ago)

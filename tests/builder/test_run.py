@@ -103,6 +103,21 @@ def test_other_settings_make_everything_anew(captures, half_built):
     assert set(statuses(report).values()) == {"built"}
 
 
+def test_answers_beside_captures_go_into_the_dataset_and_stay(captures, half_built):
+    (captures / "datasheet.toml").write_text('[motivation]\nfunding = "A lottery."\n')
+    assert set(statuses(build(captures, half_built, SETTINGS, workers=2)).values()) == {"kept"}
+    told = contents(half_built)
+    assert "A lottery." in (half_built / "DATASHEET.md").read_text()
+    (captures / "datasheet.toml").unlink()
+    build(captures, half_built, SETTINGS, workers=2)
+    assert contents(half_built) == told
+    (captures / "datasheet.toml").write_text("[motivation]\nfundng = 'x'\n")
+    with pytest.raises(
+        DataError, match=r"captures/datasheet\.toml: unknown key motivation\.fundng"
+    ):
+        build(captures, half_built, SETTINGS, workers=2)
+
+
 def test_a_bad_object_is_listed_and_the_others_are_built(captures, tmp_path):
     bad, *good = CaptureFolder(captures).object_ids
     (captures / bad / "lat.tif").unlink()

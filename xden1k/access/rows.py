@@ -19,7 +19,8 @@ import pyarrow.parquet as pq
 from datasets import Features, builder
 from datasets.packaged_modules.parquet.parquet import Parquet, ParquetConfig
 
-from xden1k.documents.card import HOMEPAGE, bibtex_entry, dataset_title, provenance_text
+from xden1k.documents.card import HOMEPAGE, bibtex_entry
+from xden1k.documents.statements import dataset_title, provenance_text
 from xden1k.errors import DataError
 from xden1k.folder import open_folder
 from xden1k.folder.reader import other_name

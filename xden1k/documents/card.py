@@ -7,6 +7,12 @@ from typing import Any
 import pyarrow as pa
 import yaml  # type: ignore[import-untyped]
 
+from xden1k.documents.statements import (
+    dataset_title,
+    label_voxels_text,
+    materials_text,
+    provenance_text,
+)
 from xden1k.format.manifest import Manifest
 from xden1k.format.schema import COLUMNS, IMAGE, LIGHT_COLUMNS, Column
 from xden1k.values.types import PRIVATE
@@ -18,10 +24,8 @@ __all__ = [
     "bibtex",
     "bibtex_entry",
     "citation_text",
-    "dataset_title",
     "eval_text",
     "header",
-    "provenance_text",
     "readme_text",
     "yaml_block",
 ]
@@ -46,11 +50,6 @@ CONFIGS = {"default": COLUMNS, "metadata": COLUMNS[: len(LIGHT_COLUMNS)]}
 """Columns of each config."""
 _GLOBS = {"default": "data/{}-*.parquet", "metadata": "metadata/{}.parquet"}
 _VALUES = {pa.float64(): "float64", pa.int32(): "int32", IMAGE: "image"}
-
-
-def dataset_title(manifest: Manifest) -> str:
-    """Name of a dataset, which says so where nothing in it is real."""
-    return "XDen-1K, simulated objects" if manifest.simulated else "XDen-1K"
 
 
 def header(manifest: Manifest, prefix: str = "", *, features: bool = True) -> dict[str, Any]:
@@ -173,10 +172,13 @@ The config `metadata` holds the light columns only, for browsing.
 A figure that was never measured is null (`weighed_mass_g`, `density`); one computed from an
 unknown figure is not a number. Part k, 1 to K, is entry k - 1 of the `part_` lists. All grids fill
 one cube, the bounding cube of the object with a 3 % margin: label voxels have half the edge of
-field voxels and start a quarter of a field voxel lower on each axis. A label names the part that
-holds the voxel's centre, so that what is thinner than a voxel may be missing from `labels`: such
-parts, and objects of which nothing is left, carry the flag `thinner_than_labels`. Volumes, masses
-and the shares of `occupancy` and `envelope` come from the meshes and lack nothing.
+field voxels and start a quarter of a field voxel lower on each axis.
+
+## What labels do not tell
+
+{label_voxels_text(manifest)}
+
+{materials_text(manifest)}
 {_withheld_text(manifest)}
 ## Check
 
@@ -198,31 +200,6 @@ def _withheld_text(manifest: Manifest) -> str:
 In the split `{PRIVATE}` every answer is withheld, stored as if it were unknown. `commitments.json`
 has a salted checksum of each object's answers, so that they cannot be changed afterwards.
 """
-
-
-def provenance_text(manifest: Manifest) -> str:
-    """Say what the objects and their densities are, so that nobody takes one for another."""
-    objects = ", ".join(_SOURCES[name].format(n) for name, n in manifest.sources.items())
-    densities = ", ".join(f"{n} {_DENSITIES[name]}" for name, n in manifest.density_sources.items())
-    parts = sum(manifest.density_sources.values())
-    return (
-        f"**Where it comes from.** Objects: {objects}. Densities of the {parts} parts: {densities}."
-    )
-
-
-_SOURCES = {
-    "scan": "{} scanned",
-    "ct": "{} with views computed from a CT",
-    "phantom": "{} simulated, which were never on a scanner",
-}
-_DENSITIES = {
-    "xray": "measured by X-ray",
-    "prior": "assumed from the material alone",
-    "weighed": "corrected by a scale",
-    "truth": "the simulator's truth",
-    "none": "unknown (attenuation only)",
-    "withheld": "withheld (the split private)",
-}
 
 
 def _split_table(manifest: Manifest) -> str:

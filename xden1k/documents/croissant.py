@@ -8,7 +8,9 @@ from typing import Any
 
 import pyarrow as pa
 
-from xden1k.documents.card import CONFIGS, TAGS, bibtex, dataset_title
+from xden1k.documents.card import CONFIGS, HOMEPAGE, TAGS, bibtex_entry
+from xden1k.documents.facts import Facts
+from xden1k.documents.statements import dataset_title
 from xden1k.format.manifest import Manifest
 from xden1k.format.schema import IMAGE, Column
 
@@ -42,7 +44,7 @@ CONTEXT: dict[str, Any] = {
 _TYPES = {pa.float64(): "cr:Float64", pa.int32(): "cr:Int32", pa.string(): "sc:Text"}
 
 
-def croissant_text(manifest: Manifest, base_url: str = "", date_published: str = "") -> str:
+def croissant_text(facts: Facts, base_url: str = "", date_published: str = "") -> str:
     """Text of ``croissant.json``: a file object per shard, a record set per config.
 
     With ``base_url`` there is a record set per file instead: readers look for a set of files on a
@@ -50,7 +52,7 @@ def croissant_text(manifest: Manifest, base_url: str = "", date_published: str =
 
     Parameters
     ----------
-    manifest
+    facts
         Of the folder.
     base_url
         Where the files are, ending in a slash. Without it their addresses are relative to the
@@ -58,6 +60,7 @@ def croissant_text(manifest: Manifest, base_url: str = "", date_published: str =
     date_published
         Day on which it was published, ``YYYY-MM-DD``; empty where it was not.
     """
+    manifest = facts.manifest
     values = {
         "@context": CONTEXT,
         "@type": "sc:Dataset",
@@ -68,8 +71,8 @@ def croissant_text(manifest: Manifest, base_url: str = "", date_published: str =
         "version": manifest.version,
         **({"datePublished": date_published} if date_published else {}),
         "license": "https://creativecommons.org/licenses/by/4.0/",
-        "url": "https://arxiv.org/abs/2512.10668",
-        "citeAs": "\n".join(bibtex().splitlines()[1:-1]),
+        "url": HOMEPAGE,
+        "citeAs": bibtex_entry(),
         "distribution": [
             *_file_objects(manifest, base_url),
             *([] if base_url else map(_file_set, CONFIGS)),

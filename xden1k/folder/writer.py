@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
-from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from xden1k.documents.card import citation_text, eval_text, readme_text
-from xden1k.documents.croissant import croissant_text
-from xden1k.documents.datasheet import DATASHEET_COLUMNS, datasheet_text
+from xden1k.documents.facts import read_facts
+from xden1k.documents.maintainer import Answers
 from xden1k.errors import DataError
+from xden1k.folder.documents import write_documents
 from xden1k.folder.place import publish, staging
-from xden1k.format.checksums import CHECKSUMS_NAME, file_sha256, footer_sha256
+from xden1k.format.checksums import file_sha256, footer_sha256
+from xden1k.format.label_counts import LABEL_COUNTS, label_counts
 from xden1k.format.manifest import MANIFEST_NAME, DataFile, Manifest
 from xden1k.format.records import object_row
 from xden1k.format.schema import DATA_SCHEMA, METADATA_SCHEMA
@@ -39,6 +37,7 @@ SHARD_BYTES = 128 << 20
 """A shard is closed by the row that makes it this large: about fifty objects of 2.5 MB."""
 METADATA_GROUP_ROWS = 64
 OBJECT_ID = re.compile(r"[A-Za-z0-9._-]+")
+NO_ANSWERS: Final = Answers()
 
 
 def write_folder(
@@ -49,6 +48,7 @@ def write_folder(
     builder: str,
     config_sha256: str = "",
     shard_bytes: int = SHARD_BYTES,
+    answers: Answers = NO_ANSWERS,
 ) -> Manifest:
     """Write objects as a dataset folder; see :func:`write_rows`."""
     return write_rows(
@@ -58,6 +58,7 @@ def write_folder(
         builder=builder,
         config_sha256=config_sha256,
         shard_bytes=shard_bytes,
+        answers=answers,
     )
 
 
@@ -69,6 +70,7 @@ def write_rows(
     builder: str,
     config_sha256: str = "",
     shard_bytes: int = SHARD_BYTES,
+    answers: Answers = NO_ANSWERS,
     more: Callable[[str], Mapping[str, str]] = lambda _: {},
 ) -> Manifest:
     """Write encoded rows as a dataset folder.
@@ -92,6 +94,8 @@ def write_rows(
         Checksum of its settings.
     shard_bytes
         A shard is closed by the row that makes it this large.
+    answers
+        What the maintainer says in the datasheet; kept in the folder.
     more
         Gives further documents, name and text, for the checksum of the manifest.
 
@@ -114,19 +118,20 @@ def write_rows(
     out.parent.mkdir(parents=True, exist_ok=True)
     with staging(out) as beside:
         root = beside / "folder"
-        files = _write_shards(rows, root, shard_bytes)
-        table = _light_table(root, files)
+        tally = _Tally()
+        files = _write_shards(map(tally.counted, _ascending(rows)), root, shard_bytes)
         rows_in = {file.split: file.rows for file in files if file.config == "metadata"}
         manifest = Manifest(
             version=version,
             builder=builder,
             config_sha256=config_sha256,
             splits={split: rows_in[split] for split in ALL_SPLITS if split in rows_in},
-            sources=_counts(table["source"].to_pylist()),
-            density_sources=_counts(chain(*table["part_density_source"].to_pylist())),
+            sources=dict(sorted(tally.sources.items())),
+            density_sources=dict(sorted(tally.density_sources.items())),
             files=files,
+            labels={name: tally.labels[name] for name in LABEL_COUNTS},
         )
-        _write_documents(root, manifest, table, more)
+        write_documents(root, read_facts(root, manifest, answers), more)
         for path in (root, *root.rglob("*")):
             _sync(path)
         publish(root, out)
@@ -145,6 +150,22 @@ def refuse_to_replace_others(out: Path) -> None:
     ours = (out / MANIFEST_NAME).is_file()
     if out.is_file() or (out.is_dir() and not ours and any(out.iterdir())):
         raise DataError(f"{out} is not a dataset folder: remove it yourself, or choose another")
+
+
+class _Tally:
+    """Counts what a manifest tells of all rows."""
+
+    def __init__(self) -> None:
+        self.sources: Counter[str] = Counter()
+        self.density_sources: Counter[str] = Counter()
+        self.labels: Counter[str] = Counter()
+
+    def counted(self, row: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the row."""
+        self.sources[row["source"]] += 1
+        self.density_sources.update(row["part_density_source"])
+        self.labels.update(label_counts(row))
+        return row
 
 
 class _SplitWriter:
@@ -197,7 +218,7 @@ def _write_shards(
         (root / name).mkdir(parents=True)
     writers: dict[str, _SplitWriter] = {}
     with ExitStack() as stack:
-        for row in _ascending(rows):
+        for row in rows:
             split = row["split"]
             if split not in writers:
                 writers[split] = _SplitWriter(root, split, shard_bytes, stack)
@@ -220,36 +241,6 @@ def _ascending(rows: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]
         yield row
     if not last:
         raise DataError("no objects: nothing to write")
-
-
-def _light_table(root: Path, files: Iterable[DataFile]) -> pa.Table:
-    paths = [root / file.path for file in files if file.config == "metadata"]
-    return pa.concat_tables(pq.read_table(path, columns=list(DATASHEET_COLUMNS)) for path in paths)
-
-
-def _counts(values: Iterable[str]) -> dict[str, int]:
-    return dict(sorted(Counter(values).items()))
-
-
-def _write_documents(
-    root: Path, manifest: Manifest, table: pa.Table, more: Callable[[str], Mapping[str, str]]
-) -> None:
-    manifest_text = manifest.to_json()
-    documents = {
-        MANIFEST_NAME: manifest_text,
-        "README.md": readme_text(manifest),
-        "DATASHEET.md": datasheet_text(manifest, table),
-        "CITATION.cff": citation_text(manifest),
-        "croissant.json": croissant_text(manifest),
-        "eval.yaml": eval_text(),
-        **more(hashlib.sha256(manifest_text.encode()).hexdigest()),
-    }
-    for name, text in documents.items():
-        (root / name).write_text(text, encoding="utf-8", newline="\n")
-    checksums = {name: file_sha256(root / name) for name in documents}
-    checksums |= {file.path: file.sha256 for file in manifest.files}
-    lines = [f"{digest}  {name}\n" for name, digest in sorted(checksums.items())]
-    (root / CHECKSUMS_NAME).write_text("".join(lines), encoding="utf-8", newline="\n")
 
 
 def _sync(path: Path) -> None:

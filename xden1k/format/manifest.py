@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -108,6 +108,9 @@ class Manifest:
         ``withheld``.
     files
         The Parquet files, sorted by path.
+    labels
+        Parts by what their labels show, :data:`~xden1k.format.label_counts.LABEL_COUNTS`; empty in
+        older folders.
     """
 
     version: str
@@ -117,6 +120,7 @@ class Manifest:
     sources: dict[str, int]
     density_sources: dict[str, int]
     files: tuple[DataFile, ...]
+    labels: dict[str, int] = field(default_factory=dict)
 
     @property
     def objects(self) -> int:
@@ -185,7 +189,8 @@ class Manifest:
             raise ValueError(f"schema is {values['schema']}")
         names = ("version", "builder", "config_sha256", "splits", "sources", "density_sources")
         files = tuple(DataFile(**file) for file in values["files"])
-        return cls(**{name: values[name] for name in names}, files=files)
+        counts = dict(values.get("labels", {}))
+        return cls(**{name: values[name] for name in names}, files=files, labels=counts)
 
 
 def _found(root: Path | RemotePath) -> str:

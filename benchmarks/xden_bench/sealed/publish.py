@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from xden1k.documents.maintainer import Answers
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder, write_rows
 from xden1k.folder.place import publish, staging
@@ -123,6 +124,7 @@ def _write(
         version=manifest.version,
         builder=manifest.builder,
         config_sha256="" if "phantom" in manifest.sources else manifest.config_sha256,
+        answers=Answers.of_folder(folder.root),
         more=seal_answers,
     )
 

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from xden1k import __version__
+from xden1k.documents.maintainer import Answers
 from xden1k.folder import write_rows
 from xden1k.format.manifest import Manifest
 from xden1k.format.records import object_row
@@ -49,7 +50,7 @@ def write_truth_dataset(
     Parameters
     ----------
     out
-        The dataset folder; an older one is replaced as a whole.
+        The dataset folder; an older one is replaced as a whole, but keeps its maintainer's answers.
     count, seed, size, ideal, scanner, realism, workers, progress, categories, split
         As there.
 
@@ -58,6 +59,7 @@ def write_truth_dataset(
     DataError
         If an argument is out of range, or ``out`` is something else than a dataset folder.
     """
+    answers = Answers.of_folder(out)
     scanner = make_scanner(size, ideal, scanner)
     plans = sorted(plan_objects(count, seed, categories, split), key=lambda plan: plan.object_id)
     rows = each_object(partial(_row, scanner, realism, seed), plans, workers, progress)
@@ -68,6 +70,7 @@ def write_truth_dataset(
         version=DATA_VERSION,
         builder=BUILDER,
         config_sha256=hashlib.sha256(settings.encode()).hexdigest(),
+        answers=answers,
     )
 
 

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from xden1k import __version__
+from xden1k.documents.maintainer import ANSWERS_NAME, Answers
 from xden1k.errors import DataError, XDenError
 from xden1k.folder import exclusive, write_rows
 from xden1k.format.records import object_row
@@ -36,6 +37,7 @@ from xden_builder.pipeline.storage import (
     make_folder,
     object_capture,
     object_rows,
+    read_bytes,
     refuse_other_folders,
     room_for,
     size_of,
@@ -140,7 +142,8 @@ def build(
     captures
         The capture folder.
     out
-        The dataset folder to write; an older one is replaced as a whole. ``build_report.json``
+        The dataset folder to write; an older one is replaced as a whole, but keeps its maintainer's
+        answers where there are none beside the captures. ``build_report.json``
         and the work files go to ``OUT.work`` beside it.
     settings
         How to rebuild.
@@ -176,6 +179,7 @@ def build(
     seen = absolute(captures), None if parts is None else absolute(parts), absolute(work)
     task = partial(_build_object, settings, made_by, *seen)
     with _only_run(work, out):
+        said = _answers(captures, out)
         rows = with_splits(captures, stated)
         on_start(len(rows))
         keys = rows.values()
@@ -183,7 +187,7 @@ def build(
         report = _gather(answers, on_done)
         _write_report(work, report)
         _refuse_nothing(report, captures, out)
-        _assemble(report, work, out, settings)
+        _assemble(report, work, out, settings, said)
     return report
 
 
@@ -283,7 +287,17 @@ def _refuse_nothing(report: BuildReport, captures: Place, out: Place) -> None:
         )
 
 
-def _assemble(report: BuildReport, work: Place, out: Place, settings: BuildSettings) -> None:
+def _answers(captures: Place, out: Place) -> Answers:
+    """Read a maintainer's answers: those beside the captures, else those of the older dataset."""
+    for file in (inside(captures, ANSWERS_NAME), inside(out, ANSWERS_NAME)):
+        if (content := read_bytes(file)) is not None:
+            return Answers.parse(content, file)
+    return Answers()
+
+
+def _assemble(
+    report: BuildReport, work: Place, out: Place, settings: BuildSettings, answers: Answers
+) -> None:
     """Make the dataset folder of the work files."""
     with (
         dataset_path(out) as folder,
@@ -295,6 +309,7 @@ def _assemble(report: BuildReport, work: Place, out: Place, settings: BuildSetti
             version=DATA_VERSION,
             builder=BUILDER,
             config_sha256=settings.digest,
+            answers=answers,
         )
 
 

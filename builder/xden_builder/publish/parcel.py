@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Final
 
 from xden1k.documents.croissant import croissant_text
+from xden1k.documents.facts import Facts
+from xden1k.documents.maintainer import ANSWERS_NAME
 from xden1k.errors import DataError
 from xden1k.format.checksums import CHECKSUMS_NAME, listed_sums
 from xden1k.format.manifest import MANIFEST_NAME, Manifest
@@ -43,25 +45,25 @@ class Parcel:
     made: dict[str, bytes]
 
     @classmethod
-    def of(cls, root: Path, manifest: Manifest, base_url: str, date: str) -> Parcel:
+    def of(cls, root: Path, facts: Facts, base_url: str, date: str) -> Parcel:
         """Fill one: the Croissant document with addresses and date, and checksums to match.
 
         Parameters
         ----------
         root
             The dataset folder.
-        manifest
-            Its manifest.
+        facts
+            What is known of it.
         base_url
             Where the files will be, ending in a slash.
         date
             Day on which the version is published.
         """
-        croissant = croissant_text(manifest, base_url, date).encode()
+        croissant = croissant_text(facts, base_url, date).encode()
         sums = listed_sums(root) | {CROISSANT_NAME: hashlib.sha256(croissant).hexdigest()}
         lines = [f"{digest}  {name}\n" for name, digest in sorted(sums.items())]
         made = {CROISSANT_NAME: croissant, CHECKSUMS_NAME: "".join(lines).encode()}
-        return cls(root, manifest, sums, made)
+        return cls(root, facts.manifest, sums, made)
 
     @property
     def names(self) -> list[str]:
@@ -103,6 +105,10 @@ def read_folder(root: Path) -> Manifest:
     _refuse_work_files(root)
     manifest = Manifest.read(root)
     names = {path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()}
+    if ANSWERS_NAME in names - listed_sums(root).keys():
+        raise DataError(
+            f"{root / ANSWERS_NAME} is not in the datasheet yet: `xden-build datasheet {root}`"
+        )
     if others := sorted(names - listed_sums(root).keys() - {CHECKSUMS_NAME}):
         raise DataError(
             f"{root} holds {len(others)} files that {CHECKSUMS_NAME} does not list ({_few(others)})"

@@ -12,6 +12,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,8 @@ from huggingface_hub import CommitOperationAdd, CommitOperationDelete
 from huggingface_hub.errors import HfHubHTTPError
 
 from xden1k.access.hub import REPO_ID
+from xden1k.documents.facts import Facts, read_facts
+from xden1k.documents.maintainer import Answers
 from xden1k.errors import DataError
 from xden1k.folder.verify import refuse_unsound
 from xden1k.format.checksums import CHECKSUMS_NAME
@@ -211,7 +214,12 @@ class _Push:
         """Make what is pushed, with the date that stands at a revision if there is one."""
         croissant = self.repository.document(revision, CROISSANT_NAME) if revision else b""
         date = published_on(croissant) or datetime.now(UTC).date().isoformat()
-        return Parcel.of(self.root, self.manifest, self.repository.address(self.tag), date)
+        return Parcel.of(self.root, self.facts, self.repository.address(self.tag), date)
+
+    @cached_property
+    def facts(self) -> Facts:
+        """What the documents of the folder say."""
+        return read_facts(self.root, self.manifest, Answers.of_folder(self.root))
 
     def _compare(self, revision: str) -> tuple[Parcel, list[str], set[str]]:
         """Return what is pushed, names of what differs at a revision, and names of all there."""
