@@ -86,7 +86,9 @@ def test_croissant_reads_the_rows_from_the_hub(
     document = f"{hub.url}/datasets/{REPO}/resolve/{TAG}/croissant.json"
     described = mlcroissant.Dataset(jsonld=document)
     assert not described.metadata.issues.errors
+    assert not described.metadata.issues.warnings
     assert described.metadata.date_published
+    assert "Software Collection" in described.metadata.data_collection_type
     folder, found = open_folder(root), []
     for file in folder.manifest.shards():
         name = f"default/{Path(file.path).stem}"

@@ -276,6 +276,9 @@ def test_croissant_file_is_valid_and_reads_the_rows(folder: Path) -> None:
 
     described = mlcroissant.Dataset(jsonld=str(folder / "croissant.json"))
     assert not described.metadata.issues.errors
+    (warning,) = described.metadata.issues.warnings
+    assert "datePublished" in warning  # which comes with publishing
+    assert described.metadata.data_limitations[0] in (folder / "DATASHEET.md").read_text("utf-8")
     masses = {
         row["default/object_id"].decode(): row["default/mass_g"]
         for row in described.records("default")

@@ -10,6 +10,7 @@ import pyarrow as pa
 
 from xden1k.documents.card import CONFIGS, HOMEPAGE, TAGS, bibtex_entry
 from xden1k.documents.facts import Facts
+from xden1k.documents.responsible import RAI_VERSION, responsible_fields
 from xden1k.documents.statements import dataset_title
 from xden1k.format.manifest import Manifest
 from xden1k.format.schema import IMAGE, Column
@@ -64,7 +65,7 @@ def croissant_text(facts: Facts, base_url: str = "", date_published: str = "") -
     values = {
         "@context": CONTEXT,
         "@type": "sc:Dataset",
-        "conformsTo": "http://mlcommons.org/croissant/1.1",
+        "conformsTo": ["http://mlcommons.org/croissant/1.1", RAI_VERSION],
         "name": dataset_title(manifest),
         "description": _description(manifest),
         "keywords": [*TAGS, *(["synthetic"] if manifest.simulated else [])],
@@ -73,6 +74,7 @@ def croissant_text(facts: Facts, base_url: str = "", date_published: str = "") -
         "license": "https://creativecommons.org/licenses/by/4.0/",
         "url": HOMEPAGE,
         "citeAs": bibtex_entry(),
+        **responsible_fields(facts),
         "distribution": [
             *_file_objects(manifest, base_url),
             *([] if base_url else map(_file_set, CONFIGS)),
