@@ -123,8 +123,8 @@ def test_the_same_folder_twice_is_no_new_commit_and_uploads_nothing(
     assert len(hub.repos[REPO].commits) == 2
 
 
-def test_a_date_that_is_there_stays(
-    hub: HubServer, root: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_date_that_is_there_stays_until_the_next_version(
+    hub: HubServer, root: Path, later: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = parcel.Parcel.of
 
@@ -136,7 +136,14 @@ def test_a_date_that_is_there_stays(
         push(root, REPO)
     push(root, REPO)
     assert len(hub.repos[REPO].commits) == 2
-    assert json.loads(hub.repos[REPO].tree()["croissant.json"])["datePublished"] == "2020-02-02"
+    assert date_published(hub, TAG) == "2020-02-02"
+    push(later, REPO)
+    assert date_published(hub, "v1.3.0") > "2020-02-02"
+    assert date_published(hub, TAG) == "2020-02-02"
+
+
+def date_published(hub: HubServer, revision: str) -> str:
+    return str(json.loads(hub.repos[REPO].tree(revision)["croissant.json"])["datePublished"])
 
 
 def test_the_next_version_deletes_stale_shards_in_its_commit_and_leaves_the_old_tag(

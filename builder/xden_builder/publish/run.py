@@ -211,9 +211,15 @@ class _Push:
         return self._pushed(plan, commit, plan.changed)
 
     def _parcel(self, revision: str) -> Parcel:
-        """Make what is pushed, with the date that stands at a revision if there is one."""
-        croissant = self.repository.document(revision, CROISSANT_NAME) if revision else b""
-        date = published_on(croissant) or datetime.now(UTC).date().isoformat()
+        """Make what is pushed, dated today; if just that stands at a revision, as it is dated."""
+        there = self.repository.document(revision, CROISSANT_NAME) if revision else b""
+        if date := published_on(there):
+            parcel = self._parcel_of(date)
+            if parcel.made[CROISSANT_NAME] == there:
+                return parcel
+        return self._parcel_of(datetime.now(UTC).date().isoformat())
+
+    def _parcel_of(self, date: str) -> Parcel:
         return Parcel.of(self.root, self.facts, self.repository.address(self.tag), date)
 
     @cached_property
