@@ -12,12 +12,15 @@ from typing import Any
 import numpy as np
 
 from tests.phantoms import Box, box_object
+from xden1k.documents.maintainer import Answers
 from xden1k.folder import DatasetFolder, open_folder, write_folder
 from xden1k.values.types import DensityObject, Part
 from xden_bench.sealed import Key, SealedTruth, Sealing, seal
 
 KEY = Key(bytes(range(32)))
 OTHER_KEY = Key(bytes(range(1, 33)))
+ANSWERS = Answers.parse(b'[motivation]\nfunding = "A lottery."\n', "a file")
+"""Of the maintainer, which anyone may know."""
 SIZES = {"bolt": 0.5, "mug": 1.0, "pan": 1.5, "vase": 2.0}
 """Edge of the objects of each category."""
 
@@ -73,7 +76,9 @@ def write_dataset(root: Path, answers: int = 0, changed: frozenset[str] = frozen
         for name in SIZES
         for number in range(5)
     ]
-    write_folder(objects, root, version="1.0.0", builder="tests", config_sha256="c" * 64)
+    write_folder(
+        objects, root, version="1.0.0", builder="tests", config_sha256="c" * 64, answers=ANSWERS
+    )
     return root
 
 

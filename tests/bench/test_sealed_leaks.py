@@ -9,7 +9,8 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from tests.bench.sealing import KEY, Sealed, sealed_dataset, secrets_of, write_dataset
+from tests.bench.sealing import ANSWERS, KEY, Sealed, sealed_dataset, secrets_of, write_dataset
+from xden1k.documents.maintainer import Answers
 from xden1k.folder import open_folder
 from xden1k.folder.verify import verify_folder
 from xden1k.folder.withheld import ANSWER_COLUMNS
@@ -110,6 +111,11 @@ def test_open_objects_keep_everything_else(sealed: Sealed) -> None:
     for object_id in (*sealed.made.test_ids, *folder.ids("train")):
         row, before = folder.row(object_id), sealed.whole.row(object_id)
         assert {**row, "meta_json": ""} == {**before, "meta_json": ""}
+
+
+def test_what_the_maintainer_answered_stays_with_the_public_folder(sealed: Sealed) -> None:
+    assert Answers.of_folder(sealed.public.root) == ANSWERS
+    assert "A lottery." in (sealed.public.root / "DATASHEET.md").read_text(encoding="utf-8")
 
 
 def test_the_public_folder_is_sound(sealed: Sealed) -> None:
