@@ -16,6 +16,7 @@ from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.predictor import Budget
 from xden_baselines.pixie import Pixie
+from xden_baselines.pixie.checkpoint import FILES as CHECKPOINT
 from xden_baselines.pixie.descriptors import FILE, Descriptors
 from xden_baselines.views.cameras import Rig
 from xden_baselines.views.pictures import Pictures
@@ -178,3 +179,14 @@ def test_other_weights_than_it_learned_with_are_refused(
     other = str(tiny_clip(tmp_path / "tiny", seed=1))
     with pytest.raises(DataError, match=r"made with CLIP tiny .*, not with CLIP tiny"):
         Pixie(clip=other).load(tmp_path / "fit")
+
+
+@pytest.mark.parametrize("with_clip", [True, False])
+def test_what_was_learned_with_clip_is_refused_without_it_and_the_contrary(
+    weights: str, tmp_path: Path, with_clip: bool
+) -> None:
+    for name in (*CHECKPOINT, *(() if with_clip else (FILE,))):
+        (tmp_path / name).touch()
+    learned = "learned without" if with_clip else "learned with"
+    with pytest.raises(DataError, match=f"{learned} features of CLIP"):
+        Pixie(clip=weights if with_clip else "").load(tmp_path)
