@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from xden1k.rays import PathLengths
 from xden1k.values.arrays import Image
 from xden1k.values.views import XRayView
+from xden_builder.audit.unexplained import Unexplained, unexplained
 from xden_builder.capture import Capture
 
 __all__ = [
@@ -24,9 +25,8 @@ __all__ = [
 
 GOOD_CORRELATION = 0.9
 """Below this correlation of transmission on the object a view does not show these parts."""
-WITHIN_NOISE = 2.0
-"""A view whose error on the object is below so many times that beside it fits, whatever the
-correlation."""
+FLOOR_SIGMAS = 3
+"""Standard deviations of the dark image by which a transmission is told from none."""
 SMALLEST_TRANSMISSION = 1 / 65535
 """One count of a 16-bit detector: the floor of T in -ln T where no dark image tells the noise."""
 
@@ -55,6 +55,8 @@ class ViewAudit:
         Beside the object.
     object_pixels
         Number of pixels compared on the object.
+    unexplained
+        Content and shadow that no part accounts for.
     """
 
     name: str
@@ -67,16 +69,16 @@ class ViewAudit:
     background_transmission_mae: float
     background_attenuation_mae: float
     object_pixels: int
+    unexplained: Unexplained
 
     @property
     def verdict(self) -> Literal["good", "bad", "not seen"]:
         """Whether the parts are where the image shows them."""
         if not self.object_pixels:
             return "not seen"
-        noise = float(np.nan_to_num(self.background_transmission_mae))
-        # a slab that hardly varies correlates badly even where it is right
-        fits = self.transmission_mae <= WITHIN_NOISE * noise
-        return "good" if fits or self.transmission_corr >= GOOD_CORRELATION else "bad"
+        # what hardly varies, or is a pixel wide, correlates badly even where it is right
+        explained = not (self.unexplained.content or self.unexplained.shadow)
+        return "good" if explained or self.transmission_corr >= GOOD_CORRELATION else "bad"
 
     @property
     def good(self) -> bool:
@@ -154,6 +156,7 @@ def audit_image(
         background_transmission_mae=outside[0],
         background_attenuation_mae=outside[2],
         object_pixels=int(on_object.sum()),
+        unexplained=unexplained(view, on_object, background, model, gain, floor / FLOOR_SIGMAS),
     )
 
 
@@ -197,4 +200,4 @@ def _correlation(pair: Float[np.ndarray, "2 n"]) -> float:
 
 def noise_floor(capture: Capture, view: str) -> float:
     """Smallest transmission that is told from none: three times the noise of the dark image."""
-    return max(3 * capture.noise_sd.get(view, 0.0), SMALLEST_TRANSMISSION)
+    return max(FLOOR_SIGMAS * capture.noise_sd.get(view, 0.0), SMALLEST_TRANSMISSION)

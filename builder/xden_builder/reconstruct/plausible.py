@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Bool
@@ -45,28 +45,30 @@ def check_places(parts: Sequence[CapturePart], views: Sequence[XRayView]) -> Non
 
 
 def view_flags(audits: Sequence[ViewAudit]) -> tuple[str, ...]:
-    """Say which views do not show the parts: ``VIEW:not_seen``, ``VIEW:does_not_fit``."""
-    flags = []
-    for audit in audits:
-        if not audit.object_pixels:
-            flags.append(f"{audit.name}:not_seen")
-        elif not audit.good:
-            flags.append(f"{audit.name}:does_not_fit")
-    return tuple(flags)
+    """Say which views show something else than the parts: ``VIEW:does_not_fit`` and its like."""
+    return tuple(f"{audit.name}:{flag}" for audit in audits for flag in _one_views_flags(audit))
+
+
+def _one_views_flags(audit: ViewAudit) -> Iterator[str]:
+    raised = {
+        "not_seen": not audit.object_pixels,
+        "does_not_fit": audit.object_pixels and not audit.good,
+        "unexplained_content": audit.unexplained.content,
+        "unexplained_shadow": audit.unexplained.shadow,
+    }
+    return (flag for flag, is_raised in raised.items() if is_raised)
 
 
 def check_size(
     parts: Sequence[CapturePart], views: Sequence[XRayView], audits: Sequence[ViewAudit]
 ) -> None:
-    """Refuse meshes in the wrong units: shadows that do not fit, and larger by a unit's factor.
+    """Refuse meshes in the wrong units: both shadows are larger or smaller by a unit's factor.
 
     Raises
     ------
     DataError
         Naming both sizes in pixels and the factor.
     """
-    if all(audit.good for audit in audits):
-        return
     points = np.concatenate([np.asarray(part.mesh.vertices) for part in parts])
     sizes = []
     for view, audit in zip(views, audits, strict=True):
@@ -81,7 +83,8 @@ def check_size(
                 seen, drawn = sizes[0]
                 raise DataError(
                     f"the shadow in {views[0].name} is {seen} pixels long, {words} the "
-                    f"{drawn:.1f} that the meshes give: check mesh_units in objects.csv"
+                    f"{drawn:.1f} that the meshes give: check mesh_units in objects.csv, and "
+                    "whether parts are missing"
                 )
 
 

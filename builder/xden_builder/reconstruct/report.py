@@ -68,6 +68,7 @@ def _fits(explained: Explained, settings: BuildSettings) -> dict[str, Any]:
             audit.name: {
                 "transmission_mae": audit.transmission_mae,
                 "transmission_corr": audit.transmission_corr,
+                "unexplained": asdict(audit.unexplained),
             }
             for audit in explained.audits
         },
