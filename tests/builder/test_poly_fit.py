@@ -189,6 +189,16 @@ def test_a_scale_tells_what_no_ray_does(capture):
     assert abs(found.density_g_cm3 - 0.5) < 2 * found.sd_g_cm3
 
 
+@pytest.mark.parametrize(("factor", "disagrees"), [(2.0, True), (0.5, True), (1.02, False)])
+def test_a_mass_that_the_images_contradict_is_flagged_with_both(capture, factor, disagrees):
+    true_g = true_mass_g(tool())
+    found = reconstruct(replace(capture, weighed_mass_g=factor * true_g))
+    assert ("weighed_disagrees" in found.flags) == disagrees
+    both = found.meta["poly"]["weighing"]
+    assert both["weighed_g"] == pytest.approx(factor * true_g)
+    assert both["by_images_g"] == pytest.approx(true_g, rel=0.02)
+
+
 def test_a_weighed_mass_makes_the_mass_right(capture):
     true_g = true_mass_g(tool())
     families = {"blade": "metal", "grip": "polymer", "level": "liquid"}

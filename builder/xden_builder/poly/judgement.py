@@ -19,6 +19,7 @@ from xden_builder.fit.density import PartDensity
 from xden_builder.poly.diagnosis import Diagnosis, diagnose
 from xden_builder.poly.estimate import Solution
 from xden_builder.poly.model.radiograph import TERMS
+from xden_builder.poly.scale import Weighing
 
 __all__ = ["PolyFit", "PolyPart", "judge"]
 
@@ -67,11 +68,14 @@ class PolyFit:
         In the order of the capture's.
     covariance
         Shape (K, K): of the densities, in g²/cm⁶.
+    weighing
+        The mass on the scale and that by images alone; None where the object was not weighed.
     """
 
     solution: Solution
     parts: tuple[PolyPart, ...]
     covariance: Float64[np.ndarray, "k k"]
+    weighing: Weighing | None = None
 
     def report(self, names: Sequence[str]) -> dict[str, Any]:
         """Give what ``meta`` keeps, parts by their names, in JSON's types."""
@@ -98,6 +102,7 @@ class PolyFit:
                 name: dict(shares)
                 for name, shares in zip(names, solution.problem.stand_ins.shares, strict=True)
             },
+            "weighing": None if self.weighing is None else self.weighing.to_dict(),
             "iterations": solution.minimum.iterations,
             "converged": solution.minimum.converged,
             "loss": solution.minimum.evaluation.loss,

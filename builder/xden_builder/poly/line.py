@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -14,6 +15,7 @@ from xden_builder.poly.judgement import PolyFit, judge
 from xden_builder.poly.pose import find_pose
 from xden_builder.poly.posterior.problem import Mass
 from xden_builder.poly.samples import Samples, take_samples
+from xden_builder.poly.scale import compare
 from xden_builder.poly.scene import set_scene
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import first_guess
@@ -47,9 +49,13 @@ def fit_poly(
     DataError
         If the source is not known or outside the tables.
     """
-    mass = None if capture.weighed_mass_g is None else Mass(capture.weighed_mass_g, volumes_cm3)
     samples = sampled(capture, order, settings)
-    return fit_samples(samples, mass, settings)
+    by_images = fit_samples(samples, None, settings)
+    if capture.weighed_mass_g is None:
+        return by_images
+    mass = Mass(capture.weighed_mass_g, volumes_cm3)
+    known = by_images.solution.density_g_cm3, by_images.covariance
+    return replace(fit_samples(samples, mass, settings), weighing=compare(mass, *known))
 
 
 def sampled(capture: Capture, order: Sequence[int], settings: PolySettings = DEFAULT) -> Samples:

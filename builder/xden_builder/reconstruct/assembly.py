@@ -12,7 +12,7 @@ import trimesh
 from xden1k.rays import THINNER_THAN_LABELS, ObjectGrids, PathLengths, object_grids
 from xden1k.values.physics import apparent_density_g_cm3
 from xden1k.values.types import DensityObject, Part, Split
-from xden_builder.capture import Capture, CapturePart
+from xden_builder.capture import CapturePart
 from xden_builder.fit.density import PartDensity, part_densities
 from xden_builder.reconstruct.explained import Explained
 from xden_builder.reconstruct.plausible import view_flags
@@ -71,7 +71,7 @@ def assemble(space: Space, explained: Explained, settings: BuildSettings) -> Den
         voxel_size_cm=grids.field.voxel_size_cm,
         weighed_mass_g=capture.weighed_mass_g,
         flags=(
-            *_object_flags(capture),
+            *_object_flags(explained),
             *view_flags(explained.audits),
             *(() if grids.labels.any() else (THINNER_THAN_LABELS,)),
         ),
@@ -125,5 +125,11 @@ def _thin_flags(regions: Sequence[trimesh.Trimesh], grids: ObjectGrids) -> list[
     return [(THINNER_THAN_LABELS,) if thin else () for thin in grids.thin(regions)]
 
 
-def _object_flags(capture: Capture) -> tuple[str, ...]:
-    return capture.flags if capture.tube else (*capture.flags, "attenuation_only")
+def _object_flags(explained: Explained) -> tuple[str, ...]:
+    """Of the capture, of its source, and of the scale."""
+    capture, poly = explained.capture, explained.poly
+    raised = {
+        "attenuation_only": capture.tube is None,
+        "weighed_disagrees": poly and poly.weighing and poly.weighing.disagrees,
+    }
+    return (*capture.flags, *(flag for flag, is_raised in raised.items() if is_raised))

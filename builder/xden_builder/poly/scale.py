@@ -1,0 +1,66 @@
+"""Whether the mass on the scale and the mass that the images alone give can both be right."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Float64
+
+from xden_builder.poly.posterior.problem import Mass
+
+__all__ = ["Weighing", "compare"]
+
+COMMON_SHARE: Final = 0.03
+"""Error that all densities of an object share: spectrum, composition, scale of the meshes."""
+SIGMAS: Final = 3.0
+LEAST_SHARE: Final = 0.1
+"""Masses that differ by less are not said to disagree."""
+
+
+@dataclass(frozen=True, slots=True)
+class Weighing:
+    """Two masses of one object.
+
+    Parameters
+    ----------
+    weighed_g
+        On the scale.
+    by_images_g, by_images_sd_g
+        Without it.
+    """
+
+    weighed_g: float
+    by_images_g: float
+    by_images_sd_g: float
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether the two are apart by more than their errors, and by more than a tenth."""
+        apart_g = abs(self.weighed_g - self.by_images_g)
+        return apart_g > max(SIGMAS * self.by_images_sd_g, LEAST_SHARE * self.weighed_g)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values for JSON."""
+        return asdict(self) | {"disagrees": self.disagrees}
+
+
+def compare(
+    mass: Mass,
+    density_g_cm3: Float64[np.ndarray, "k"],
+    covariance: Float64[np.ndarray, "k k"],
+) -> Weighing:
+    """Put the mass on the scale beside that of a fit which did not know it.
+
+    Parameters
+    ----------
+    mass
+        From the scale, with the volumes of the parts.
+    density_g_cm3, covariance
+        Of the parts by images alone, and their covariance in g²/cm⁶.
+    """
+    by_images_g = float(mass.volumes_cm3 @ density_g_cm3)
+    variance = float(mass.volumes_cm3 @ covariance @ mass.volumes_cm3)
+    sd_g = float(np.hypot(np.sqrt(variance), COMMON_SHARE * by_images_g))
+    return Weighing(mass.mass_g, by_images_g, sd_g)
