@@ -16,6 +16,7 @@ from datasets.exceptions import DatasetGenerationError
 
 import xden1k
 from tests.phantoms import objects
+from xden1k.access import rows
 from xden1k.access.dataset import XDen1K
 from xden1k.errors import DataError, XDenError
 from xden1k.folder import open_folder, write_folder
@@ -124,9 +125,15 @@ def test_a_page_that_was_damaged_is_named_with_its_object(sound: Path, tmp_path:
 
 
 @pytest.mark.parametrize("streaming", [True, False])
+@pytest.mark.parametrize("verifies_pages", [rows.VERIFIES_PAGES, False])
 def test_rows_of_datasets_name_the_damaged_object_too(
-    sound: Path, tmp_path: Path, streaming: bool
+    sound: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    streaming: bool,
+    verifies_pages: bool,
 ) -> None:
+    monkeypatch.setattr(rows, "VERIFIES_PAGES", verifies_pages)  # False: before datasets 4.2
     root = Path(shutil.copytree(sound, tmp_path / "folder"))
     shard = root / SHARD
     with (

@@ -32,7 +32,9 @@ from xden1k.format.shards import ShardReader
 
 __all__ = ["Rows", "RowsConfig"]
 
-UNKNOWN = "before datasets 4.2, which cannot be told to verify pages"
+VERIFIES_PAGES = "fragment_scan_options" in ParquetConfig.__dataclass_fields__
+"""Whether this version of ``datasets`` can be told to compare pages with their checksums: 4.2 and
+newer. For older ones each file is read twice, first by us, who compare them."""
 
 
 @dataclass
@@ -111,14 +113,17 @@ class Rows(Parquet):  # type: ignore[misc]
         return splits
 
     def _generate_tables(self, *files: Any, **more: Any) -> Iterator[Any]:
+        paths = _paths(*files, **more)
         if is_url(self.base_path):
-            yield from self._remote_tables(more["files"] if "files" in more else files[0])
+            yield from self._remote_tables(paths)
             return
         reader = copy.copy(self)
         reader.config = copy.copy(self.config)
         if self.config.features is None and self.config.columns is not None:
             reader.config.columns = scanned_columns(self.config.columns)
-        if getattr(reader.config, "fragment_scan_options", UNKNOWN) is None:
+        if not VERIFIES_PAGES:
+            _check(None if self.config.filters is not None else reader.config.columns, paths)
+        elif reader.config.fragment_scan_options is None:
             reader.config.fragment_scan_options = ds.ParquetFragmentScanOptions(
                 page_checksum_verification=True
             )
@@ -126,16 +131,16 @@ class Rows(Parquet):  # type: ignore[misc]
         try:
             yield from tables
         except (pa.ArrowException, OSError) as err:
-            raise DataError(_damage(reader.config.columns, *files, **more) or str(err)) from err
+            _check(reader.config.columns, paths)
+            raise DataError(str(err)) from err
 
-    def _remote_tables(self, files: Iterable[Any]) -> Iterator[Any]:
+    def _remote_tables(self, urls: Iterable[str]) -> Iterator[Any]:
         """Tables of files at URLs, a row group each; only the columns asked for are fetched."""
         folder = open_folder(self.base_path)
         columns = self.config.columns
         if columns is not None and self.config.features is None:
             columns = scanned_columns(columns)
         wanted = _Wanted(columns, self.config.filters)
-        urls = [url for each in files for url in ([each] if isinstance(each, str) else each)]
         for number, url in enumerate(urls):
             reader = folder.shard(url.removeprefix(f"{self.base_path}/"))
             for index in range(reader.row_groups):
@@ -202,13 +207,14 @@ def _key(file: int, batch: int) -> Any:
     return f"{file}_{batch}" if key is None else key(file, batch)
 
 
-def _damage(columns: list[str] | None, files: Any, *_: Any, **__: Any) -> str | None:
-    """Say which object of which file cannot be read; None where each can."""
-    for path in files:
+def _paths(files: Any, *_: Any, **__: Any) -> list[str]:
+    """Return the files of a split, which older versions of datasets give as lists of lists."""
+    return [path for each in files for path in ([each] if isinstance(each, str) else each)]
+
+
+def _check(columns: list[str] | None, paths: Iterable[str]) -> None:
+    """Read files and compare pages with their checksums; the error names file and object."""
+    for path in paths:
         with open(path, "rb") as file:  # as datasets patches it: local, or from anywhere
-            try:
-                for _ in ShardReader(Path(str(path)), file).groups(columns):
-                    pass
-            except DataError as err:
-                return str(err)
-    return None
+            for _ in ShardReader(Path(path), file).groups(columns):
+                pass

@@ -17,7 +17,7 @@ from typing import Any, Final
 import h5py
 import numpy as np
 
-from xden1k.errors import DataError
+from xden1k.errors import DataError, MissingExtraError
 from xden1k.export.arrays import arrays_of, of_arrays
 from xden1k.export.body import Body
 from xden1k.export.si import Inertial
@@ -139,8 +139,19 @@ def rows(path: Path) -> Iterator[tuple[str, Inertial]]:
 
 
 def rows_by_datasets(path: Path) -> Iterator[tuple[str, Inertial]]:
-    """Give the same as the ``hdf5`` module of ``datasets`` reads it."""
-    from datasets.packaged_modules.hdf5.hdf5 import HDF5
+    """Give the same as the ``hdf5`` module of ``datasets`` reads it.
+
+    Raises
+    ------
+    MissingExtraError
+        If this version of ``datasets`` has none.
+    """
+    try:
+        from datasets.packaged_modules.hdf5.hdf5 import HDF5
+    except ModuleNotFoundError as err:
+        raise MissingExtraError(
+            "datasets reads HDF5 from 4.1 on: pip install --upgrade datasets"
+        ) from err
     from datasets.utils import (
         are_progress_bars_disabled,
         disable_progress_bars,
