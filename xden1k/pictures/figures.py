@@ -22,6 +22,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from xden1k.errors import DataError
+from xden1k.pictures.looks import NO_VALUE, attenuation, grey_scale, readable_aspect
 from xden1k.pictures.radiographs import MADE_WORDS, compare
 from xden1k.values.arrays import Image
 from xden1k.values.physics import PAPER_MAC_CM2_G
@@ -32,12 +33,6 @@ from xden1k.values.windows import Window, object_window, pixel_aspect
 __all__ = ["contact_sheet", "object_sheet"]
 
 INK, FAINT, STRIPE, RULE = "#1b1b1b", "#777777", "#f4f4f1", "#c9c9c4"
-NO_VALUE = "#e9a23b"
-"""Colour of pixels without a value: invalid, or seen through a part of unknown attenuation."""
-OPAQUE = 1e-4
-"""Transmission below which a picture makes no difference."""
-SLENDER = 0.25
-"""Height over width below which a radiograph is stretched."""
 DPI = 120
 SOURCE_WORDS = {
     "scan": "scan",
@@ -165,10 +160,10 @@ def _radiographs(page: _Page, left: float, obj: DensityObject, view: XRayView) -
     top, size, gap, made = 1.45, 2.5, 0.1, MADE_WORDS[obj.source]
     found = compare(obj, view)
     limit, residual = found.limit, found.residual
-    measured, model = _attenuation(found.measured), _attenuation(found.model)
-    grey = _grey(measured, model)
+    measured, model = attenuation(found.measured), attenuation(found.model)
+    grey = grey_scale(measured, model)
     split = _scale("RdBu", Normalize(-limit, limit))
-    aspect, times = _readable(residual.shape, found.aspect)
+    aspect, times = readable_aspect(residual.shape, found.aspect)
     columns = (
         (made, measured, grey),
         ("reprojected", model, grey),
@@ -186,27 +181,6 @@ def _radiographs(page: _Page, left: float, obj: DensityObject, view: XRayView) -
     page.colour_bar(wide, grey, f"attenuation -ln (I / I₀){note}")
     narrow = (left + 2 * (size + gap) + inset, bar, size - 2 * inset, 0.09)
     page.colour_bar(narrow, split, f"{made} - reprojected, I / I₀", [-limit, 0, limit])
-
-
-def _attenuation(transmission: Image) -> Image:
-    """Return -ln T: what light and heavy matter both show in. Not a number stays so."""
-    return np.asarray(-np.log(transmission.clip(OPAQUE, 1.0)))
-
-
-def _grey(*images: Image) -> ScalarMappable:
-    """Air is black; by the root, so that plastic beside metal is not black too."""
-    highest = max(float(np.nanmax(image, initial=1e-3)) for image in images)
-    return _scale("gray", PowerNorm(0.5, 0, highest))
-
-
-def _readable(shape: tuple[int, ...], aspect: float) -> tuple[float, float]:
-    """Height of a pixel over its width to draw it with, and how many times the true one that is.
-
-    What would be a hairline is drawn a quarter as high as it is wide, or as wide as it is high.
-    """
-    slender = shape[0] * aspect / shape[1]
-    times = min(max(slender, SLENDER), 1 / SLENDER) / slender
-    return aspect * times, times
 
 
 def _scale(name: str, norm: Normalize) -> ScalarMappable:
@@ -404,7 +378,7 @@ def _draw_cell(
     page.text(left, top + 0.07, cell.name, fontsize=9, weight="bold")
     page.text(right, top + 0.07, cell.note, fontsize=9, ha="right", color=FAINT)
     clear = ScalarMappable(look.norm, look.cmap.with_extremes(bad="white"))
-    pictures = [(image, _grey(image)) for image in cell.views]
+    pictures = [(image, grey_scale(image)) for image in cell.views]
     aspects = (*cell.aspects, 1.0)
     for column, (image, scale) in enumerate([*pictures, (cell.cut, clear)]):
         start = left + column * (size + CELL_GAP)
@@ -444,5 +418,5 @@ def _small(view: XRayView, window: Window) -> tuple[Image, float]:
     """Return some pixels of a radiograph, and the height over width to draw each with."""
     image = np.where(view.valid, view.transmission, np.float32(np.nan))[window]
     rows, columns = (-(-size // 256) for size in image.shape)
-    image = _attenuation(image[::rows, ::columns])
-    return image, _readable(image.shape, pixel_aspect(view) * rows / columns)[0]
+    image = attenuation(image[::rows, ::columns])
+    return image, readable_aspect(image.shape, pixel_aspect(view) * rows / columns)[0]

@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from PIL import Image as Pictures
 
+from xden1k.pictures import looks
 from xden1k.pictures.radiographs import MADE_WORDS, Comparison
 from xden1k.values.arrays import Vec3
 
@@ -64,6 +65,8 @@ def radiograph_pictures(
 ) -> tuple[Picture, Picture, Picture]:
     """Draw a view as it is, as reprojected, and the difference.
 
+    The first two as attenuation -ln T, in which light and heavy matter both show.
+
     Parameters
     ----------
     found
@@ -74,16 +77,17 @@ def radiograph_pictures(
         Its name, for the titles.
     """
     made = MADE_WORDS[source]
-    grey = _scale("gray", 0.0, max(1.0, float(np.nanmax(found.model))))
-    split = signed_scale(found.limit)
-    bar = "transmission I / I₀"
+    measured, model = looks.attenuation(found.measured), looks.attenuation(found.model)
+    grey = looks.grey_scale(measured, model)
+    aspect, times = looks.readable_aspect(measured.shape, found.aspect)
+    bar = "attenuation -ln (I / I₀)" + (f"; rows {times:.3g} times as high" if times != 1 else "")
     return (
-        _radiograph(found.measured, found.aspect, grey, f"{view} {made}", bar),
-        _radiograph(found.model, found.aspect, grey, f"{view} reprojected parts", bar),
+        _radiograph(measured, aspect, grey, f"{view} {made}", bar),
+        _radiograph(model, aspect, grey, f"{view} reprojected parts", bar),
         _radiograph(
             found.residual,
-            found.aspect,
-            split,
+            aspect,
+            signed_scale(found.limit),
             f"{view} residual, mean |r| = {found.mean_abs_residual:.2g}",
             f"{made} - reprojected, I / I₀",
         ),
@@ -196,11 +200,11 @@ def _radiograph(
     label: str,
 ) -> Picture:
     figure, axes = _sheet(4.0, 4.1)
-    _show(axes, image, scale, NO_VALUE, aspect=aspect)
+    _show(axes, image, scale, looks.NO_VALUE, aspect=aspect)
     axes.set(xticks=[], yticks=[])
-    note = " (grey: no value)" if np.isnan(image).any() else ""
-    axes.set_title(title + note, fontsize=11, color=INK, loc="left")
-    _bar(figure, axes, scale, label)
+    note = "; orange: no value" if np.isnan(image).any() else ""
+    axes.set_title(title, fontsize=11, color=INK, loc="left")
+    _bar(figure, axes, scale, label + note)
     return _picture(figure)
 
 
