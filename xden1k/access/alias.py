@@ -3,7 +3,7 @@
 ``import xden1k`` calls :func:`register`. It does not import ``datasets``: if that is not loaded
 yet, a finder waits for the import of ``datasets.load`` and patches it then. The library has no
 way to register a name, so inner parts are touched: ``dataset_module_factory``, which turns a name
-into a module to load, three fields of the ``DatasetModule`` it returns, and ``register_feature``.
+into a module to load, four fields of the ``DatasetModule`` it returns, and ``register_feature``.
 Where they are missing, a warning names :func:`xden1k.load_dataset`, which patches nothing.
 """
 
@@ -30,7 +30,7 @@ NAME = "xden1k"
 
 _MODULE = "datasets.load"
 _FACTORY = "dataset_module_factory"
-_FIELDS = {"module_path", "hash", "builder_kwargs"}
+_FIELDS = {"module_path", "hash", "builder_kwargs", "dataset_infos"}
 
 
 def register() -> None:
@@ -146,7 +146,16 @@ def _resolve(
         module_path="xden1k.access.rows" if is_parquet else module.module_path,
         hash=folder_digest(root),
         builder_kwargs={**module.builder_kwargs, "dataset_name": NAME, "data_dir": inside},
+        dataset_infos=_infos(module, inside, options.get("data_files")),
     )
+
+
+def _infos(module: Any, *chosen: Any) -> Any:
+    """Return what the card says of splits and columns: nothing of files that the user chose.
+
+    So does ``datasets`` from 5.0.1 on; older versions would miss the splits that were not chosen.
+    """
+    return None if any(chosen) else module.dataset_infos
 
 
 def _with_arrays(path: str, module: Any, options: dict[str, Any]) -> Any:
@@ -165,7 +174,8 @@ def _with_arrays(path: str, module: Any, options: dict[str, Any]) -> Any:
 
     which = [options.get(name) for name in ("data_dir", "data_files")]
     fresh = sha256(f"{NAME} {digest} {which}".encode()).hexdigest()[:32]
-    return replace(module, module_path="xden1k.access.rows", hash=fresh)
+    infos = _infos(module, *which)
+    return replace(module, module_path="xden1k.access.rows", hash=fresh, dataset_infos=infos)
 
 
 def _has_known_fields(module: Any) -> bool:
