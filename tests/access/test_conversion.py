@@ -17,10 +17,11 @@ from datasets import Dataset, DatasetDict, load_dataset, load_from_disk
 
 import xden1k
 from tests.phantoms import objects
+from xden1k.access import conversion
 from xden1k.access.conversion import decode, to_plain, to_tensors
 from xden1k.access.dataset import XDen1K
 from xden1k.documents.card import readme_text
-from xden1k.errors import DataError
+from xden1k.errors import DataError, MissingExtraError
 from xden1k.folder import write_folder
 from xden1k.format.features import PackedArray
 from xden1k.format.manifest import Manifest
@@ -95,6 +96,14 @@ def test_a_format_that_was_chosen_stays(root: Path) -> None:
     made = decode(raw(root)["test"].with_format("numpy", columns=["labels"]))
     assert made.format["type"] == "numpy"
     assert made[0].keys() == {"labels"}
+
+
+def test_streams_are_refused_where_datasets_would_leave_them_bytes(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(conversion, "_STREAMS_DECODE", False)  # before datasets 4.8.4
+    with pytest.raises(MissingExtraError, match=r"datasets [\d.]+ does not decode a stream"):
+        decode(raw(root, streaming=True)["test"])
 
 
 def test_paths_of_dataset_folders_decode_when_the_package_is_imported(

@@ -10,6 +10,7 @@ import io
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
+import datasets
 import numpy as np
 from datasets import (
     Array2D,
@@ -24,7 +25,7 @@ from datasets import (
 )
 from jaxtyping import Float32
 
-from xden1k.errors import DataError
+from xden1k.errors import DataError, MissingExtraError
 from xden1k.format.codec import MAX_TRANSMISSION
 from xden1k.format.features import PackedArray
 from xden1k.format.packing import pack, with_arrays
@@ -34,6 +35,8 @@ __all__ = ["decode", "to_plain", "to_tensors"]
 
 ROWS_AT_ONCE: Final = 8
 _CODES: Final = 65535 / MAX_TRANSMISSION
+_STREAMS_DECODE = tuple(map(int, datasets.__version__.split(".")[:3])) >= (4, 8, 4)
+"""Whether what ``map`` makes of a stream decodes in this version of ``datasets``."""
 _PLAIN: Final = {
     "mesh_vertices": Array2D((None, 3), "float32"),
     "mesh_faces": Array2D((None, 3), "int32"),
@@ -62,6 +65,8 @@ def decode(rows: Any) -> Any:
     ------
     DataError
         If it is nothing of the kind, or a radiograph comes without its ``..._shape`` column.
+    MissingExtraError
+        If it is a stream, and ``datasets`` is older than 4.8.4.
     """
     return _each(rows, _decoded)
 
@@ -146,6 +151,11 @@ def _decoded(rows: Any) -> Any:
     wanted = with_arrays(given)
     if wanted == given:
         return rows
+    if isinstance(rows, IterableDataset) and not _STREAMS_DECODE:
+        raise MissingExtraError(
+            f"datasets {datasets.__version__} does not decode a stream that was mapped: "
+            "pip install 'datasets>=4.8.4', or load without streaming"
+        )
     for name in (name for name in wanted if wanted[name] != given[name]):
         shape = ARRAY_COLUMNS[name].shape
         if isinstance(shape, str) and shape not in given:
