@@ -15,7 +15,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xden1k.commands import DONE_IN_PART, ROOT, Group, json_option, open_root, print_json
+from xden1k.commands import (
+    DONE_IN_PART,
+    LOCAL_ROOT,
+    ROOT,
+    Group,
+    json_option,
+    open_root,
+    print_json,
+)
 from xden1k.errors import DataError, MissingObjectError
 
 if TYPE_CHECKING:
@@ -204,7 +212,7 @@ def _number(value: float) -> float | None:
 
 
 @cli.command(epilog="Example: xden verify dataset")
-@click.argument("root", type=click.Path(path_type=Path, file_okay=False, exists=True))
+@click.argument("root", type=LOCAL_ROOT)
 @json_option
 def verify(root: Path, as_json: bool) -> None:
     """Check every file and every row of a dataset folder.

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from xden1k.errors import XDenError
+from xden1k.errors import DataError, XDenError
 from xden1k.values.plain import plain
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DONE_IN_PART",
+    "LOCAL_ROOT",
     "ROOT",
     "Group",
     "command_line",
@@ -60,8 +61,22 @@ class _Root(click.Path):
         return value if "://" in str(value) else super().convert(value, param, ctx)
 
 
+class _LocalRoot(click.Path):
+    """A folder of this machine, and no URL."""
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a path; a URL would become one, too."""
+        if "://" in str(value):
+            raise DataError(
+                f"{value} is a URL: this needs a folder here; get it by `xden download`"
+            )
+        return super().convert(value, param, ctx)
+
+
 ROOT = _Root(path_type=Path, file_okay=False)
 """Type of an option that names a dataset folder, here or at a URL."""
+LOCAL_ROOT = _LocalRoot(path_type=Path, file_okay=False)
+"""Type of an option that names a dataset folder here, for what reads all of it."""
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, for machines.")
 """Decorator: adds ``--json``, which arrives as ``as_json``."""

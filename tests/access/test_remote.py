@@ -314,6 +314,11 @@ def test_urls_stay_urls_wherever_a_root_is_given(
     assert "train 2, val 1, test 3" in shown.stdout
     with pytest.raises(DataError, match="is a URL: this needs a folder here"):
         _ = open_folder(MEMORY).path
+    refused = CliRunner().invoke(cli, ["verify", URL])
+    assert (refused.exit_code, refused.stderr) == (
+        1,
+        f"Error: {URL} is a URL: this needs a folder here; get it by `xden download`\n",
+    )
     with pytest.raises(DataError, match="root and repo_id both say"):
         xden1k.load_dataset(root=MEMORY, repo_id=REPO)
 

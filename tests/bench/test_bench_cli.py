@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import fsspec
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
@@ -172,6 +173,20 @@ def test_score_prints_every_metric(run: Callable[..., Result], submission: Submi
     assert "W504: identical to the reference, to a step of float16: 4:" in text
     assert "under 8 cm" in text
     assert "hollow" in text
+
+
+def test_a_folder_at_a_url_scores_like_the_folder(
+    run: Callable[..., Result], submission: Submit, dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", "cache")
+    fs = fsspec.filesystem("memory")
+    fs.put(f"{dataset}/", "/scored", recursive=True)
+    there = run("score", submission(), "--root", "memory://scored", "--json")
+    fs.rm("/scored", recursive=True)
+    assert (
+        json.loads(there.stdout)["metrics"]
+        == json.loads(run("score", submission(), "--json").stdout)["metrics"]
+    )
 
 
 def test_submit_tells_where(run: Callable[..., Result], submission: Submit, tmp_path: Path) -> None:

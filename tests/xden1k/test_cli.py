@@ -181,7 +181,11 @@ def test_verify_of_something_else_is_one_line(tmp_path: Path) -> None:
     result = run("verify", tmp_path)
     assert result.exit_code == 1
     assert result.stderr == f"Error: {tmp_path}: not a dataset folder: no manifest.json\n"
-    assert run("verify", tmp_path / "nowhere").exit_code == 2
+    nowhere = run("verify", tmp_path / "nowhere")
+    assert (nowhere.exit_code, nowhere.stderr.partition(": not")[2]) == (
+        1,
+        " a dataset folder: there is no such folder\n",
+    )
 
 
 def test_download_passes_its_options_and_prints_the_folder(

@@ -107,7 +107,9 @@ class DatasetFolder:
             If it is at a URL.
         """
         if isinstance(self.root, RemotePath):
-            raise DataError(f"{self.root} is a URL: this needs a folder here; get it first")
+            raise DataError(
+                f"{self.root} is a URL: this needs a folder here; get it by `xden download`"
+            )
         return self.root
 
     @cached_property

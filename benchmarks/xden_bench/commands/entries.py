@@ -103,7 +103,7 @@ def verify(
     context: click.Context,
     entry: Path,
     submission: Path | None,
-    root: Path | None,
+    root: Path | str | None,
     sealed: Path | None,
     key: Path | None,
     tolerance: float,
@@ -139,7 +139,7 @@ def verify(
 def _scored(
     path: Path,
     *,
-    root: Path | None,
+    root: Path | str | None,
     split: str,
     sealed: Path | None,
     key: Path | None,

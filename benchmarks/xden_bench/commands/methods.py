@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xden1k.commands import json_option, open_root, print_json
+from xden1k.commands import LOCAL_ROOT, json_option, open_root, print_json
 from xden1k.errors import DataError
 from xden_bench.commands.shared import (
     FILE,
@@ -49,7 +49,7 @@ __all__ = ["baseline", "run_again"]
     "--set", "settings", metavar="KEY=VALUE", multiple=True, help="Of the method; repeatable."
 )
 @click.option(
-    "--from", "built", type=FOLDER, help="With the NAME root: the dataset folder to submit."
+    "--from", "built", type=LOCAL_ROOT, help="With the NAME root: the dataset folder to submit."
 )
 @click.option("--out", type=FILE, help="The submission to write. [default: NAME.npz]")
 @json_option
@@ -58,7 +58,7 @@ def baseline(
     context: click.Context,
     /,
     list_all: bool,
-    root: Path | None,
+    root: Path | str | None,
     out: Path | None,
     as_json: bool,
     **asked: Any,

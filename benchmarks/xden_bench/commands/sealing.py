@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from xden1k.commands import json_option, open_root, print_json
+from xden1k.commands import LOCAL_ROOT, json_option, open_root, print_json
 from xden_bench.commands.shared import (
     FILE,
     FOLDER,
@@ -38,7 +38,7 @@ def keygen(keyfile: Path, as_json: bool) -> None:
 
 
 @click.command(epilog="Example: xden-bench seal dataset --key organiser.key --out sealed")
-@click.argument("root", type=FOLDER)
+@click.argument("root", type=LOCAL_ROOT)
 @required_key_option
 @click.option("--out", type=FOLDER, required=True, help="The folder to make.")
 @click.option(
@@ -79,7 +79,7 @@ def seal(root: Path, key: Path, out: Path, share: float, as_json: bool) -> None:
 @root_option
 @required_key_option
 @json_option
-def verify_sealed(sealed: Path, root: Path | None, key: Path, as_json: bool) -> None:
+def verify_sealed(sealed: Path, root: Path | str | None, key: Path, as_json: bool) -> None:
     """Compare sealed answers with the commitments published before.
 
     For everyone, once the organiser has published the key: whether an answer was changed. Prints

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xden1k import commands
-from xden1k.commands import open_root
+from xden1k.commands import ROOT, open_root
 from xden1k.errors import DataError
 from xden1k.values.modality import TRACKS
 
@@ -40,7 +40,9 @@ RESULTS = Path("benchmarks/results")
 """Where entries lie in a checkout."""
 
 root_option = click.option(
-    "--root", type=FOLDER, help="Dataset folder. [default: XDEN1K_ROOT, the cache, the sample]"
+    "--root",
+    type=ROOT,
+    help="Dataset folder or URL. [default: XDEN1K_ROOT, the cache, the sample]",
 )
 split_option = click.option("--split", default="test", show_default=True, help="Split to score.")
 protocol_option = click.option(
@@ -64,7 +66,7 @@ key_option = click.option(
 
 
 def open_reference(
-    root: Path | None,
+    root: Path | str | None,
     split: str,
     sealed: Path | None = None,
     key: Path | None = None,

@@ -26,7 +26,7 @@ __all__ = ["speed"]
 )
 @json_option
 def speed(
-    submission: Path | None, root: Path | None, split: str, repeats: int, as_json: bool
+    submission: Path | None, root: Path | str | None, split: str, repeats: int, as_json: bool
 ) -> None:
     """Measure scoring against reading the same arrays, in one run.
 

@@ -57,7 +57,7 @@ class Asked:
     """
 
     submission: Path
-    root: Path | None
+    root: Path | str | None
     split: str
     sealed: Path | None
     key: Path | None
@@ -110,7 +110,7 @@ def submission_command(
 @click.option("--out", type=FILE, default="preds.npz", show_default=True, help="The file to write.")
 @json_option
 def template(
-    root: Path | None, split: str, track: Track, protocol: str, out: Path, as_json: bool
+    root: Path | str | None, split: str, track: Track, protocol: str, out: Path, as_json: bool
 ) -> None:
     """Write an empty submission that is valid, to be filled in."""
     from xden_bench.methods.template import TO_FILL_IN, write_template

@@ -31,7 +31,7 @@ __all__ = ["serve"]
 )
 @click.option("--settings", type=FILE, help="TOML with the limits of the desk.")
 def serve(
-    root: Path | None, results: Path, state: Path, host: str, port: int, settings: Path | None
+    root: Path | str | None, results: Path, state: Path, host: str, port: int, settings: Path | None
 ) -> None:
     """Serve the web app: leaderboard, object explorer, and a desk that takes submissions.
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xden1k.commands import DONE_IN_PART, json_option, print_json
+from xden1k.commands import DONE_IN_PART, LOCAL_ROOT, json_option, print_json
 from xden_builder.commands.shared import FOLDER, progress_bar, workers_option
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ __all__ = ["audit"]
 
 
 @click.command(epilog="Example: xden-build audit dataset --captures captures")
-@click.argument("root", type=FOLDER)
+@click.argument("root", type=LOCAL_ROOT)
 @click.option("--captures", type=FOLDER, required=True, help="What the dataset was made from.")
 @workers_option
 @json_option

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xden1k.commands import json_option, print_json
-from xden_builder.commands.shared import FOLDER, progress_bar
+from xden1k.commands import LOCAL_ROOT, json_option, print_json
+from xden_builder.commands.shared import progress_bar
 
 if TYPE_CHECKING:
     from xden_builder.publish import Pushed
@@ -18,7 +18,7 @@ __all__ = ["push"]
 
 
 @click.command(epilog="Example: xden-build push dataset --repo-id OWNER/NAME --dry-run")
-@click.argument("root", type=FOLDER)
+@click.argument("root", type=LOCAL_ROOT)
 @click.option("--repo-id", metavar="ID", required=True, help="Dataset repository on the Hub.")
 @click.option("--revision", metavar="TAG", help="Tag to set.", show_default="v and the version")
 @click.option("--private", is_flag=True, help="Make the repository private, if it is made.")
