@@ -141,11 +141,13 @@ class Rows(Parquet):  # type: ignore[misc]
         if columns is not None and self.config.features is None:
             columns = scanned_columns(columns)
         wanted = _Wanted(columns, self.config.filters)
-        for number, url in enumerate(urls):
+        number = 0  # of files that gave rows: datasets 5.0 wants them without a gap
+        for url in urls:
             reader = folder.shard(url.removeprefix(f"{self.base_path}/"))
-            for index in range(reader.row_groups):
-                if (table := wanted.read(reader, index)).num_rows:
-                    yield _key(number, index), self._cast_table(table)
+            index = -1
+            for index, table in enumerate(wanted.tables(reader)):
+                yield _key(number, index), self._cast_table(table)
+            number += index >= 0
 
     def _cast_table(self, pa_table: Any) -> Any:
         if self.config.features is None:
@@ -189,7 +191,12 @@ class _Wanted:
             terms = [t for one in filters for t in (one if isinstance(one, list) else [one])]
             self._looked_at = sorted({term[0] for term in terms})
 
-    def read(self, reader: ShardReader, index: int) -> pa.Table:
+    def tables(self, reader: ShardReader) -> Iterator[pa.Table]:
+        """Yield what there is of each row group that has rows to give."""
+        tables = (self._read(reader, index) for index in range(reader.row_groups))
+        return (table for table in tables if table.num_rows)
+
+    def _read(self, reader: ShardReader, index: int) -> pa.Table:
         if self._filter is None:
             return reader.table(index, self._columns)
         light = reader.table(index, self._looked_at)
