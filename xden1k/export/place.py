@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -40,9 +40,11 @@ def in_place(out: Path, format_name: str, object_id: str) -> Iterator[Path]:
         If the place holds something else.
     """
     _check_free(out, format_name, object_id)
-    out.parent.mkdir(parents=True, exist_ok=True)
     prefix, suffix = f".{out.name}.", ".partial"
-    with tempfile.TemporaryDirectory(prefix=prefix, suffix=suffix, dir=out.parent) as beside:
+    with (
+        _made(out.parent),
+        tempfile.TemporaryDirectory(prefix=prefix, suffix=suffix, dir=out.parent) as beside,
+    ):
         folder = Path(beside) / "new"
         folder.mkdir()
         yield folder
@@ -55,6 +57,20 @@ def in_place(out: Path, format_name: str, object_id: str) -> Iterator[Path]:
         except OSError:
             old.rename(out)
             raise
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Make a folder with all it lies in; what is new and empty goes again if anything fails."""
+    new = [one for one in (folder, *folder.parents) if not one.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):
+            for one in new:
+                one.rmdir()
+        raise
 
 
 def _check_free(out: Path, format_name: str, object_id: str) -> None:
