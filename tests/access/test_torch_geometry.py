@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+
 import numpy as np
 import pytest
 import torch
@@ -152,3 +154,11 @@ FLAT = ViewGeometry(
     shape=(210, 200),
     direction=np.array([0.1, 3.0, 0]),
 )
+
+
+def test_project_says_which_shapes_it_wants() -> None:
+    unchecked = inspect.unwrap(project)  # the slow suite checks annotations before
+    with pytest.raises(DataError, match=r"wanted, got \(5, 3\) and \(192, 192\)"):
+        unchecked(torch.zeros(5, 3), torch.zeros(192, 192))
+    with pytest.raises(DataError, match=r"wanted, got \(3,\) and \(3, 4\)"):
+        unchecked(torch.zeros(3), torch.zeros(3, 4))

@@ -89,7 +89,8 @@ class XDen1K(Dataset[Sample]):
     Parameters
     ----------
     root
-        A dataset folder; None = as :func:`xden1k.data_root` finds it.
+        A dataset folder, or a URL that fsspec knows, ``hf://datasets/OWNER/NAME@TAG``, of which
+        only what the fields need is fetched; None = as :func:`xden1k.data_root` finds it.
     split
         ``train``, ``val``, ``test``, or ``private`` where a folder withholds answers.
     fields
@@ -143,7 +144,10 @@ class XDen1K(Dataset[Sample]):
         return len(self.ids)
 
     def __getitem__(self, index: object) -> Any:
-        object_id = self.ids[_number(index)]
+        number = _number(index)
+        if not -len(self) <= number < len(self):
+            raise IndexError(f"no sample {number}: {self!r}")
+        object_id = self.ids[number]
         sample = _sample(self.folder.row(object_id, self._columns), self.fields)
         return sample if self.transform is None else self.transform(sample)
 

@@ -115,12 +115,20 @@ def project(
         Shape (..., n, 2): column and row, fractions of pixels; (0, 0) is the *centre* of the first
         pixel. Not a number for points that lie behind the source.
 
+    Raises
+    ------
+    DataError
+        If a shape is another.
+
     Examples
     --------
     >>> flat = torch.tensor([[2.0, 0, 0, 0], [0, 0, -2, 0], [0, 0, 0, 1]])
     >>> project(torch.tensor([[1.0, 5, -0.25]]), flat).tolist()
     [[2.0, 0.5]]
     """
+    if points_cm.ndim < 2 or points_cm.shape[-1] != 3 or projection.shape[-2:] != (3, 4):
+        shapes = f"{tuple(points_cm.shape)} and {tuple(projection.shape)}"
+        raise DataError(f"points (..., n, 3) and a projection (..., 3, 4) are wanted, got {shapes}")
     points, matrix = points_cm[..., :, None, :], projection[..., None, :, :]
     if points.dtype.itemsize < 4:
         points = points.float()

@@ -22,7 +22,7 @@ def open_object(object_id: str, root: str | os.PathLike[str] | None = None) -> D
     object_id
         Its name, of any split; ``xden list`` shows all.
     root
-        A dataset folder; None = as :func:`xden1k.data_root` finds it.
+        A dataset folder or a URL; None = as :func:`xden1k.data_root` finds it.
 
     Raises
     ------
