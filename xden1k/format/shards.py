@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
+from functools import cached_property
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -153,7 +155,7 @@ class ShardReader:
         except (pa.ArrowException, OSError, UnicodeDecodeError) as err:
             raise DataError(f"{path}: not a whole Parquet file: {err}") from err
 
-    @property
+    @cached_property
     def schema(self) -> pa.Schema:
         """Arrow schema of the file."""
         return self._file.schema_arrow
@@ -254,11 +256,22 @@ class ShardReader:
 
 
 def _row(table: pa.Table, position: int) -> Row:
-    return {name: _value(name, table.column(name)[position]) for name in table.column_names}
+    cells = table.slice(position, 1)
+    return {name: _value(name, cells.column(name).chunk(0)) for name in cells.column_names}
 
 
-def _value(name: str, cell: pa.Scalar) -> Any:
+def _value(name: str, cell: pa.Array) -> Any:
+    """Value of an array of one."""
     if pa.types.is_binary(cell.type):
-        return cell.as_buffer()
-    value = cell.as_py()
+        return _bytes(cell)
+    value = cell[0].as_py()
     return value["bytes"] if name in PREVIEW_COLUMNS and value is not None else value
+
+
+def _bytes(cell: pa.Array) -> pa.Buffer | None:
+    """Bytes where they are: a scalar of Arrow would copy them."""
+    if cell.null_count:
+        return None
+    _, offsets, data = cell.buffers()
+    start, stop = np.frombuffer(offsets, np.int32)[cell.offset : cell.offset + 2].tolist()
+    return data.slice(start, stop - start)
