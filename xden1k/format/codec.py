@@ -106,7 +106,11 @@ class ArrayCodec:
     scale: float | None = None
 
     def decode(self, data: Buffer, shape: tuple[int, ...] | None = None) -> AnyArray:
-        """Array of stored bytes: a fresh, writable one.
+        """Array of stored bytes: a fresh, writable one. As :meth:`codes`."""
+        return self.values(self.codes(data, shape))
+
+    def codes(self, data: Buffer, shape: tuple[int, ...] | None = None) -> AnyArray:
+        """Return the stored values as they are: a fresh, writable array.
 
         Parameters
         ----------
@@ -124,7 +128,7 @@ class ArrayCodec:
             if isinstance(self.shape, str):
                 raise DataError(f"the shape of this array is in the column {self.shape}: pass it")
             shape = self.shape
-        return self.values(from_planes(data, np.dtype(self.stored), shape))
+        return from_planes(data, np.dtype(self.stored), shape)
 
     def values(self, codes: AnyArray) -> AnyArray:
         """Return the values of stored codes: the same array where they are stored as they are."""

@@ -31,6 +31,7 @@ from xden1k.values.views import ViewGeometry, XRayView
 
 __all__ = [
     "decode_array",
+    "decode_codes",
     "decode_geometry",
     "mass_columns",
     "object_row",
@@ -215,13 +216,24 @@ def decode_array(row: Mapping[str, Any], name: str) -> np.ndarray:
     DataError
         If the bytes do not make an array of that shape.
     """
+    return ARRAY_COLUMNS[name].values(decode_codes(row, name))
+
+
+def decode_codes(row: Mapping[str, Any], name: str) -> np.ndarray:
+    """Stored values of one column of an encoded row, before the scale: see :func:`decode_array`.
+
+    Raises
+    ------
+    DataError
+        If the bytes do not make an array of that shape.
+    """
     codec = ARRAY_COLUMNS[name]
     shape = tuple(row[codec.shape] or ()) if isinstance(codec.shape, str) else None
     data: Buffer | None = row[name]
     try:
         if data is None:
             raise DataError("no value")
-        return codec.decode(data, shape)
+        return codec.codes(data, shape)
     except DataError as err:
         raise DataError(f"{row.get('object_id', 'row')}: column {name}: {err}") from err
 
