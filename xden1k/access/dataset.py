@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 import torch
-from torch.utils.data import Dataset
+from torch.utils.data import Dataset, default_collate
 
 from xden1k.access.geometry import GEOMETRY_PARTS, VIEWS, geometry_tensors
 from xden1k.access.hub import data_root
@@ -286,4 +286,5 @@ def _joined(name: str, values: list[Any]) -> Any:
     if name in RAGGED_FIELDS or not all(isinstance(value, torch.Tensor) for value in values):
         return values
     same = all(value.shape == values[0].shape for value in values)
-    return torch.stack(values) if same else values
+    # Stacks; in a worker into memory shared with the parent, which saves a copy.
+    return default_collate(values) if same else values
