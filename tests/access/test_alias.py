@@ -191,7 +191,7 @@ def test_a_relative_data_dir_is_a_dataset_folder_or_lies_inside_the_root(tmp_pat
 @pytest.mark.parametrize("flaw", ["missing", "cut short"])
 def test_a_damaged_shard_is_named_by_both_forms(tmp_path: Path, flaw: str) -> None:
     write_folder(objects()[4:], tmp_path / "mine", version="1.2.0", builder="test")
-    shard = tmp_path / "mine" / "data" / "test-00000-of-00001.parquet"
+    shard = tmp_path / "mine" / "data" / "test-00000-of-00002.parquet"
     whole = shard.read_bytes()
     shard.unlink() if flaw == "missing" else shard.write_bytes(whole[:1000])
     for load in (

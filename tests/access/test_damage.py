@@ -25,7 +25,7 @@ from xden1k.format.checksums import CHECKSUMS_NAME
 from xden1k.format.shards import ShardReader
 
 SPLIT = "test"
-SHARD = "data/test-00000-of-00001.parquet"
+SHARD = "data/test-00000-of-00002.parquet"
 FLIPS = 12
 MANY_FLIPS = 1000
 

@@ -49,7 +49,7 @@ def test_info_finds_the_folder_by_the_environment(
 
 def test_info_names_a_shard_that_is_cut_short_or_missing(folder: Path, tmp_path: Path) -> None:
     broken = Path(shutil.copytree(folder, tmp_path / "broken"))
-    shard = broken / "data/train-00000-of-00001.parquet"
+    shard = broken / "data/train-00000-of-00002.parquet"
     shard.write_bytes(shard.read_bytes()[:99])
     assert f"Error: {shard}: 99 bytes, the manifest says " in run("info", "--root", broken).stderr
     shard.unlink()
@@ -161,13 +161,13 @@ def test_show_of_a_missing_object_is_one_line_and_exit_code_1(folder: Path) -> N
 def test_verify_of_a_sound_folder_says_so(folder: Path) -> None:
     result = run("verify", folder)
     assert (result.exit_code, result.stderr) == (0, "")
-    assert "6 objects in 6 files, all sound" in result.stdout
+    assert "6 objects in 9 files, all sound" in result.stdout
 
 
 def test_verify_lists_every_problem_and_exits_with_1(folder: Path, tmp_path: Path) -> None:
     broken = Path(shutil.copytree(folder, tmp_path / "broken"))
     (broken / "eval.yaml").unlink()
-    shard = broken / "data/train-00000-of-00001.parquet"
+    shard = broken / "data/train-00000-of-00002.parquet"
     shard.write_bytes(shard.read_bytes()[:-1])
     result = run("verify", broken)
     assert result.exit_code == 1

@@ -10,6 +10,7 @@ import re
 import signal
 import subprocess
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,8 @@ from xden1k.errors import DataError, MissingObjectError
 from xden1k.folder import open_folder, write_folder, write_rows
 from xden1k.format.manifest import Manifest
 from xden1k.format.records import decode_array, object_row
+from xden1k.format.schema import DATA_SCHEMA
+from xden1k.format.shards import ShardWriter
 from xden1k.values.types import DensityObject
 
 RELEASE = {"version": "1.2.3", "builder": "test 1"}
@@ -168,17 +171,27 @@ def test_a_version_that_is_no_version_is_refused(
         write_rows(rows, tmp_path / "out", version="v1", builder="test")
 
 
-def test_large_splits_are_cut_into_shards(tmp_path: Path, rows: list[dict[str, Any]]) -> None:
-    many = [rows[0] | {"object_id": f"bar-{i:04d}"} for i in range(7)]
-    size = Manifest.read(write(tmp_path / "one", many)).files[0].bytes
-    manifest = Manifest.read(write(tmp_path / "cut", many, shard_bytes=size // 3))
-    shards = manifest.shards()
-    assert [file.path for file in shards] == [
+@pytest.mark.parametrize(
+    ("objects", "shard_rows", "shards"),
+    [(1, 9, [1]), (3, 9, [1, 1, 1]), (7, 9, [1, 2, 2, 2]), (7, 4, [1, 2, 2, 2])]
+    + [(7, 1, [1] * 7), (11, 2, [2, 2, 2, 2, 2, 1])],
+)
+def test_a_split_has_four_shards_where_it_can_and_more_where_it_is_large(
+    tmp_path: Path, rows: list[dict[str, Any]], objects: int, shard_rows: int, shards: list[int]
+) -> None:
+    small = rows[0] | {"labels": bytes(9999)}
+    many = [small | {"object_id": f"bar-{i:04d}"} for i in range(objects)]
+    with closing(ShardWriter(tmp_path / "one.parquet", DATA_SCHEMA)) as shard:
+        shard.write(small)
+        size = shard.file_bytes
+    root = write(tmp_path / "many", many, shard_bytes=shard_rows * size - size // 2)
+    files = Manifest.read(root).shards()
+    assert [file.rows for file in files] == shards
+    assert [file.path for file in files] == [
         f"data/train-{i:05d}-of-{len(shards):05d}.parquet" for i in range(len(shards))
     ]
-    assert sum(file.rows for file in shards) == 7
-    assert 1 < len(shards) < 7
-    assert open_folder(tmp_path / "cut").ids("train") == tuple(row["object_id"] for row in many)
+    assert len(list(root.glob("data/*"))) == len(shards)
+    assert open_folder(root).ids("train") == tuple(row["object_id"] for row in many)
 
 
 def write(out: Path, rows: list[dict[str, Any]], **more: Any) -> Path:
@@ -213,7 +226,7 @@ def test_a_folder_without_a_manifest_is_no_dataset(tmp_path: Path) -> None:
 def test_a_shard_cut_short_is_named_with_both_sizes(
     tmp_path: Path, rows: list[dict[str, Any]]
 ) -> None:
-    shard = write(tmp_path / "out", rows) / "data/train-00000-of-00001.parquet"
+    shard = write(tmp_path / "out", rows) / "data/train-00000-of-00002.parquet"
     shard.write_bytes(shard.read_bytes()[:-1])
     with pytest.raises(DataError, match=r"train-0.*: \d+ bytes, the manifest says \d+: cut short"):
         open_folder(tmp_path / "out").object("bar-0001")

@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
+from itertools import chain, islice, pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,7 +23,7 @@ from xden1k.format.label_counts import LABEL_COUNTS, label_counts
 from xden1k.format.manifest import MANIFEST_NAME, DataFile, Manifest
 from xden1k.format.records import object_row
 from xden1k.format.schema import DATA_SCHEMA, METADATA_SCHEMA
-from xden1k.format.shards import ShardWriter
+from xden1k.format.shards import ShardReader, ShardWriter
 from xden1k.values.types import ALL_SPLITS, DensityObject
 
 __all__ = [
@@ -35,6 +36,8 @@ __all__ = [
 
 SHARD_BYTES = 128 << 20
 """A shard is closed by the row that makes it this large: about fifty objects of 2.5 MB."""
+FEWEST_SHARDS = 4
+"""Of a split, unless it has fewer objects: processes that read together share out whole shards."""
 METADATA_GROUP_ROWS = 64
 OBJECT_ID = re.compile(r"[A-Za-z0-9._-]+")
 NO_ANSWERS: Final = Answers()
@@ -183,13 +186,37 @@ class _SplitWriter:
 
     def write(self, row: Mapping[str, Any]) -> None:
         if not self._shards or self._shards[-1].file_bytes >= self._shard_bytes:
-            for full in self._shards[-1:]:
-                full.close()
-            # The name gets its "of n" when n is known.
-            stem = f"data/{self._split}-{len(self._shards):05d}"
-            self._shards.append(self._open(stem, DATA_SCHEMA, 1))
+            self._next_shard()
         self._shards[-1].write(row)
         self._metadata.write(row)
+
+    def _next_shard(self) -> None:
+        for full in self._shards[-1:]:
+            full.close()
+        # The name gets its "of n" when n is known.
+        stem = f"data/{self._split}-{len(self._shards):05d}"
+        self._shards.append(self._open(stem, DATA_SCHEMA, 1))
+
+    def close(self) -> None:
+        """Complete the files, and see that there are shards enough: now all rows are counted."""
+        for writer in (self._metadata, self._shards[-1]):
+            writer.close()
+        fewest = min(FEWEST_SHARDS, self._metadata.rows)
+        if len(self._shards) < fewest:
+            self._spread(fewest)
+
+    def _spread(self, count: int) -> None:
+        """Write the rows of the shards again, evenly into more."""
+        old = [shard.path.rename(shard.path.with_suffix(".old")) for shard in self._shards]
+        rows = (row for path in old for row in ShardReader(path))
+        self._shards = []
+        for start, stop in pairwise(self._metadata.rows * i // count for i in range(count + 1)):
+            self._next_shard()
+            for row in islice(rows, stop - start):
+                self._shards[-1].write(row)
+        self._shards[-1].close()
+        for path in old:
+            path.unlink()
 
     def files(self) -> Iterator[DataFile]:
         for shard in self._shards:
@@ -223,6 +250,8 @@ def _write_shards(
             if split not in writers:
                 writers[split] = _SplitWriter(root, split, shard_bytes, stack)
             writers[split].write(row)
+        for writer in writers.values():
+            writer.close()
     files = [file for writer in writers.values() for file in writer.files()]
     return tuple(sorted(files, key=lambda file: file.path))
 
