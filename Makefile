@@ -68,6 +68,7 @@ docs: setup  # the site, in build/site
 speed: setup
 	$(BIN)/xden-build speed
 	$(BIN)/xden-bench speed
+	$(BIN)/xden-bench speed --loading
 
 # Each category of the test split is in the training split too, and new categories change nothing.
 CATEGORIES := remote_control,scissors,pliers,smartphone,ballpoint_pen,electric_toothbrush,water_bottle,thermos,hammer,mug,power_drill,dumbbell

@@ -1,14 +1,15 @@
-"""The command that measures how long scoring takes."""
+"""The command that measures how long scoring and loading take."""
 
 from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import click
 
 from xden1k.commands import json_option, open_root, print_json
-from xden_bench.commands.shared import FILE, root_option, split_option
+from xden_bench.commands.shared import FILE, root_option
 
 __all__ = ["speed"]
 
@@ -16,7 +17,7 @@ __all__ = ["speed"]
 @click.command(epilog="Example: xden-bench speed preds.npz")
 @click.argument("submission", type=FILE, required=False)
 @root_option
-@split_option
+@click.option("--split", default="test", show_default=True, help="Split to score or load.")
 @click.option(
     "--repeats",
     type=click.IntRange(min=1),
@@ -24,19 +25,39 @@ __all__ = ["speed"]
     show_default=True,
     help="Runs of each kind; the median holds.",
 )
+@click.option("--loading", is_flag=True, help="Measure loading against np.memmap instead.")
 @json_option
 def speed(
-    submission: Path | None, root: Path | str | None, split: str, repeats: int, as_json: bool
+    submission: Path | None,
+    root: Path | str | None,
+    split: str,
+    repeats: int,
+    loading: bool,
+    as_json: bool,
 ) -> None:
     """Measure scoring against reading the same arrays, in one run.
 
     Without a SUBMISSION, water is scored.
+
+    With --loading: torch samples against np.memmap of the same decoded bytes, memory over ten
+    epochs, opening 1,000 objects, importing the package. Linux only; takes minutes.
     """
+    if loading and submission is not None:
+        raise click.UsageError("--loading takes no submission.")
+    if loading:
+        _loading(root, split, repeats, as_json)
+    else:
+        _scoring(submission, root, split, repeats, as_json)
+
+
+def _scoring(
+    submission: Path | None, root: Path | None, split: str, repeats: int, as_json: bool
+) -> None:
     from dataclasses import asdict
 
     from xden_bench.methods.baseline import find_predictor, run_predictor
     from xden_bench.scoring.protocol import load_protocol
-    from xden_bench.speed import measure_speed
+    from xden_bench.speed.scoring import measure_speed
 
     folder = open_root(root)
     with tempfile.TemporaryDirectory() as scratch:
@@ -51,3 +72,60 @@ def speed(
             f"{measured.objects} objects: reading {measured.read_seconds:.3f} s, checking and "
             f"scoring (reading included) {measured.score_seconds:.3f} s, ratio {measured.ratio:.2f}"
         )
+
+
+def _loading(root: Path | None, split: str, repeats: int, as_json: bool) -> None:
+    from xden_bench.speed.report import measure_loading
+
+    measured = measure_loading(open_root(root).path, split, repeats)
+    if as_json:
+        print_json(measured)
+    else:
+        _echo_loading(measured)
+
+
+def _echo_loading(measured: dict[str, Any]) -> None:
+    data, machine = measured["data"], measured["machine"]
+    click.echo(
+        f"{data['objects']} objects of {data['sample_mb']:.1f} MB as samples, "
+        f"{data['stored_mb']:.2f} MB on disk; {machine['cores']} cores, load "
+        f"{machine['load_before']:.1f} before"
+    )
+    headers = ("ours, ms", "np.memmap, ms", "ratio", "lowest", "highest")
+    rows = [(row["workers"], *_times(row)) for row in measured["loaders"]]
+    _table("full samples, from a loader", ["workers", *headers], rows)
+    parts = [
+        (row["fields"], f"{row['mb']:.2f}", *_times(row), f"{row['share']:.2f}")
+        for row in measured["fields"]
+    ]
+    _table("fields, one process", ["fields", "MB", *headers, "share"], parts)
+    single = [
+        (name, f"{row['median_ms']:.1f}", f"{row['worst_ms']:.1f}")
+        for name, row in measured["access"].items()
+    ]
+    _table("single objects in random order", ["", "median, ms", "worst, ms"], single)
+    for row in measured["memory"]:
+        shown, growth = " ".join(f"{mb:.1f}" for mb in row["mb"]), max(row["mb"]) - row["mb"][0]
+        click.echo(
+            f"\nanonymous memory after each epoch, {row['workers']} workers: {shown} MB; "
+            f"growth after the first {growth:.1f} MB"
+        )
+    opening = measured["opening"]
+    starts = [
+        (f"opening {opening['objects']} objects; pyarrow: its shards", *_times(opening)),
+        ("import xden1k; numpy", *_times(measured["importing"])),
+    ]
+    _table("start", ["ours; other", "ours, ms", "other, ms", *headers[2:]], starts)
+
+
+def _times(row: dict[str, Any]) -> tuple[str, ...]:
+    times = (f"{row[name]:.1f}" for name in ("ours_ms", "other_ms"))
+    return (*times, *(f"{row[name]:.2f}" for name in ("ratio", "lowest", "highest")))
+
+
+def _table(title: str, headers: list[str], rows: list[tuple[Any, ...]]) -> None:
+    from tabulate import tabulate
+
+    aligned = ("left", *["right"] * (len(headers) - 1))
+    click.echo(f"\n{title}")
+    click.echo(tabulate(rows, headers, disable_numparse=True, colalign=aligned))

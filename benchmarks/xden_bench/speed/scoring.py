@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import statistics
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +11,7 @@ from xden1k.predictions import open_predictions
 from xden_bench.scoring.protocol import Protocol
 from xden_bench.scoring.reference import Reference
 from xden_bench.scoring.score import score
+from xden_bench.speed.rounds import seconds
 
 __all__ = ["Speed", "measure_speed"]
 
@@ -77,12 +76,6 @@ def measure_speed(
         score(path, Reference(open_folder(root), split), protocol)
 
     evaluate()
-    times = [(_seconds(read), _seconds(evaluate)) for _ in range(repeats)]
+    times = [(seconds(read), seconds(evaluate)) for _ in range(repeats)]
     reading, scoring = (statistics.median(column) for column in zip(*times, strict=True))
     return Speed(len(Reference(open_folder(root), split).ids), reading, scoring)
-
-
-def _seconds(work: Callable[[], None]) -> float:
-    start = time.perf_counter()
-    work()
-    return time.perf_counter() - start
