@@ -78,6 +78,8 @@ def info(root: Path | str | None, as_json: bool) -> None:
     for name in ("splits", "sources", "densities", "categories"):
         click.echo(f"{name:<12}{_counts(values[name])}")
     click.echo(f"{'size':<12}{values['bytes'] / 1e6:.1f} MB in {values['files']} files")
+    unpacked = f"{values['unpacked_bytes'] / 1e6:.1f} MB, the size of a cache of `datasets`"
+    click.echo(f"{'unpacked':<12}{unpacked}")
 
 
 def _counts(counts: dict[str, int], shown: int = 8) -> str:
@@ -98,6 +100,7 @@ def _summary(folder: DatasetFolder) -> dict[str, Any]:
         "categories": dict(sorted(Counter(folder.light_column("category")).items())),
         "files": len(manifest.files),
         "bytes": sum(file.bytes for file in manifest.files),
+        "unpacked_bytes": sum(file.num_bytes for file in manifest.shards()),
     }
 
 

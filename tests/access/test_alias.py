@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import shutil
 import sys
@@ -23,6 +24,7 @@ from xden1k.access.hub import ROOT_VARIABLE, SAMPLE
 from xden1k.errors import DataError
 from xden1k.folder import open_folder, write_folder
 from xden1k.format.features import PackedArray
+from xden1k.format.manifest import Manifest
 from xden1k.format.schema import ARRAY_COLUMNS, COLUMNS, LIGHT_COLUMNS
 
 
@@ -134,6 +136,12 @@ def test_the_explicit_form_shares_the_cache_of_the_name() -> None:
         assert explicit.cache_files == named.cache_files
     with pytest.raises(DataError, match="config must be one of"):
         xden1k.load_dataset("nope")
+
+
+def test_the_cache_has_the_size_that_the_manifest_gives_as_unpacked(root: Path) -> None:
+    files = [file["filename"] for file in load_dataset("xden1k", split="test").cache_files]
+    unpacked = sum(file.num_bytes for file in Manifest.read(root).shards(split="test"))
+    assert sum(os.path.getsize(file) for file in files) == pytest.approx(unpacked, rel=0.01)
 
 
 def test_a_wrong_revision_is_refused_by_both_forms() -> None:

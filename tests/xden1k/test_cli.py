@@ -37,6 +37,7 @@ def test_info_says_how_much_of_what_from_where(folder: Path) -> None:
         assert words in text
     values = json.loads(run("info", "--root", folder, "--json").stdout)
     assert values["splits"] == {"train": 2, "val": 1, "test": 3}
+    assert values["unpacked_bytes"] > 6 * 128**3 > values["bytes"]
     assert values["categories"] == {"bar": 2, "cube": 2, "filled": 1, "hollow": 1}
 
 

@@ -173,8 +173,14 @@ def test_a_version_that_is_no_version_is_refused(
 
 @pytest.mark.parametrize(
     ("objects", "shard_rows", "shards"),
-    [(1, 9, [1]), (3, 9, [1, 1, 1]), (7, 9, [1, 2, 2, 2]), (7, 4, [1, 2, 2, 2])]
-    + [(7, 1, [1] * 7), (11, 2, [2, 2, 2, 2, 2, 1])],
+    [
+        (1, 9, [1]),
+        (3, 9, [1, 1, 1]),
+        (7, 9, [1, 2, 2, 2]),
+        (7, 4, [1, 2, 2, 2]),
+        (7, 1, [1, 1, 1, 1, 1, 1, 1]),
+        (11, 2, [2, 2, 2, 2, 2, 1]),
+    ],
 )
 def test_a_split_has_four_shards_where_it_can_and_more_where_it_is_large(
     tmp_path: Path, rows: list[dict[str, Any]], objects: int, shard_rows: int, shards: list[int]

@@ -220,7 +220,7 @@ def decode_array(row: Mapping[str, Any], name: str) -> np.ndarray:
 
 
 def decode_codes(row: Mapping[str, Any], name: str) -> np.ndarray:
-    """Stored values of one column of an encoded row, before the scale: see :func:`decode_array`.
+    """Return the stored values of one column of an encoded row: :func:`decode_array` scales them.
 
     Raises
     ------
