@@ -51,7 +51,7 @@ def speed(
 
 
 def _scoring(
-    submission: Path | None, root: Path | None, split: str, repeats: int, as_json: bool
+    submission: Path | None, root: Path | str | None, split: str, repeats: int, as_json: bool
 ) -> None:
     from dataclasses import asdict
 
@@ -74,7 +74,7 @@ def _scoring(
         )
 
 
-def _loading(root: Path | None, split: str, repeats: int, as_json: bool) -> None:
+def _loading(root: Path | str | None, split: str, repeats: int, as_json: bool) -> None:
     from xden_bench.speed.report import measure_loading
 
     measured = measure_loading(open_root(root).path, split, repeats)
