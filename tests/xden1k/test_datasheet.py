@@ -193,7 +193,7 @@ def test_materials_of_a_rebuild_are_said_to_err_on_purpose_and_counted(
         "part_flags": [[], ["label_doubted"]],
     }
     write_rows([rows[0] | first, *rows[1:]], tmp_path / "folder", **RELEASE)
-    said = "published 1 have none, and of 1 the radiographs make it doubtful (`label_doubted`)."
+    said = "be told, 1 have no label, and the radiographs cast doubt on 1 (`label_doubted`)."
     for name in ("README.md", "DATASHEET.md"):
         text = (tmp_path / "folder" / name).read_text(encoding="utf-8")
         assert "which err on purpose" in text
@@ -206,7 +206,7 @@ def test_withheld_materials_do_not_count_as_missing(
     write_rows([withhold(row) for row in rows], tmp_path / "folder", **RELEASE)
     counts = Manifest.read(tmp_path / "folder").labels
     assert (counts["no_material"], counts["voxels_err"]) == (0, 1)
-    assert "Of 0 parts whose material is published 0 have none" in datasheet(tmp_path / "folder")
+    assert "Of 0 parts whose material may be told, 0 have no label" in datasheet(tmp_path / "folder")
 
 
 def without_counts(folder: Path) -> None:

@@ -185,7 +185,7 @@ def test_a_version_that_is_no_version_is_refused(
 def test_a_split_has_four_shards_where_it_can_and_more_where_it_is_large(
     tmp_path: Path, rows: list[dict[str, Any]], objects: int, shard_rows: int, shards: list[int]
 ) -> None:
-    small = rows[0] | {"labels": bytes(9999)}
+    small = rows[0] | {"occupancy": bytes(9999)}
     many = [small | {"object_id": f"bar-{i:04d}"} for i in range(objects)]
     with closing(ShardWriter(tmp_path / "one.parquet", DATA_SCHEMA)) as shard:
         shard.write(small)

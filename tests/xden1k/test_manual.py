@@ -44,7 +44,7 @@ def test_header_names_exactly_the_files_of_the_sample(request: pytest.FixtureReq
 @pytest.mark.slow
 def test_code_of_the_manual_runs(tmp_path: Path) -> None:
     blocks = re.findall(r"```python\n(.*?)```", LOADING.read_text(encoding="utf-8"), re.DOTALL)
-    assert len(blocks) == 5
+    assert len(blocks) == 6
     environment = {name: value for name, value in os.environ.items() if name != "XDEN1K_ROOT"}
     environment |= {
         "HF_HOME": str(tmp_path / "hf"),

@@ -91,8 +91,11 @@ def _totals(facts: Facts) -> str:
         f"- {sum(parts)} parts, {min(parts)} to {max(parts)} an object",
     ]
     if len(known):
-        low, middle, high = np.quantile(known, (0, 0.5, 1))
-        lines.append(f"- masses {low:.3g} to {high:.3g} g, median {middle:.3g} g")
+        low, middle, high = (
+            f"{mass:,.0f}" if mass >= 100 else f"{mass:.3g}"
+            for mass in np.quantile(known, (0, 0.5, 1))
+        )
+        lines.append(f"- masses {low} to {high} g, median {middle} g")
     return "\n".join(lines)
 
 

@@ -99,6 +99,6 @@ def _counted_materials(manifest: Manifest) -> list[str]:
         return []
     told = counts["parts"] - manifest.density_sources.get("withheld", 0)
     return [
-        f"Of {told} parts whose material is published {counts['no_material']} have none, and of "
-        f"{counts['material_doubted']} the radiographs make it doubtful (`label_doubted`)."
+        f"Of {told} parts whose material may be told, {counts['no_material']} have no label, and "
+        f"the radiographs cast doubt on {counts['material_doubted']} (`label_doubted`)."
     ]
