@@ -206,7 +206,8 @@ def test_withheld_materials_do_not_count_as_missing(
     write_rows([withhold(row) for row in rows], tmp_path / "folder", **RELEASE)
     counts = Manifest.read(tmp_path / "folder").labels
     assert (counts["no_material"], counts["voxels_err"]) == (0, 1)
-    assert "Of 0 parts whose material may be told, 0 have no label" in datasheet(tmp_path / "folder")
+    said = "Of 0 parts whose material may be told, 0 have no label"
+    assert said in datasheet(tmp_path / "folder")
 
 
 def without_counts(folder: Path) -> None:
