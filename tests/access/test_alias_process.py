@@ -59,9 +59,8 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize(
-    "script", [XDEN1K_FIRST, pytest.param(DATASETS_FIRST_AND_SPAWN, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("script", [XDEN1K_FIRST, DATASETS_FIRST_AND_SPAWN])
 def test_whichever_import_comes_first_it_works_with_workers_and_without_a_network(
     script: str, tmp_path: Path
 ) -> None:

@@ -94,6 +94,7 @@ def test_what_a_lost_node_was_working_on_is_done_on_another(cluster, second_node
     assert begun_again == begun_there() != []
 
 
+@pytest.mark.slow
 def test_an_object_that_raises_or_kills_its_process_is_an_answer_like_others(cluster, tmp_path):
     def fragile(key):
         if key == "raises":

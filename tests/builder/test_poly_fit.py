@@ -189,7 +189,10 @@ def test_a_scale_tells_what_no_ray_does(capture):
     assert abs(found.density_g_cm3 - 0.5) < 2 * found.sd_g_cm3
 
 
-@pytest.mark.parametrize(("factor", "disagrees"), [(2.0, True), (0.5, True), (1.02, False)])
+@pytest.mark.parametrize(
+    ("factor", "disagrees"),
+    [(2.0, True), pytest.param(0.5, True, marks=pytest.mark.slow), (1.02, False)],
+)
 def test_a_mass_that_the_images_contradict_is_flagged_with_both(capture, factor, disagrees):
     true_g = true_mass_g(tool())
     found = reconstruct(replace(capture, weighed_mass_g=factor * true_g))

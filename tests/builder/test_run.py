@@ -80,7 +80,8 @@ def test_stored_radiographs_and_parts_reproject_onto_the_captures(pristine, buil
         assert audit_object(obj, source.read(obj.object_id)).good
 
 
-@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
 def test_a_build_in_processes_of_its_own_gives_the_same_bytes(
     pristine, built, tmp_path, monkeypatch, workers
 ):
