@@ -100,10 +100,11 @@ def _echo_loading(measured: dict[str, Any]) -> None:
     ]
     _table("fields, one process", ["fields", "MB", *headers, "share"], parts)
     single = [
-        (name, f"{row['median_ms']:.1f}", f"{row['worst_ms']:.1f}")
+        (name, *(f"{row[column]:.1f}" for column in ("median_ms", "worst_ms", "worst_cpu_ms")))
         for name, row in measured["access"].items()
     ]
-    _table("single objects in random order", ["", "median, ms", "worst, ms"], single)
+    headings = ["", "median, ms", "worst, ms", "worst of CPU, ms"]
+    _table("single objects in random order", headings, single)
     for row in measured["memory"]:
         shown, growth = " ".join(f"{mb:.1f}" for mb in row["mb"]), max(row["mb"]) - row["mb"][0]
         click.echo(
