@@ -1,0 +1,117 @@
+"""Captures that contradict themselves are told so: none of them ends as if all were well."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.builder.poly_scenes import Solid, box, captured, cylinder, relabelled, tool
+from xden1k.errors import DataError
+from xden_builder.capture import Capture
+from xden_builder.reconstruct.object import reconstruct
+
+SIZE_PX = 96
+SLOW = pytest.mark.slow
+ALUMINIUM = Solid("block", box((4, 3, 6)), "aluminium", 2.70)
+STEEL_CORE = Solid("core", box((1, 1, 2)), "steel", 7.85)
+CASE = Solid("case", box((4, 2, 8)), "abs", 1.05)
+CELL = Solid("cell", cylinder(0.7, 5.0), "alkaline_cell", 2.8)
+DRAWN_FULL = Solid("box", box((5, 4, 6)), "pp", 0.91)
+AIR = Solid("air", box((4.6, 3.6, 5.6)), "air", 0.0012)
+OTHER = Solid("rod", cylinder(1.5, 6.0), "pmma", 1.18)
+
+
+def without(name: str, *solids: Solid) -> Capture:
+    """What was there when the images were taken, and is not among the parts."""
+    capture = captured(solids, size=SIZE_PX)
+    return replace(capture, parts=tuple(part for part in capture.parts if part.name != name))
+
+
+def seen_as(change: Callable[[Capture], tuple[np.ndarray, np.ndarray]]) -> Capture:
+    """The tool with other images, in the geometry of its own."""
+    capture = captured(tool(), size=SIZE_PX)
+    pa, lat = (
+        replace(view, transmission=np.ascontiguousarray(image))
+        for view, image in zip(capture.views, change(capture), strict=True)
+    )
+    return replace(capture, views=(pa, lat))
+
+
+def images(capture: Capture) -> tuple[np.ndarray, np.ndarray]:
+    pa, lat = capture.views
+    return pa.transmission, lat.transmission
+
+
+CASES = {
+    "a core nobody annotated": (
+        lambda: without("core", ALUMINIUM, STEEL_CORE),
+        {"pa:unexplained_content", "lat:unexplained_content"},
+    ),
+    "a handle without a mesh": (
+        lambda: without("grip", *tool()),
+        {"pa:unexplained_shadow", "lat:unexplained_shadow"},
+    ),
+    "a hidden battery": (lambda: without("cell", CASE, CELL), {"lat:unexplained_content"}),
+    "an empty box drawn full": (
+        lambda: without("air", DRAWN_FULL, AIR),
+        {"pa:unexplained_content", "lat:unexplained_content", "box:label_doubted"},
+    ),
+    "two labels exchanged": (
+        lambda: relabelled(captured(tool(), size=SIZE_PX), blade="pp", grip="steel"),
+        {"blade:label_doubted", "grip:label_doubted"},
+    ),
+    "a view of another object": (
+        lambda: seen_as(lambda mine: (images(mine)[0], images(captured([OTHER], size=SIZE_PX))[1])),
+        {"lat:does_not_fit"},
+    ),
+    "views exchanged": (
+        lambda: seen_as(lambda mine: images(mine)[::-1]),
+        {"pa:does_not_fit", "lat:does_not_fit"},
+    ),
+    "a mirrored view": (
+        lambda: seen_as(lambda mine: (images(mine)[0][:, ::-1], images(mine)[1])),
+        {"pa:does_not_fit"},
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=() if name.startswith("a core") else SLOW, id=name)
+        for name in CASES
+    ],
+)
+def test_it_is_told(name: str) -> None:
+    make, flags = CASES[name]
+    found = reconstruct(make())
+    of_parts = {f"{part.name}:{flag}" for part in found.parts for flag in part.flags}
+    assert flags <= {*found.flags, *of_parts}
+
+
+@SLOW
+def test_the_same_scenes_whole_are_not_accused() -> None:
+    for solids in (tool(), (ALUMINIUM, STEEL_CORE), (CASE, CELL)):
+        assert reconstruct(captured(solids, size=SIZE_PX)).flags == ()
+
+
+def test_a_part_annotated_twice_is_named() -> None:
+    capture = captured(tool(), size=64)
+    twice = replace(capture.parts[1], name="grip_again")
+    with pytest.raises(DataError, match="part grip_again: other parts own all of its space"):
+        reconstruct(replace(capture, parts=(*capture.parts, twice)))
+
+
+@pytest.mark.parametrize("factor", [0.1, pytest.param(0.01, marks=SLOW), 2.54])
+def test_units_are_doubted_whatever_else_fits(factor: float) -> None:
+    capture = captured(tool(), size=64)
+    parts = []
+    for part in capture.parts:
+        mesh = part.mesh.copy()
+        mesh.apply_scale(factor)
+        parts.append(replace(part, mesh=mesh))
+    with pytest.raises(DataError, match="check mesh_units"):
+        reconstruct(replace(capture, parts=tuple(parts)))
