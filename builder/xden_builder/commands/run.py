@@ -17,13 +17,15 @@ from xden_builder.commands.shared import progress_bar, workers_option
 if TYPE_CHECKING:
     from xden_builder.pipeline.run import BuildReport, Outcome
     from xden_builder.pipeline.storage import Place
+    from xden_builder.triage.findings import Findings
+    from xden_builder.triage.flags import FlagKind
 
 __all__ = ["run"]
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells know it."""
-MOST_FLAGGED = 30
-"""Objects whose flags are printed; the report has them all."""
+MOST_LISTED = 30
+"""Objects that need someone and are printed; the report has them all."""
 
 
 @click.command(epilog="Example: xden-build run captures --out dataset")
@@ -58,7 +60,8 @@ def run(
 
     CAPTURES, --out and --parts are folders, or fsspec URLs such as s3://bucket/captures. Can be
     stopped (Ctrl-C) and started again: finished objects are kept in OUT.work. Exits with 3 if some
-    objects failed; they are listed, and in OUT.work/build_report.json.
+    objects failed; they are listed, and in OUT.work/build_report.json. Objects that a person must
+    look at are listed with what to do, the worst first; see them with `xden-build report`.
     """
     from xden_builder.pipeline.run import build
     from xden_builder.pipeline.storage import place
@@ -88,11 +91,12 @@ def run(
 
 @dataclass(slots=True)
 class _Progress:
-    """How many objects there are and are done, on a bar."""
+    """How many objects there are, are done, and need a person, on a bar."""
 
     bar: Any
     total: int = 0
     done: int = 0
+    need_you: int = 0
 
     def start(self, total: int) -> None:
         self.total = total
@@ -100,6 +104,9 @@ class _Progress:
 
     def add(self, outcome: Outcome) -> None:
         self.done += 1
+        if outcome.needs_you:
+            self.need_you += 1
+            self.bar.set_postfix_str(f"{self.need_you} need you", refresh=False)
         self.bar.update()
         if outcome.status == "failed":
             said = f"failed: {outcome.object_id}: {outcome.message}"
@@ -123,10 +130,21 @@ def _echo_report(report: BuildReport, out: Place) -> None:
     from xden_builder.pipeline.run import REPORT_NAME, work_folder
     from xden_builder.pipeline.storage import inside
 
-    flagged = [outcome for outcome in report.outcomes if outcome.flags]
-    for outcome in flagged[:MOST_FLAGGED]:
-        click.echo(f"flagged: {outcome.object_id}: {', '.join(outcome.flags)}")
-    if len(flagged) > MOST_FLAGGED:
-        click.echo(f"flagged: {len(flagged) - MOST_FLAGGED} more objects, in the report")
+    grave = [findings for findings in report.judged if findings.severity == "needs_you"]
+    for findings in grave[:MOST_LISTED]:
+        click.echo(f"needs you: {findings.object_id}: {_what_to_do(findings)}")
+    if len(grave) > MOST_LISTED:
+        click.echo(f"needs you: {len(grave) - MOST_LISTED} more objects, in the report")
+    informed = sum(findings.severity == "information" for findings in report.judged)
+    if informed:
+        click.echo(f"for information: {informed} of {len(report.judged)} objects have other flags")
     counts = ", ".join(f"{report.count(s)} {s}" for s in ("built", "kept", "failed"))
     click.echo(f"{out}: {counts}; report in {inside(work_folder(out), REPORT_NAME)}")
+
+
+def _what_to_do(findings: Findings) -> str:
+    """Name each grave flag and its remedy; one remedy for the same flag of several parts."""
+    where: dict[FlagKind, list[str]] = {}
+    for remark in findings.needs_you:
+        where.setdefault(remark.kind, []).append(str(remark))
+    return "; ".join(f"{', '.join(names)} ({kind.remedy})" for kind, names in where.items())

@@ -28,6 +28,6 @@ def progress_bar(total: int | None = None, unit: str = "object") -> Iterator[Any
     """Show a bar with the rate and what is left, on a terminal only."""
     from tqdm import tqdm
 
-    told = "{l_bar}{bar}| {n_fmt} of {total_fmt}, {rate_noinv_fmt}, {remaining} left"
+    told = "{l_bar}{bar}| {n_fmt} of {total_fmt}, {rate_noinv_fmt}, {remaining} left{postfix}"
     with tqdm(total=total, unit=f" {unit}s", bar_format=told, smoothing=0.1, disable=None) as bar:
         yield bar

@@ -12,7 +12,7 @@ import platform
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
@@ -23,6 +23,7 @@ from xden1k.documents.maintainer import ANSWERS_NAME, Answers
 from xden1k.errors import DataError, XDenError
 from xden1k.folder import exclusive, write_rows
 from xden1k.format.records import object_row
+from xden1k.values.plain import plain
 from xden_builder.capture import ObjectRow
 from xden_builder.pipeline.cluster import run_on_cluster
 from xden_builder.pipeline.splits import with_splits
@@ -46,6 +47,7 @@ from xden_builder.pipeline.storage import (
 from xden_builder.pipeline.work import load_row, save_row
 from xden_builder.reconstruct.object import reconstruct
 from xden_builder.reconstruct.settings import BuildSettings
+from xden_builder.triage.findings import Findings, find
 from xden_builder.workers import Answer, explain, run_each
 
 __all__ = [
@@ -62,6 +64,9 @@ REPORT_NAME = "build_report.json"
 LOCK_NAME = "run.lock"
 DATA_VERSION = "0.1.0"
 """Of the data a rebuild makes; a release sets its own tag."""
+
+NOT_IN_ROWS = {"phantoms", "triage"}
+"""Rooms that rows do not depend on: a change there makes no object anew."""
 
 Status = Literal["built", "kept", "failed"]
 
@@ -82,8 +87,8 @@ class Outcome:
         ``built`` now, ``kept`` from an earlier run, or ``failed``.
     message
         Why it failed; empty otherwise.
-    flags
-        The object's flags and, as ``part:flag``, its parts'.
+    findings
+        Flags and numbers by which the object is judged; None if it failed.
     seconds
         Wall time in the worker.
     digest
@@ -93,9 +98,26 @@ class Outcome:
     object_id: str
     status: Status
     message: str = ""
-    flags: tuple[str, ...] = ()
+    findings: Findings | None = None
     seconds: float = 0.0
     digest: str = ""
+
+    @property
+    def needs_you(self) -> bool:
+        """Whether a person must look: it failed, or its gravest flag says so."""
+        return self.findings is None or self.findings.severity == "needs_you"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values for JSON."""
+        found = {"severity": "needs_you"} if self.findings is None else self.findings.to_dict()
+        return {
+            "object_id": self.object_id,
+            "status": self.status,
+            "message": self.message,
+            **found,
+            "seconds": self.seconds,
+            "digest": self.digest,
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,15 +135,25 @@ class BuildReport:
         """The objects that failed."""
         return tuple(outcome for outcome in self.outcomes if outcome.status == "failed")
 
+    @property
+    def judged(self) -> tuple[Findings, ...]:
+        """Findings of the objects that are there, the worst first."""
+        found = [outcome.findings for outcome in self.outcomes if outcome.findings is not None]
+        return tuple(sorted(found, key=lambda findings: findings.order))
+
     def to_dict(self) -> dict[str, Any]:
         """Values for JSON."""
         counts = {status: self.count(status) for status in ("built", "kept", "failed")}
-        return {
-            "schema": "xden-build-report/1",
-            "builder": BUILDER,
-            **counts,
-            "objects": [asdict(outcome) for outcome in self.outcomes],
-        }
+        values: dict[str, Any] = plain(
+            {
+                "schema": "xden-build-report/2",
+                "builder": BUILDER,
+                **counts,
+                "needs_you": sum(outcome.needs_you for outcome in self.outcomes),
+                "objects": [outcome.to_dict() for outcome in self.outcomes],
+            }
+        )
+        return values
 
 
 def build(
@@ -235,7 +267,7 @@ def _build_object(
             row = object_row(reconstruct(folder.read(object_id), settings))
             save_row(work, object_id, digest, row)
     seconds = time.perf_counter() - start
-    return Outcome(object_id, status, "", _flags(row), seconds, digest)
+    return Outcome(object_id, status, "", find(row), seconds, digest)
 
 
 @cache
@@ -244,15 +276,11 @@ def _made_by(settings: BuildSettings) -> str:
     digest = hashlib.sha256(f"{BUILDER}\n{settings.digest}\n".encode())
     for package, folder in ((name, Path(str(files(name)))) for name in ("xden1k", "xden_builder")):
         for path in sorted(folder.rglob("*")):
-            if path.suffix in (".py", ".csv") and "phantoms" not in path.parts:
-                digest.update(f"{package}/{path.relative_to(folder).as_posix()}\n".encode())
+            inside_it = path.relative_to(folder)
+            if path.suffix in (".py", ".csv") and inside_it.parts[0] not in NOT_IN_ROWS:
+                digest.update(f"{package}/{inside_it.as_posix()}\n".encode())
                 digest.update(path.read_bytes())
     return digest.hexdigest()
-
-
-def _flags(row: Mapping[str, Any]) -> tuple[str, ...]:
-    parts = zip(row["part_names"], row["part_flags"], strict=True)
-    return (*row["flags"], *(f"{name}:{flag}" for name, flags in parts for flag in flags))
 
 
 def _gather(
