@@ -12,6 +12,7 @@ from xden_builder.commands.datasheet import datasheet
 from xden_builder.commands.evaluate import evaluate
 from xden_builder.commands.phantoms import gallery, phantoms
 from xden_builder.commands.push import push
+from xden_builder.commands.report import report
 from xden_builder.commands.run import run
 from xden_builder.commands.speed import speed
 
@@ -25,5 +26,5 @@ def cli() -> None:
     logging.basicConfig(format="%(levelname)s: %(message)s")
 
 
-for _command in (phantoms, run, audit, datasheet, push, evaluate, gallery, speed):
+for _command in (phantoms, run, report, audit, datasheet, push, evaluate, gallery, speed):
     cli.add_command(_command)

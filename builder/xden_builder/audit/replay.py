@@ -10,18 +10,20 @@ from jaxtyping import Float64
 
 from xden1k.errors import DataError
 from xden1k.rays import PathLengths, path_lengths
+from xden1k.rays.reprojection import SUBRAYS, reprojected
 from xden1k.values.arrays import Image, Mask
 from xden1k.values.materials import load_materials
 from xden1k.values.types import DensityObject
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.capture import Capture
 from xden_builder.physics.groups import EnergyGroups, energy_groups
-from xden_builder.poly.model.beam import view_beam
+from xden_builder.physics.source import Detector, Tube
+from xden_builder.poly.model.beam import Heel, ViewBeam, view_beam
 from xden_builder.poly.model.frames import coarse
 from xden_builder.poly.model.radiograph import TERMS, model_image
 from xden_builder.poly.model.stray import coarse_binning
 
-__all__ = ["replayed"]
+__all__ = ["replayed", "stored_model"]
 
 
 def replayed(
@@ -67,26 +69,69 @@ def replayed(
     names = list(fit["views"])
     fitted = view.name in names
     nuisances = known[names.index(view.name)] if fitted else [1.0, *known.mean(axis=0)[1:]]
-    stand_ins = [fit["stand_ins"][part.name] for part in obj.parts]
+    beam = view_beam(capture, view, groups)
+    image = _image(obj, view, geometry, beam, lengths, np.array(nuisances))
+    if fitted or not beside.any():
+        return image, float(nuisances[0])
+    gain = float(np.median(view.transmission[beside]) / np.median(image[beside]))
+    return np.asarray(gain * image), gain
+
+
+def stored_model(obj: DensityObject, view: XRayView, subrays: int = SUBRAYS) -> Image:
+    """Compute the image of a fitted view from a dataset alone: by the fit's spectrum if it has one.
+
+    Without the capture the side of the tube's cathode is not known: the beam is taken as equally
+    hard everywhere.
+
+    Parameters
+    ----------
+    obj
+        From the dataset.
+    view
+        One of its own, or one of them with several pixels read as one.
+    subrays
+        Rays along each side of a pixel.
+
+    Returns
+    -------
+    Image
+        Transmission, shape (rows, columns); not a number where a part has no attenuation.
+    """
+    if "poly" not in obj.meta:
+        return reprojected(obj, view, subrays).transmission
+    tube, detector = Tube(**obj.meta["tube"]), Detector(**obj.meta.get("detector", {}))
+    beam = ViewBeam(energy_groups(tube, detector.scintillator), view.geometry, Heel())
+    meshes = [part.mesh for part in obj.parts]
+    lengths = path_lengths(meshes, range(len(meshes)), view.geometry, subrays)
+    nuisances = np.array([obj.meta["poly"]["views"][view.name][term] for term in TERMS])
+    return _image(obj, view, view.geometry, beam, lengths, nuisances)
+
+
+def _image(
+    obj: DensityObject,
+    view: XRayView,
+    geometry: ViewGeometry,
+    beam: ViewBeam,
+    lengths: PathLengths,
+    nuisances: Float64[np.ndarray, "4"],
+) -> Image:
+    """Compute a radiograph of the stored parts by the materials that stand in for them."""
+    stand_ins = [obj.meta["poly"]["stand_ins"][part.name] for part in obj.parts]
     smooth = path_lengths(
         [part.mesh for part in obj.parts],
         range(len(obj.parts)),
         coarse(geometry, coarse_binning(geometry.shape)),
     )
-    image = model_image(
+    return model_image(
         view,
-        view_beam(capture, view, groups),
+        beam,
         lengths,
         smooth,
-        _coefficients(stand_ins, groups, scattering=False),
-        _coefficients(stand_ins, groups, scattering=True),
+        _coefficients(stand_ins, beam.groups, scattering=False),
+        _coefficients(stand_ins, beam.groups, scattering=True),
         np.array([part.density_g_cm3 for part in obj.parts]),
-        np.array(nuisances),
+        nuisances,
     )
-    if fitted or not beside.any():
-        return image, float(nuisances[0])
-    gain = float(np.median(view.transmission[beside]) / np.median(image[beside]))
-    return np.asarray(gain * image), gain
 
 
 def _coefficients(

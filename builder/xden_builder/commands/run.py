@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from xden_builder.pipeline.run import BuildReport, Outcome
     from xden_builder.pipeline.storage import Place
     from xden_builder.triage.findings import Findings
-    from xden_builder.triage.flags import FlagKind
 
 __all__ = ["run"]
 
@@ -144,7 +143,8 @@ def _echo_report(report: BuildReport, out: Place) -> None:
 
 def _what_to_do(findings: Findings) -> str:
     """Name each grave flag and its remedy; one remedy for the same flag of several parts."""
-    where: dict[FlagKind, list[str]] = {}
-    for remark in findings.needs_you:
-        where.setdefault(remark.kind, []).append(str(remark))
-    return "; ".join(f"{', '.join(names)} ({kind.remedy})" for kind, names in where.items())
+    return "; ".join(
+        f"{', '.join(map(str, remarks))} ({kind.remedy})"
+        for kind, remarks in findings.by_kind.items()
+        if kind.severity == "needs_you"
+    )

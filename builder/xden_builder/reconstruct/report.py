@@ -55,6 +55,7 @@ def _fits(explained: Explained, settings: BuildSettings) -> dict[str, Any]:
         "model": explained.model,
         "settings": asdict(settings),
         "tube": None if capture.tube is None else asdict(capture.tube),
+        "detector": asdict(capture.detector),
         "fit": {
             **fit.report,
             "loss": fit.loss,

@@ -93,6 +93,14 @@ class Findings:
         return tuple(one for one in self.remarks if one.kind.severity == "needs_you")
 
     @property
+    def by_kind(self) -> Mapping[FlagKind, tuple[Remark, ...]]:
+        """The remarks by what they say, the gravest first."""
+        kinds = dict.fromkeys(remark.kind for remark in self.remarks)
+        return {
+            kind: tuple(remark for remark in self.remarks if remark.kind == kind) for kind in kinds
+        }
+
+    @property
     def order(self) -> tuple[float, ...]:
         """Sorts the worst object first: by its gravest remark, then by how many grave ones."""
         grave = self.needs_you

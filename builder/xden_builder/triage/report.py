@@ -1,0 +1,116 @@
+"""The report of a dataset folder: ``index.html`` and ``objects.csv``, the worst object first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from xden1k.errors import DataError, require
+from xden1k.folder import open_folder
+from xden1k.folder.place import publish, staging
+from xden_builder.triage.card import Card, make_card
+from xden_builder.triage.page import render
+from xden_builder.triage.table import table
+from xden_builder.workers import explain, run_each
+
+__all__ = ["Report", "write_report"]
+
+PAGE_NAME: Final = "index.html"
+TABLE_NAME: Final = "objects.csv"
+
+Failures = Sequence[tuple[str, str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What a report shows.
+
+    Parameters
+    ----------
+    page
+        The file to open.
+    objects, need_you
+        How many there are, and how many of them a person must look at.
+    not_shown
+        Object id and reason of those that could not be drawn.
+    """
+
+    page: Path
+    objects: int
+    need_you: int
+    not_shown: tuple[tuple[str, str], ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values for JSON."""
+        return {
+            "page": str(self.page),
+            "objects": self.objects,
+            "needs_you": self.need_you,
+            "not_shown": [{"object_id": key, "message": why} for key, why in self.not_shown],
+        }
+
+
+def write_report(
+    root: Path,
+    out: Path,
+    *,
+    workers: int,
+    not_built: Failures = (),
+    on_done: Callable[[str], None] = lambda _: None,
+) -> Report:
+    """Write the report of a dataset folder; an older report there is replaced as a whole.
+
+    Parameters
+    ----------
+    root
+        The dataset folder.
+    out
+        Folder to write.
+    workers
+        Number of processes.
+    not_built
+        Object id and reason of captures that are not in the dataset.
+    on_done
+        Called with each object's id as it is done.
+
+    Raises
+    ------
+    DataError
+        If ``root`` is not a dataset folder, or something else than a report is at ``out``.
+    MissingExtraError
+        If matplotlib, numba or Jinja are not installed.
+    """
+    require("matplotlib", "view")
+    require("jinja2", "build")
+    require("numba", "build")
+    _refuse_other_folders(out)
+    cards: list[Card] = []
+    not_shown: list[tuple[str, str]] = []
+    for object_id, answer in run_each(partial(make_card, root), open_folder(root).ids(), workers):
+        if isinstance(answer, Card):
+            cards.append(answer)
+        else:
+            not_shown.append((object_id, explain(object_id, answer)))
+        on_done(object_id)
+    cards.sort(key=lambda card: (card.findings.order, card.findings.object_id))
+    failures = sorted([*not_built, *not_shown])
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with staging(out) as beside:
+        folder = beside / "report"
+        folder.mkdir()
+        render(cards, failures, root.name, folder / PAGE_NAME)
+        table(cards).to_csv(folder / TABLE_NAME, index=False)
+        publish(folder, out)
+    need_you = sum(card.findings.severity == "needs_you" for card in cards)
+    return Report(out / PAGE_NAME, len(cards), need_you, tuple(sorted(not_shown)))
+
+
+def _refuse_other_folders(out: Path) -> None:
+    """Check that nothing would be lost that is not a report."""
+    if not out.exists():
+        return
+    if not out.is_dir() or {path.name for path in out.iterdir()} - {PAGE_NAME, TABLE_NAME}:
+        raise DataError(f"{out} is not a report: remove it yourself, or choose another")
