@@ -96,8 +96,9 @@ class Scanner:
         Standard deviation of the electronic noise of a pixel.
     dead_share
         Share of pixels that see no light.
-    exposure_sd
-        Relative standard deviation of a view's exposure against that of its flat.
+    exposure_ratio, exposure_sd
+        Mean exposure of a view against that of its flat, and its relative standard deviation. What
+        the converter does not hold is saturated.
     flat_frames
         How many frames the flat averages; the dark is one frame.
     bits
@@ -138,6 +139,7 @@ class Scanner:
     quantum_noise: bool = True
     readout_sd_counts: float = 5.0
     dead_share: float = 0.0
+    exposure_ratio: float = 1.0
     exposure_sd: float = 0.03
     flat_frames: int = 64
     bits: int | None = 16
@@ -198,6 +200,7 @@ class Scanner:
             quantum_noise=False,
             readout_sd_counts=0.0,
             dead_share=0.0,
+            exposure_ratio=1.0,
             exposure_sd=0.0,
             bits=None,
             mesh_rotation_deg=0.0,
@@ -376,7 +379,8 @@ class Scanner:
 
     def exposure(self, plan: Plan, view: str) -> float:
         """Exposure of an object's view, as a factor on that of the flat."""
-        return float(np.exp(plan.rng(f"exposure/{view}").normal(0.0, self.exposure_sd)))
+        drawn = plan.rng(f"exposure/{view}").normal(0.0, self.exposure_sd)
+        return self.exposure_ratio * float(np.exp(drawn))
 
     def radiograph(self, phantom: Phantom, view: str, signal: Signal | None = None) -> Raw:
         """Take a radiograph: counts, or transmission where there is no converter.
@@ -442,5 +446,11 @@ class Scanner:
         return XRayView(view, *panel.corrected(raw, calibration), self.geometry(view))
 
     def settings(self) -> dict[str, Any]:
-        """Give every effect and its size, in JSON's types."""
-        return asdict(self)
+        """Give every effect and its size, in JSON's types.
+
+        The usual exposure goes without saying, as it did before there was another.
+        """
+        values = asdict(self)
+        if self.exposure_ratio == 1.0:
+            del values["exposure_ratio"]
+        return values
