@@ -89,12 +89,13 @@ def slab(mac, density, transmissions=(0.9, 0.6, 0.3, 0.1)):
     return ways, np.exp(-np.outer(ways * density, mac)) @ OPEN
 
 
-def scanned(ways, measured, macs, priors, *, rays=1, sd=0.003):
+def scanned(ways, measured, macs, priors, *, rays=1, sd=0.003, at_least=False):
     """Densities, costs and curvatures of candidates."""
     others, found = np.tile(OPEN, (len(ways), 1)), np.empty((len(macs), 3))
     ends = np.arange(rays, len(ways) + 1, rays)
     inverse_sd = np.full(len(measured), 1 / sd)
-    kernels.scan(others, ways, ends, measured, inverse_sd, 1.0, HUBER, macs, priors, found)
+    below = np.full(len(measured), at_least)
+    kernels.scan(others, ways, ends, measured, below, inverse_sd, 1.0, HUBER, macs, priors, found)
     return found.T
 
 
@@ -113,6 +114,15 @@ def test_search_finds_the_density_of_a_slab_and_nothing_unlike_explains_it_bette
     assert likelihood[index] < 0.1
     unlike = np.abs(ALL_MAC / ALL_MAC[index] - 1).max(axis=1) > 0.5
     assert likelihood[unlike].min() > likelihood[index]
+
+
+def test_search_lets_a_part_be_thinner_than_saturation_tells_but_not_denser():
+    mac = ALL_MAC[list(LIBRARY).index("aluminium")]
+    ways, light = slab(mac, 2.7)
+    for usual, expected in ((2.0, 2.0), (3.5, 2.7)):
+        priors = np.array([[usual, 0.5, 0.1, 9.0]])
+        density, _, _ = scanned(ways, light, mac[None], priors, at_least=True)
+        assert density[0] == pytest.approx(expected, rel=0.02)
 
 
 def test_search_averages_the_rays_of_a_pixel():

@@ -16,13 +16,20 @@ from xden_builder.poly.materials.candidates import candidate_table
 from xden_builder.poly.materials.stand_ins import certain
 from xden_builder.poly.model.beam import Heel, ViewBeam
 from xden_builder.poly.model.frames import coarse
-from xden_builder.poly.model.pixels import BLOCK_PX, BLOCK_RAYS, ViewPixels, choose_pixels
+from xden_builder.poly.model.pixels import (
+    BLOCK_PX,
+    BLOCK_RAYS,
+    SATURATED,
+    ViewPixels,
+    choose_pixels,
+)
 from xden_builder.poly.posterior.trust import sample_sd
 from xden_builder.poly.settings import PolySettings
 
 GROUPS = energy_groups(TUBE, "CsI")
 MESHES = [solid.mesh for solid in tool()]
 ORDER = ownership_order(MESHES)
+NONE = np.zeros((126, 126), dtype=bool)
 
 
 @pytest.fixture(scope="module")
@@ -38,9 +45,10 @@ def lengths_of(view):
     )
 
 
-def chosen(view, seed=0) -> ViewPixels:
+def chosen(view, seed=0, saturated=NONE) -> ViewPixels:
     beam = ViewBeam(GROUPS, view.geometry, Heel())
-    return choose_pixels(view, *lengths_of(view), beam, np.random.default_rng(seed))
+    rng = np.random.default_rng(seed)
+    return choose_pixels(view, saturated, *lengths_of(view), beam, rng)
 
 
 def test_every_part_is_sampled_and_air_on_all_sides(capture):
@@ -93,6 +101,18 @@ def test_pixels_that_are_not_valid_are_not_compared(capture):
     assert valid.flat[samples.pixels[~samples.is_block]].all()
     for row, column in zip(*np.divmod(samples.pixels[samples.is_block], 126), strict=True):
         assert valid[row - 1 : row + 2, column - 1 : column + 2].all(), "a block with a hole"
+
+
+def test_saturated_pixels_are_known_from_below_and_crowd_out_nothing_else(capture):
+    view = capture.views[0]
+    saturated = view.transmission > 0.7  # all air, and thin plastic
+    samples, full = chosen(view), chosen(view, saturated=saturated)
+    alone = ~full.is_block
+    np.testing.assert_array_equal(full.at_least[alone], saturated.flat[full.pixels[alone]])
+    assert full.at_least[full.is_block].any()
+    told = ~full.at_least & full.meets.any(axis=1)
+    assert told.sum() > 0.5 * samples.meets.any(axis=1).sum()
+    assert (full.meets & full.at_least[:, None]).sum(axis=0).max() <= 3 * 2 * SATURATED
 
 
 def test_the_same_numbers_choose_the_same_samples(capture):

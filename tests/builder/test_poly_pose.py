@@ -27,6 +27,7 @@ from xden1k.values.views import XRayView
 from xden_builder.physics.groups import energy_groups
 from xden_builder.poly.model.beam import Heel, ViewBeam
 from xden_builder.poly.model.frames import Pose, binned, coarse, posed
+from xden_builder.poly.model.radiograph import GAIN
 from xden_builder.poly.pose import PoseFit, refine_pose
 
 PARALLEL = replace(FLAT, pixel00_cm=np.array([-1.13, -4.0, 1.17]))
@@ -122,6 +123,8 @@ def refined(true: Pose, size: int = 256, factor: float = 1.1) -> PoseFit:
     meshes = [solid.mesh for solid in solids]
     return refine_pose(
         capture_of(solids, views).views,
+        [np.zeros_like(view.valid) for view in views],
+        [GAIN, GAIN],
         [ViewBeam(groups, view.geometry, Heel()) for view in views],
         meshes,
         ownership_order(meshes),

@@ -20,6 +20,7 @@ from xden_builder.audit.ct import CTAudit, audit_ct
 from xden_builder.audit.replay import replayed
 from xden_builder.audit.view import ViewAudit, audit_image, audit_view, noise_floor, pixel_sets
 from xden_builder.capture import Capture, CTReference
+from xden_builder.capture.saturation import completed
 from xden_builder.poly.model.frames import Pose, posed
 
 __all__ = ["ObjectAudit", "audit_object"]
@@ -78,18 +79,31 @@ def audit_object(
     refined = {view.name: view.geometry for view in obj.views}
     turned = obj.meta.get("poly", {}).get("pose")
     views = []
-    for view in (*capture.views, *capture.audit_views):
+    for taken in (*capture.views, *capture.audit_views):
+        view, saturated = completed(taken, capture.at_least.get(taken.name))
         geometry = refined.get(view.name, view.geometry)
         if view.name not in refined and turned is not None:
             geometry = posed(geometry, Pose.from_dict(turned), shifted_rows=False)
         lengths = path_lengths(meshes, range(len(meshes)), geometry, subrays)
         floor, gain = noise_floor(capture, view.name), gains.get(view.name)
         if "poly" not in obj.meta:
-            views.append(audit_view(view, lengths, lac, gain=gain, floor=floor))
+            views.append(
+                audit_view(view, lengths, lac, gain=gain, floor=floor, saturated=saturated)
+            )
             continue
         fitted, (_, beside) = gain is not None, pixel_sets(view, lengths)
         model, gain = replayed(obj, capture, view, geometry, lengths, beside)
-        views.append(audit_image(view, lengths, model, gain=gain, floor=floor, fitted=fitted))
+        views.append(
+            audit_image(
+                view,
+                lengths,
+                model,
+                gain=gain,
+                floor=floor,
+                fitted=fitted,
+                saturated=saturated,
+            )
+        )
     return ObjectAudit(
         obj.object_id, tuple(views), None if ct is None else audit_ct(meshes, lac.tolist(), ct)
     )

@@ -46,7 +46,7 @@ def replayed(
     capture
         What it was made from.
     view
-        One of its radiographs.
+        One of its radiographs; a saturated pixel has the least transmission it can have.
     geometry
         Of the view, in the frame of the meshes.
     lengths

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from xden1k.rays import PathLengths
-from xden1k.values.arrays import Image
+from xden1k.values.arrays import Image, Mask
 from xden1k.values.views import XRayView
 from xden_builder.audit.unexplained import Unexplained, unexplained
 from xden_builder.capture import Capture
@@ -36,7 +36,8 @@ class ViewAudit:
     """Reprojection error of one view.
 
     Errors on the object are over valid pixels whose ray meets a part, those of the background
-    over all other valid pixels. A correlation is Pearson's; nan where either image is constant.
+    over all others, where a saturated pixel errs by what the model is darker than it can be. A
+    correlation is Pearson's; nan where either image is constant.
 
     Parameters
     ----------
@@ -93,13 +94,14 @@ def audit_view(
     *,
     gain: float | None,
     floor: float,
+    saturated: Mask | None = None,
 ) -> ViewAudit:
     """Compare one radiograph with the model of one attenuation coefficient for each part.
 
     Parameters
     ----------
     view
-        The measured image.
+        The measured image; a saturated pixel has the least transmission it can have.
     lengths
         Path lengths of the parts in this view.
     lac_per_cm
@@ -108,12 +110,16 @@ def audit_view(
         Open-field factor; None for an audit view, which takes it from its background.
     floor
         Smallest transmission that is told from none: three times the noise of the dark image.
+    saturated
+        Shape (rows, columns): those pixels, if any.
     """
     fitted = gain is not None
     if gain is None:
         gain = _background_gain(view, lengths)
     model = lengths.image(lac_per_cm, gain)
-    return audit_image(view, lengths, model, gain=gain, floor=floor, fitted=fitted)
+    return audit_image(
+        view, lengths, model, gain=gain, floor=floor, fitted=fitted, saturated=saturated
+    )
 
 
 def audit_image(
@@ -124,26 +130,30 @@ def audit_image(
     gain: float,
     floor: float,
     fitted: bool = True,
+    saturated: Mask | None = None,
 ) -> ViewAudit:
     """Compare one radiograph with a model image of it.
 
     Parameters
     ----------
     view
-        The measured image.
+        As of :func:`audit_view`.
     lengths
         Path lengths of the parts in this view.
     model
         Shape (rows, columns): transmission.
     gain
         Open-field factor of the model.
-    floor
+    floor, saturated
         As of :func:`audit_view`.
     fitted
         Whether the model was fitted to this view.
     """
     on_object, background = pixel_sets(view, lengths)
-    inside = _errors(view.transmission[on_object], model[on_object], floor)
+    told = on_object
+    if saturated is not None:
+        view, told = _at_least(view, model, saturated), on_object & ~saturated
+    inside = _errors(view.transmission[told], model[told], floor)
     outside = _errors(view.transmission[background], model[background], floor)
     return ViewAudit(
         name=view.name,
@@ -155,7 +165,7 @@ def audit_image(
         attenuation_corr=inside[3],
         background_transmission_mae=outside[0],
         background_attenuation_mae=outside[2],
-        object_pixels=int(on_object.sum()),
+        object_pixels=int(told.sum()),
         unexplained=unexplained(view, on_object, background, model, gain, floor / FLOOR_SIGMAS),
     )
 
@@ -169,6 +179,12 @@ def pixel_sets(
     broken = np.zeros_like(hit)
     broken.flat[lengths.pixels[lengths.broken]] = True
     return hit & view.valid & ~broken, ~hit & view.valid
+
+
+def _at_least(view: XRayView, model: Image, saturated: Mask) -> XRayView:
+    """Take saturated pixels for as bright as the model, where that is bright enough."""
+    brighter = np.maximum(view.transmission, model)
+    return replace(view, transmission=np.where(saturated, brighter, view.transmission))
 
 
 def _background_gain(view: XRayView, lengths: PathLengths) -> float:

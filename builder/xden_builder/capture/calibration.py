@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 from xden1k.errors import DataError
 from xden1k.values.arrays import Image, Mask
@@ -23,8 +23,6 @@ from xden_builder.physics.source import Detector
 
 __all__ = ["CalibratedView", "calibrate"]
 
-MOST_INVALID_SHARE = 0.5
-"""An image with a larger share of saturated and dead pixels is refused."""
 LEAST_OPEN_FIELD = 0.01
 """A pixel whose open field is a smaller share of the median one is dead or collimated."""
 FLAGGED_DEAD_SHARE = 0.01
@@ -46,9 +44,9 @@ class CalibratedView:
     view
         Transmission, not a number where a pixel is not valid.
     flags
-        ``VIEW:saturated`` where a pixel is, ``VIEW:dead_pixels`` where over 1 % have no open field,
-        ``VIEW:polarity_not_as_dicom`` where the scanner file says the contrary of the image's
-        header.
+        ``VIEW:saturated`` where a pixel is, ``VIEW:saturated_flat`` where one of the open field is,
+        ``VIEW:dead_pixels`` where over 1 % have no open field, ``VIEW:polarity_not_as_dicom`` where
+        the scanner file says the contrary of the image's header.
     noise_sd
         Standard deviation of the transmission behind something opaque: the spread of the dark
         image, rounding of integers included, over the median open field. A fixed pattern of the
@@ -56,12 +54,16 @@ class CalibratedView:
     open_field
         Shape (rows, columns): light of the bare beam above the dark, in the image's own units;
         None where no flat image was taken.
+    at_least
+        Shape (rows, columns): transmission that a saturated pixel reaches at least, not a number
+        elsewhere; None where no pixel is saturated.
     """
 
     view: XRayView
     flags: tuple[str, ...]
     noise_sd: float | None
     open_field: Image | None = None
+    at_least: Image | None = None
 
 
 def calibrate(
@@ -84,7 +86,7 @@ def calibrate(
     ------
     DataError
         If a file is missing or damaged, a shape differs from the scanner file's, or the image is
-        empty, mostly saturated or dead, or not what ``quantity`` and ``polarity`` say.
+        empty, saturated wherever it is not dead, or not what ``quantity`` and ``polarity`` say.
     MissingExtraError
         If a package that decoding needs is not installed.
     """
@@ -103,7 +105,8 @@ def calibrate(
         )
     with np.errstate(over="ignore"):  # infinity is refused as a transmission below
         transmission = values if stored.quantity == "transmission" else np.exp(-values)
-    return _checked(name, image.path, stored, transmission, None, ())
+    none = np.zeros(transmission.shape, dtype=np.bool_)
+    return _checked(name, image.path, stored, transmission, none, None, ())
 
 
 def _from_counts(
@@ -122,19 +125,19 @@ def _from_counts(
     light = flat - dark if polarity == "linear" else dark - flat
     usual_light = _usual_light(light, f"{image.path}: views.{name}.polarity is {polarity}")
     dead = light <= LEAST_OPEN_FIELD * usual_light
-    saturated = _saturated(image, flat, polarity, bits)
+    saturated = _saturated(image, polarity, bits) & ~dead
     transmission = np.full_like(flat, np.nan)
-    usable = _usable(image.path, saturated, dead)
-    np.divide(image.pixels - dark, flat - dark, out=transmission, where=usable)
+    np.divide(image.pixels - dark, flat - dark, out=transmission, where=~dead)
     has_frame = isinstance(stored.dark, str)
     noise_sd = _noise_counts(image, dark) / usual_light if has_frame else None
     raised = {
         "saturated": saturated.any(),
+        "saturated_flat": _at_bright_end(flat, image, polarity, bits).any(),
         "dead_pixels": dead.mean() > FLAGGED_DEAD_SHARE,
         "polarity_not_as_dicom": image.polarity not in (None, polarity),
     }
     flags = tuple(f"{name}:{flag}" for flag, is_raised in raised.items() if is_raised)
-    seen = _checked(name, image.path, stored, transmission, noise_sd, flags)
+    seen = _checked(name, image.path, stored, transmission, saturated, noise_sd, flags)
     taken = isinstance(stored.flat, str)
     return replace(seen, open_field=light.astype(np.float32) if taken else None)
 
@@ -147,28 +150,20 @@ def _usual_light(light: Field, said: str) -> float:
     return usual
 
 
-def _usable(path: Path, saturated: Mask, dead: Mask) -> Mask:
-    usable = ~(saturated | dead)
-    if usable.mean() < 1 - MOST_INVALID_SHARE:
-        raise DataError(
-            f"{path}: {saturated.mean():.0%} of the pixels are saturated and {dead.mean():.0%} are "
-            "dead (their open field is as dark as the dark image), expected at most "
-            f"{MOST_INVALID_SHARE:.0%} in all"
-        )
-    return np.asarray(usable)
-
-
 def _checked(
     name: str,
     path: Path,
     stored: ViewFile,
     transmission: Field,
+    saturated: Mask,
     noise_sd: float | None,
     flags: tuple[str, ...],
 ) -> CalibratedView:
     """Refuse what no radiograph of an object looks like."""
-    valid = ~np.isnan(transmission)
-    median, brightest = np.quantile(_sample(transmission[valid]), (0.5, 0.99), method="lower")
+    told = ~np.isnan(transmission)
+    if not (told & ~saturated).any():
+        raise DataError(f"{path}: the image is saturated: {saturated.mean():.0%} of its pixels")
+    median, brightest = np.quantile(_sample(transmission[told]), (0.5, 0.99), method="lower")
     if brightest <= FLOOR_SIGMAS * (noise_sd or 0.0):
         raise DataError(
             f"{path}: the image is empty: its brightest transmission is {brightest:.2g}"
@@ -179,8 +174,14 @@ def _checked(
             f"another quantity, polarity or open field in scanner.toml, views.{name}"
         )
     with np.errstate(over="ignore"):  # XRayView refuses infinity
-        view = XRayView(name, transmission.astype(np.float32), valid, stored.geometry)
-    return CalibratedView(view, flags, noise_sd)
+        image = transmission.astype(np.float32)
+    nothing = np.float32(np.nan)
+    return CalibratedView(
+        XRayView(name, np.where(saturated, nothing, image), told & ~saturated, stored.geometry),
+        flags,
+        noise_sd,
+        at_least=np.where(saturated, image, nothing) if saturated.any() else None,
+    )
 
 
 def _read_sized(path: Path, stored: ViewFile) -> ImageFile:
@@ -214,19 +215,29 @@ def _dark(
     return np.full(stored.geometry.shape, low if polarity == "linear" else high)
 
 
-def _saturated(image: ImageFile, flat: Field, polarity: Polarity, bits: int | None) -> Mask:
-    """Return where the image or its open field is at the bright end of the converter."""
+def _saturated(image: ImageFile, polarity: Polarity, bits: int | None) -> Mask:
+    """Return where the image is at the bright end of the converter, whose range it must keep."""
+    if bits is not None:
+        low, high = image.converter_range(bits)
+        if image.pixels.min() < low or image.pixels.max() > high:
+            raise DataError(
+                f"{image.path}: {bits} bits hold {low:g} to {high:g}, but the pixels are "
+                f"{image.pixels.min():g} to {image.pixels.max():g}"
+            )
+    return _at_bright_end(image.pixels, image, polarity, bits)
+
+
+def _at_bright_end(
+    values: Shaped[np.ndarray, "rows columns"],
+    image: ImageFile,
+    polarity: Polarity,
+    bits: int | None,
+) -> Mask:
+    """Return which values are as bright as the converter of an image can tell."""
     if bits is None:
-        return np.zeros(flat.shape, dtype=np.bool_)
+        return np.zeros(values.shape, dtype=np.bool_)
     low, high = image.converter_range(bits)
-    if image.pixels.min() < low or image.pixels.max() > high:
-        raise DataError(
-            f"{image.path}: {bits} bits hold {low:g} to {high:g}, but the pixels are "
-            f"{image.pixels.min():g} to {image.pixels.max():g}"
-        )
-    if polarity == "linear":
-        return np.asarray((image.pixels >= high) | (flat >= high))
-    return np.asarray((image.pixels <= low) | (flat <= low))
+    return np.asarray(values >= high if polarity == "linear" else values <= low)
 
 
 def _noise_counts(image: ImageFile, dark: Field) -> float:

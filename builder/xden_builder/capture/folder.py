@@ -84,6 +84,9 @@ class Capture:
         something opaque.
     open_field
         By view, where a flat image was taken: light of the bare beam, in any unit.
+    at_least
+        By view, where any pixel is saturated: the transmission that each of those reaches at
+        least; not a number elsewhere.
     """
 
     object_id: str
@@ -100,6 +103,7 @@ class Capture:
     flags: tuple[str, ...]
     noise_sd: Mapping[str, float]
     open_field: Mapping[str, Image] = field(default_factory=dict)
+    at_least: Mapping[str, Image] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -175,6 +179,9 @@ class CaptureFolder:
             },
             open_field={
                 name: view.open_field for name, view in views.items() if view.open_field is not None
+            },
+            at_least={
+                name: view.at_least for name, view in views.items() if view.at_least is not None
             },
         )
 

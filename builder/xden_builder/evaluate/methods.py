@@ -57,7 +57,14 @@ class Ablation:
             replace(view, transmission=view.transmission * np.float32(self.exposure))
             for view in capture.views
         )
-        return replace(capture, tube=replace(capture.tube, filtration_cm=filters), views=(pa, lat))
+        return replace(
+            capture,
+            tube=replace(capture.tube, filtration_cm=filters),
+            views=(pa, lat),
+            at_least={
+                name: least * np.float32(self.exposure) for name, least in capture.at_least.items()
+            },
+        )
 
 
 ABLATIONS: Final[Mapping[str, Ablation]] = MappingProxyType(

@@ -93,5 +93,8 @@ def _views(capture: Capture, fit: PolyFit) -> tuple[ViewAudit, ...]:
         gain = float(fit.solution.nuisances(number)[0])
         floor = noise_floor(capture, seen.view.name)
         model = fit.solution.image(number, seen.lengths)
-        found.append(audit_image(seen.view, seen.lengths, model, gain=gain, floor=floor))
+        saturated = fit.solution.scene.saturated[number]
+        found.append(
+            audit_image(seen.view, seen.lengths, model, gain=gain, floor=floor, saturated=saturated)
+        )
     return tuple(found)

@@ -5,12 +5,25 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
-__all__ = ["HUBER", "tempered", "weights"]
+__all__ = ["HUBER", "one_sided", "tempered", "weights"]
 
 HUBER: Final = 2.0
 """Standard deviations beyond which a residual counts linearly."""
+
+
+def one_sided(
+    residuals: Float64[np.ndarray, "n"], at_least: Bool[np.ndarray, "n"]
+) -> Bool[np.ndarray, "n"]:
+    """Return which residuals of a model count: not those above a measurement from below.
+
+    Examples
+    --------
+    >>> one_sided(np.array([0.5, 0.5, -0.5]), np.array([False, True, True])).tolist()
+    [True, False, True]
+    """
+    return np.asarray(~at_least | (residuals < 0))
 
 
 def tempered(residuals: Float64[np.ndarray, "n"]) -> float:

@@ -4,30 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from types import MappingProxyType
-from typing import Final
 
 import numpy as np
 from jaxtyping import Float64
 
 from xden1k.rays import PathLengths
 from xden1k.values.views import XRayView
+from xden_builder.capture.saturation import GainBounds
 from xden_builder.fit.diagnostics import finish
 from xden_builder.fit.levenberg import Minimum, minimise
-from xden_builder.fit.problem import Fitted, Problem, Weighting
+from xden_builder.fit.problem import NOT_KNOWN, Fitted, Problem, Weighting
 from xden_builder.fit.start import starting_point
 from xden_builder.fit.values import DEFAULT, FitSettings, LacFit
 from xden_builder.fit.weighting import uniform, variances, weights_of
 
 __all__ = ["fit_lac"]
 
-NOT_KNOWN: Final[Mapping[str, float]] = MappingProxyType({})
-
 
 def fit_lac(
     views: Sequence[tuple[PathLengths, XRayView]],
     settings: FitSettings = DEFAULT,
     dark_sd: Mapping[str, float] = NOT_KNOWN,
+    gain_bounds: Mapping[str, GainBounds] = NOT_KNOWN,
 ) -> LacFit:
     """Fit one linear attenuation coefficient for each part to all views at once.
 
@@ -42,13 +40,15 @@ def fit_lac(
         Gains, weights, bounds.
     dark_sd
         Noise at transmission 0 by the name of the view, where it was measured.
+    gain_bounds
+        Least and most gain, by the name of the view, where its air is saturated and not looked at.
 
     Raises
     ------
     DataError
         If a view's path lengths are of another shape or of other parts, or its air is dark.
     """
-    problem = Problem.of(views, settings, dark_sd)
+    problem = Problem.of(views, settings, dark_sd, gain_bounds)
     lower, upper = problem.bounds(settings)
     point = np.clip(starting_point(problem), lower, upper)
     rounds: list[Minimum] = []

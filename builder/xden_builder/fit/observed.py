@@ -13,6 +13,7 @@ from xden1k.errors import DataError
 from xden1k.rays import PathLengths
 from xden1k.values.arrays import Mask
 from xden1k.values.views import XRayView
+from xden_builder.capture.saturation import GainBounds
 from xden_builder.fit import kernels
 from xden_builder.fit.crops import Crop
 from xden_builder.fit.values import FitSettings
@@ -56,6 +57,8 @@ class ViewData:
         What lies beside the object.
     dark_sd
         Noise at transmission 0.
+    gain_bounds
+        Least and most gain where the air is saturated; None where the air tells the gain.
     """
 
     name: str
@@ -64,10 +67,16 @@ class ViewData:
     usable: Bool[np.ndarray, "n"]
     air: Air
     dark_sd: float
+    gain_bounds: GainBounds | None = None
 
     @classmethod
     def of(
-        cls, lengths: PathLengths, view: XRayView, settings: FitSettings, dark_sd: float | None
+        cls,
+        lengths: PathLengths,
+        view: XRayView,
+        settings: FitSettings,
+        dark_sd: float | None,
+        gain_bounds: GainBounds | None = None,
     ) -> ViewData:
         """Take the used pixels out of the frame; without ``dark_sd`` it is guessed from the air.
 
@@ -83,7 +92,10 @@ class ViewData:
             )
         usable = view.valid.ravel()[lengths.pixels] & ~lengths.broken
         measured = np.where(usable, view.transmission.ravel()[lengths.pixels], 1.0)
-        air = _air(view, _beside(lengths, settings.air_margin_px) & view.valid, settings)
+        if gain_bounds is None:
+            air = _air(view, _beside(lengths, settings.air_margin_px) & view.valid, settings)
+        else:
+            air = Air(0, gain_bounds[0], NOISE_WITHOUT_AIR)
         if not air.mean > 0:
             raise DataError(
                 f"view {view.name}: the air beside the object must be bright, "
@@ -91,7 +103,8 @@ class ViewData:
             )
         guessed = air.sd * READOUT_SHARE**0.5
         dark = max(guessed if dark_sd is None else dark_sd, NOISE_FLOOR)
-        return cls(view.name, lengths, measured.astype(np.float64), usable, air, dark)
+        values = measured.astype(np.float64)
+        return cls(view.name, lengths, values, usable, air, dark, gain_bounds)
 
     @property
     def parts(self) -> int:

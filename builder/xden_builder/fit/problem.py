@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -17,11 +19,15 @@ from jaxtyping import Bool, Float64
 from xden1k.errors import DataError
 from xden1k.rays import PathLengths
 from xden1k.values.views import XRayView
+from xden_builder.capture.saturation import GainBounds
 from xden_builder.fit import kernels
 from xden_builder.fit.observed import ViewData
 from xden_builder.fit.values import FitSettings
 
-__all__ = ["Evaluation", "Fitted", "Problem", "ViewFit", "Weighting"]
+__all__ = ["NOT_KNOWN", "Evaluation", "Fitted", "Problem", "ViewFit", "Weighting"]
+
+NOT_KNOWN: Final[Mapping[str, Any]] = MappingProxyType({})
+"""Of any view."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +79,14 @@ class Problem:
         views: Sequence[tuple[PathLengths, XRayView]],
         settings: FitSettings,
         dark_sd: Mapping[str, float],
+        gain_bounds: Mapping[str, GainBounds] = NOT_KNOWN,
     ) -> Problem:
-        """Take the used pixels out of all views; ``dark_sd`` by the name of the view."""
+        """Take the used pixels out of all views; what is known of noise and gain by their names."""
         return cls(
             tuple(
-                ViewData.of(lengths, view, settings, dark_sd.get(view.name))
+                ViewData.of(
+                    lengths, view, settings, dark_sd.get(view.name), gain_bounds.get(view.name)
+                )
                 for lengths, view in views
             )
         )
@@ -101,14 +110,11 @@ class Problem:
         """Lowest and highest coefficients and gains.
 
         They coincide for a part that no usable ray meets (at 0) and for a gain that is fixed or
-        that no air tells (at 1).
+        that no air tells (at 1). A gain whose air is saturated has bounds of its own.
         """
         upper = np.where(self.met, settings.upper_per_cm, 0.0)
-        held = np.array([settings.gain == "fixed" or not view.air.count for view in self.views])
-        return (
-            np.append(np.zeros(self.parts), np.where(held, 1.0, 0.0)),
-            np.append(upper, np.where(held, 1.0, np.inf)),
-        )
+        gains = np.array([_gain_bounds(view, settings) for view in self.views]).T
+        return np.append(np.zeros(self.parts), gains[0]), np.append(upper, gains[1])
 
     def evaluate(self, unknowns: Float64[np.ndarray, "u"], weighting: Weighting) -> Evaluation:
         """Loss and derivatives at the coefficients and gains."""
@@ -141,6 +147,14 @@ class Problem:
             hessian[np.ix_(mine, mine)] += curvature
             transmissions.append(transmission)
         return Evaluation(loss, gradient, hessian, tuple(transmissions))
+
+
+def _gain_bounds(view: ViewData, settings: FitSettings) -> GainBounds:
+    if settings.gain == "fixed":
+        return 1.0, 1.0
+    if view.gain_bounds is not None:
+        return view.gain_bounds
+    return (0.0, np.inf) if view.air.count else (1.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -110,7 +110,7 @@ def estimate(samples: Samples, mass: Mass | None, settings: PolySettings) -> Sol
     """
     seen, density, light = samples.seen, samples.guess.density_g_cm3, samples.guess.scene.light
     parts = len(light.tables)
-    count = sum(len(each.samples.pixels) for each in seen)
+    count = sum(int((~each.samples.at_least).sum()) for each in seen)
     share = min(1.0, settings.worth_a_part * parts / max(count, 1))
     best = samples.guess.choice
     now = loosened(samples.guess.stand_ins)
@@ -168,7 +168,8 @@ def _problem(
         for each, stray in zip(seen, strays, strict=True)
     ]
     samples = [each.samples for each in seen]
-    return Problem(samples, strays, sds, share, stand_ins, mass, settings)
+    gains = [each.gain for each in seen]
+    return Problem(samples, strays, sds, gains, share, stand_ins, mass, settings)
 
 
 def _weigh(

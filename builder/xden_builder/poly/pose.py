@@ -15,9 +15,11 @@ import numpy as np
 import trimesh
 from jaxtyping import Float64
 
+from xden1k.values.arrays import Mask
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.frames import POSE_UNKNOWNS, Pose, posed
+from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.pyramid import Level, descend
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import Guess
@@ -59,6 +61,8 @@ def find_pose(guess: Guess, settings: PolySettings) -> Placement:
         return Placement(guess, None, tuple(geometries))
     fit = refine_pose(
         scene.views,
+        scene.saturated,
+        [gain_prior(bounds) for bounds in scene.gains],
         scene.outlines.beams,
         scene.meshes,
         scene.order,
@@ -101,6 +105,8 @@ class PoseFit:
 
 def refine_pose(
     views: Sequence[XRayView],
+    saturated: Sequence[Mask],
+    gains: Sequence[tuple[float, float]],
     beams: Sequence[ViewBeam],
     meshes: Sequence[trimesh.Trimesh],
     order: Sequence[int],
@@ -111,8 +117,9 @@ def refine_pose(
 
     Parameters
     ----------
-    views, beams
-        The radiographs, and what reaches their panels.
+    views, saturated, gains, beams
+        The radiographs, which of their pixels are known from below alone, means and standard
+        deviations of their gains, and what reaches their panels.
     meshes, order
         Parts and their ownership, as of :func:`xden1k.rays.path_lengths`.
     mac_cm2_g
@@ -127,7 +134,8 @@ def refine_pose(
     x, y, z = centre.tolist()
     origin = Pose(centre_cm=(x, y, z))
     parts = len(meshes)
-    unknowns = np.concatenate([density_g_cm3, np.ones(len(views)), np.zeros(POSE_UNKNOWNS)])
+    means = [mean for mean, _ in gains]
+    unknowns = np.concatenate([density_g_cm3, means, np.zeros(POSE_UNKNOWNS)])
     others = np.full(len(views) + POSE_UNKNOWNS, np.inf)
     low, high = (
         np.append(share * density_g_cm3, sign * others)
@@ -137,7 +145,19 @@ def refine_pose(
     used = [each for each in BINNINGS[:-1] if each[0] <= coarsest] + [BINNINGS[-1]]
     rms_before = None
     for binning, most in used:
-        level = Level.of(views, beams, meshes, order, mac_cm2_g, origin, binning, points, radius_cm)
+        level = Level.of(
+            views,
+            saturated,
+            gains,
+            beams,
+            meshes,
+            order,
+            mac_cm2_g,
+            origin,
+            binning,
+            points,
+            radius_cm,
+        )
         if rms_before is None:
             rms_before = level.rms(unknowns)
         unknowns, hessian = descend(level, unknowns, most, low, high)

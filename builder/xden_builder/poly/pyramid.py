@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 import trimesh
-from jaxtyping import Float, Float64
+from jaxtyping import Bool, Float, Float64
 
 from xden1k.rays import PathLengths, path_lengths
 from xden1k.values.arrays import Mask
@@ -21,8 +21,7 @@ from xden_builder.fit.box import box_minimum
 from xden_builder.fit.problem import Evaluation
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.direct import transmissions, transmissions_and_slopes
-from xden_builder.poly.model.frames import POSE_UNKNOWNS, Pose, binned, coarse, posed
-from xden_builder.poly.model.radiograph import GAIN_SD
+from xden_builder.poly.model.frames import POSE_UNKNOWNS, Pose, any_of, binned, coarse, posed
 
 __all__ = ["Level", "descend"]
 
@@ -57,12 +56,16 @@ class Level:
     binning: int
     masks: Sequence[Mask]
     measured: Sequence[Float64[np.ndarray, "_p"]]
+    at_least: Sequence[Bool[np.ndarray, "_p"]]
+    gains: Sequence[tuple[float, float]]
     radius_cm: float
 
     @classmethod
     def of(
         cls,
         views: Sequence[XRayView],
+        saturated: Sequence[Mask],
+        gains: Sequence[tuple[float, float]],
         beams: Sequence[ViewBeam],
         meshes: Sequence[trimesh.Trimesh],
         order: Sequence[int],
@@ -72,16 +75,29 @@ class Level:
         points: Float[np.ndarray, "n 3"],
         radius_cm: float,
     ) -> Level:
-        """Average images, and compare them around the object."""
-        masks, measured = [], []
-        for view in views:
+        """Average images, and compare them around the object; parameters as of ``refine_pose``."""
+        masks, measured, at_least = [], [], []
+        for view, full in zip(views, saturated, strict=True):
             image, known = binned(view, binning)
             mask = np.zeros_like(known)
             window = _window(view.geometry, points, binning)
             mask[window] = known[window]
             masks.append(mask)
             measured.append(image[mask].astype(np.float64))
-        return cls(meshes, order, beams, mac_cm2_g, origin, binning, masks, measured, radius_cm)
+            at_least.append(any_of(full, binning)[mask])
+        return cls(
+            meshes,
+            order,
+            beams,
+            mac_cm2_g,
+            origin,
+            binning,
+            masks,
+            measured,
+            at_least,
+            gains,
+            radius_cm,
+        )
 
     @property
     def parts(self) -> int:
@@ -98,9 +114,11 @@ class Level:
         mean, precision = self._prior()
         gradient, hessian = (unknowns - mean) * precision, np.diag(precision)
         loss = float(gradient @ (unknowns - mean))
-        for off, slope in zip(residuals, slopes, strict=True):
+        for each, slope, at_least in zip(residuals, slopes, self.at_least, strict=True):
+            counts = huber.one_sided(each, at_least)
+            off = np.where(counts, each, 0.0)
             loss += self._share * huber.tempered(off)
-            weighted = slope * (self._share * huber.weights(off))[:, None]
+            weighted = slope * (self._share * counts * huber.weights(off))[:, None]
             gradient = gradient + weighted.T @ off
             hessian = hessian + weighted.T @ slope
         return Evaluation(loss, gradient, hessian, ())
@@ -118,8 +136,10 @@ class Level:
         ]
 
     def rms(self, unknowns: Float64[np.ndarray, "u"]) -> float:
-        """Root mean square residual of transmission."""
-        return PIXEL_SD * float(np.sqrt((np.concatenate(self.residuals(unknowns)) ** 2).mean()))
+        """Root mean square residual of transmission, saturated pixels left out."""
+        residuals = np.concatenate(self.residuals(unknowns))
+        told = residuals[~np.concatenate(self.at_least)]
+        return PIXEL_SD * float(np.sqrt((told**2).mean())) if told.size else 0.0
 
     def _split(
         self, unknowns: Float64[np.ndarray, "u"]
@@ -133,10 +153,10 @@ class Level:
 
     def _prior(self) -> tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u"]]:
         """Means, and one over the variances."""
-        views = len(self.beams)
+        gain_means, gain_sds = np.array(self.gains).T
         sds = [ROTATION_SD] * 3 + [SHIFT_SD_CM] * 3 + [ROW_SHIFT_SD_CM]
-        sd = np.concatenate([np.full(self.parts, np.inf), np.full(views, GAIN_SD), sds])
-        mean = np.concatenate([np.zeros(self.parts), np.ones(views), np.zeros(POSE_UNKNOWNS)])
+        sd = np.concatenate([np.full(self.parts, np.inf), gain_sds, sds])
+        mean = np.concatenate([np.zeros(self.parts), gain_means, np.zeros(POSE_UNKNOWNS)])
         return mean, sd**-2.0
 
     def slopes(self, unknowns: Float64[np.ndarray, "u"]) -> list[Float64[np.ndarray, "_n u"]]:

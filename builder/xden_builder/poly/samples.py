@@ -14,6 +14,7 @@ from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.frames import coarse
 from xden_builder.poly.model.pixels import BLOCK_PX, BLOCK_RAYS, ViewPixels, choose_pixels
+from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.stray import coarse_binning
 from xden_builder.poly.pose import Placement, PoseFit
 from xden_builder.poly.settings import PolySettings
@@ -42,6 +43,8 @@ class Seen:
         What is compared.
     noise_sd
         Behind something opaque.
+    gain
+        Mean and standard deviation of the gain, before the fit.
     """
 
     view: XRayView
@@ -52,6 +55,7 @@ class Seen:
     smooth: PathLengths
     samples: ViewPixels
     noise_sd: float
+    gain: tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,8 +82,14 @@ def take_samples(placement: Placement, settings: PolySettings) -> Samples:
     scene = placement.guess.scene
     rng = np.random.default_rng(0)
     seen = []
-    for view, beam, geometry, noise_sd in zip(
-        scene.views, scene.light.beams, placement.geometries, scene.noise_sd, strict=True
+    for view, saturated, beam, geometry, noise_sd, bounds in zip(
+        scene.views,
+        scene.saturated,
+        scene.light.beams,
+        placement.geometries,
+        scene.noise_sd,
+        scene.gains,
+        strict=True,
     ):
         lengths = path_lengths(scene.meshes, scene.order, geometry)
         blocks = lengths
@@ -88,6 +98,18 @@ def take_samples(placement: Placement, settings: PolySettings) -> Samples:
         smooth = path_lengths(
             scene.meshes, scene.order, coarse(geometry, coarse_binning(geometry.shape))
         )
-        samples = choose_pixels(view, lengths, blocks, beam, rng)
-        seen.append(Seen(view, beam, geometry, lengths, blocks, smooth, samples, noise_sd))
+        samples = choose_pixels(view, saturated, lengths, blocks, beam, rng)
+        seen.append(
+            Seen(
+                view,
+                beam,
+                geometry,
+                lengths,
+                blocks,
+                smooth,
+                samples,
+                noise_sd,
+                gain_prior(bounds),
+            )
+        )
     return Samples(placement.guess, placement.fit, tuple(seen))

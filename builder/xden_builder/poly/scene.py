@@ -12,8 +12,10 @@ from typing import Final
 import trimesh
 
 from xden1k.errors import DataError
+from xden1k.values.arrays import Mask
 from xden1k.values.views import XRayView
 from xden_builder.capture import Capture, CapturePart
+from xden_builder.capture.saturation import GainBounds, completed, gain_bounds
 from xden_builder.physics.groups import GROUPS, EnergyGroups, energy_groups
 from xden_builder.poly.materials.candidates import CandidateTable, candidate_table
 from xden_builder.poly.model.beam import ViewBeam, view_beam
@@ -50,7 +52,11 @@ class Scene:
     Parameters
     ----------
     views
-        Both radiographs.
+        Both radiographs; a saturated pixel has the least transmission it can have.
+    saturated
+        Shape (rows, columns) each: those pixels.
+    gains
+        What is known of the gain of each view where its air is saturated; None where it is not.
     parts
         As annotated.
     order
@@ -64,6 +70,8 @@ class Scene:
     """
 
     views: tuple[XRayView, ...]
+    saturated: tuple[Mask, ...]
+    gains: tuple[GainBounds | None, ...]
     parts: tuple[CapturePart, ...]
     order: tuple[int, ...]
     light: Light
@@ -102,8 +110,12 @@ def set_scene(capture: Capture, order: Sequence[int]) -> Scene:
     tables, few_tables = (
         tuple(candidate_table(part, groups) for part in capture.parts) for groups in (fine, few)
     )
+    limits = [capture.at_least.get(view.name) for view in capture.views]
+    whole = [completed(view, each) for view, each in zip(capture.views, limits, strict=True)]
     return Scene(
-        capture.views,
+        tuple(view for view, _ in whole),
+        tuple(mask for _, mask in whole),
+        tuple(gain_bounds(view, each) for view, each in zip(capture.views, limits, strict=True)),
         capture.parts,
         tuple(order),
         Light(fine, beams, tables),

@@ -15,7 +15,7 @@ from xden1k.rays import path_lengths
 from xden1k.values.views import XRayView
 from xden_builder.fit import fit_lac
 from xden_builder.poly.materials.stand_ins import StandIns, certain
-from xden_builder.poly.model.frames import binned, coarse
+from xden_builder.poly.model.frames import any_of, binned, coarse
 from xden_builder.poly.model.stray import coarse_binning
 from xden_builder.poly.scene import Scene
 
@@ -75,9 +75,17 @@ def first_guess(scene: Scene) -> Guess:
 def _attenuation_per_cm(scene: Scene) -> Float64[np.ndarray, "k"]:
     """One coefficient for each part, from averaged images."""
     binning = coarse_binning(scene.views[0].geometry.shape)
-    pairs = []
-    for view in scene.views:
+    pairs, bounds = [], {}
+    for view, saturated, gain in zip(scene.views, scene.saturated, scene.gains, strict=True):
         image, mask = binned(view, binning)
+        mask &= ~any_of(saturated, binning)
+        if gain is not None:
+            bounds[view.name] = gain
+        if not mask.any():
+            continue
         small = XRayView(view.name, image, mask, coarse(view.geometry, binning))
         pairs.append((path_lengths(scene.meshes, scene.order, small.geometry), small))
-    return np.asarray(np.nan_to_num(fit_lac(pairs).lac_per_cm, nan=UNKNOWN_PER_CM))
+    if not pairs:
+        return np.full(len(scene.parts), UNKNOWN_PER_CM)
+    fit = fit_lac(pairs, gain_bounds=bounds)
+    return np.asarray(np.nan_to_num(fit.lac_per_cm, nan=UNKNOWN_PER_CM))

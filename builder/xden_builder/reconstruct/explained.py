@@ -11,6 +11,7 @@ import numpy as np
 from xden1k.rays import PathLengths, path_lengths
 from xden_builder.audit.view import ViewAudit, audit_image, audit_view, noise_floor
 from xden_builder.capture import Capture
+from xden_builder.capture.saturation import GainBounds, completed, gain_bounds
 from xden_builder.fit import LacFit, fit_lac, fit_lac_adam
 from xden_builder.poly.judgement import PolyFit
 from xden_builder.poly.line import fit_poly
@@ -66,7 +67,7 @@ def explain(capture: Capture, space: Space, settings: BuildSettings) -> Explaine
     lengths = [
         path_lengths(space.meshes, space.order, view.geometry, subrays) for view in capture.views
     ]
-    fit = _fit(capture, lengths, settings)
+    fit = _fit(capture, lengths, settings, poly)
     audits = _audits(capture, lengths, fit, poly)
     return Explained(capture, model, tuple(lengths), fit, poly, audits)
 
@@ -87,11 +88,30 @@ def _turned(capture: Capture, poly: PolyFit) -> Capture:
     return replace(capture, views=(pa, lat))
 
 
-def _fit(capture: Capture, lengths: Sequence[PathLengths], settings: BuildSettings) -> LacFit:
+def _fit(
+    capture: Capture, lengths: Sequence[PathLengths], settings: BuildSettings, poly: PolyFit | None
+) -> LacFit:
     views = list(zip(lengths, capture.views, strict=True))
     if settings.model == "paper":
         return fit_lac_adam(views)
-    return fit_lac(views, dark_sd=capture.noise_sd)
+    return fit_lac(views, dark_sd=capture.noise_sd, gain_bounds=_gain_bounds(capture, poly))
+
+
+def _gain_bounds(capture: Capture, poly: PolyFit | None) -> dict[str, GainBounds]:
+    """Return bounds of the gains of views whose air is saturated; a spectrum's fit has found them.
+
+    One coefficient for each part does not know that thin material attenuates more for its
+    thickness, which looks like less gain.
+    """
+    found = {}
+    for number, view in enumerate(capture.views):
+        bounds = gain_bounds(view, capture.at_least.get(view.name))
+        if bounds is not None and poly is not None:
+            gain = float(poly.solution.nuisances(number)[0])
+            bounds = (gain, gain)
+        if bounds is not None:
+            found[view.name] = bounds
+    return found
 
 
 def _audits(
@@ -99,13 +119,16 @@ def _audits(
 ) -> tuple[ViewAudit, ...]:
     """How well the fit explains its own images."""
     found = []
-    for number, (view, each) in enumerate(zip(capture.views, lengths, strict=True)):
+    for number, (taken, each) in enumerate(zip(capture.views, lengths, strict=True)):
+        view, saturated = completed(taken, capture.at_least.get(taken.name))
         floor = noise_floor(capture, view.name)
         if poly is None:
             lac, gain = np.nan_to_num(fit.lac_per_cm), float(fit.gain[number])
-            found.append(audit_view(view, each, lac, gain=gain, floor=floor))
+            found.append(audit_view(view, each, lac, gain=gain, floor=floor, saturated=saturated))
         else:
             gain = float(poly.solution.nuisances(number)[0])
             model = poly.solution.image(number, each)
-            found.append(audit_image(view, each, model, gain=gain, floor=floor))
+            found.append(
+                audit_image(view, each, model, gain=gain, floor=floor, saturated=saturated)
+            )
     return tuple(found)

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
+
+from xden1k.rays import PathLengths
+from xden1k.values.arrays import Mask
 from xden1k.values.types import DensityObject
 from xden_builder.capture import Capture
 from xden_builder.reconstruct.assembly import assemble
 from xden_builder.reconstruct.explained import explain
-from xden_builder.reconstruct.plausible import check_places, check_size
+from xden_builder.reconstruct.plausible import check_exposure, check_places, check_size
 from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.reconstruct.space import divide
 
@@ -38,10 +42,19 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
     ------
     DataError
         If stronger parts leave nothing of one, a part reaches behind the source or through the
-        detector, or the meshes are in other units than ``objects.csv`` says.
+        detector, most of the object is saturated, or the meshes are in other units than
+        ``objects.csv`` says.
     """
     check_places(capture.parts, capture.views)
     space = divide(capture.parts)
     explained = explain(capture, space, settings)
+    check_exposure(capture.views, [_shadow(each) for each in explained.lengths])
     check_size(capture.parts, explained.capture.views, explained.audits)
     return assemble(space, explained, settings)
+
+
+def _shadow(lengths: PathLengths) -> Mask:
+    """Return the pixels whose ray meets the object."""
+    met = np.zeros(lengths.shape, dtype=np.bool_)
+    met.flat[lengths.pixels] = True
+    return met

@@ -8,12 +8,15 @@ import numpy as np
 from jaxtyping import Bool
 
 from xden1k.errors import DataError
+from xden1k.values.arrays import Mask
 from xden1k.values.views import XRayView
 from xden_builder.audit.view import ViewAudit
 from xden_builder.capture import CapturePart
 
-__all__ = ["check_places", "check_size", "view_flags"]
+__all__ = ["check_exposure", "check_places", "check_size", "view_flags"]
 
+MOST_INVALID_SHARE = 0.5
+"""An object with a larger share of saturated and dead pixels is refused."""
 SHADOW_DEPTH = 0.05
 """Transmission below the open field by which a pixel counts as shadow."""
 SAME_SIZE = 0.2
@@ -42,6 +45,30 @@ def check_places(parts: Sequence[CapturePart], views: Sequence[XRayView]) -> Non
                     f"part {part.name} reaches {place} of view {view.name}; check mesh_units and "
                     "the view's geometry"
                 )
+
+
+def check_exposure(views: Sequence[XRayView], shadows: Sequence[Mask]) -> None:
+    """Refuse an object most of which is saturated: its densities are known from above alone.
+
+    Parameters
+    ----------
+    views
+        The radiographs.
+    shadows
+        Shape (rows, columns) each: pixels whose ray meets the object.
+
+    Raises
+    ------
+    DataError
+        Naming the view and the share.
+    """
+    for view, shadow in zip(views, shadows, strict=True):
+        share = float((~view.valid[shadow]).mean()) if shadow.any() else 0.0
+        if share > MOST_INVALID_SHARE:
+            raise DataError(
+                f"view {view.name}: {share:.0%} of the object's pixels are saturated or dead, "
+                f"expected at most {MOST_INVALID_SHARE:.0%}: expose it less"
+            )
 
 
 def view_flags(audits: Sequence[ViewAudit]) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 
 from xden_builder.fit.huber import HUBER
 from xden_builder.poly.materials.candidates import CandidateTable
@@ -70,6 +70,7 @@ class _Rays(NamedTuple):
     ways: Float64[np.ndarray, "r"]
     counts: Int64[np.ndarray, "n"]
     measured: Float64[np.ndarray, "n"]
+    at_least: Bool[np.ndarray, "n"]
     inverse_sd: Float64[np.ndarray, "n"]
 
 
@@ -97,7 +98,7 @@ def weigh_materials(
     found = np.stack([table.priors[:, 0], np.zeros(len(table.priors)), table.priors[:, 1] ** -2.0])
     found = np.ascontiguousarray(found.T)
     if rays:
-        others, ways, counts, measured, inverse_sd = (
+        others, ways, counts, measured, at_least, inverse_sd = (
             np.concatenate(column) for column in zip(*rays, strict=True)
         )
         kernels.scan(
@@ -105,6 +106,7 @@ def weigh_materials(
             ways,
             np.cumsum(counts),
             measured,
+            at_least,
             inverse_sd,
             radiographs.share,
             HUBER,
@@ -147,5 +149,6 @@ def _rays(
                 np.ascontiguousarray(lengths[:, part]),
                 np.full(len(some), count),
                 view.measured[some] - stray[some],
+                view.at_least[some],
                 np.sqrt(len(mine) / len(some)) / sd[some],
             )

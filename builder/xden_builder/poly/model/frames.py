@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from xden1k.values.arrays import Image, Mask, Vec3
 from xden1k.values.views import ViewGeometry, XRayView
 
-__all__ = ["POSE_UNKNOWNS", "Pose", "binned", "coarse", "posed"]
+__all__ = ["POSE_UNKNOWNS", "Pose", "any_of", "binned", "coarse", "posed"]
 
 POSE_UNKNOWNS: Final = 7
 
@@ -129,3 +129,10 @@ def binned(view: XRayView, binning: int) -> tuple[Image, Mask]:
     counts = valid.sum(axis=(1, 3))
     mean = values.sum(axis=(1, 3), dtype=np.float64) / np.maximum(counts, 1)
     return np.where(counts, mean, 1.0).astype(np.float32), counts > 0
+
+
+def any_of(mask: Mask, binning: int) -> Mask:
+    """Say which bins of ``binning * binning`` pixels hold any of the marked ones."""
+    rows, columns = (size // binning for size in mask.shape)
+    cut = mask[: rows * binning, : columns * binning]
+    return np.asarray(cut.reshape(rows, binning, columns, binning).any(axis=(1, 3)))

@@ -7,7 +7,7 @@ For pixel p with rays s and energy groups b,
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int64
+from jaxtyping import Bool, Float32, Float64, Int64
 
 from xden1k.errors import require
 
@@ -119,6 +119,7 @@ def scan(
     ways: Float64[np.ndarray, "r"],
     ends: Int64[np.ndarray, "n"],
     measured: Float64[np.ndarray, "n"],
+    at_least: Bool[np.ndarray, "n"],
     inverse_sd: Float64[np.ndarray, "n"],
     share: float,
     huber: float,
@@ -136,8 +137,9 @@ def scan(
         Way of each ray through this part in cm.
     ends
         Index after the last ray of each pixel; its rays are averaged.
-    measured, inverse_sd
-        Transmission less the other light, and one over its standard deviation.
+    measured, at_least, inverse_sd
+        Transmission less the other light, whether it is known from below alone, and one over its
+        standard deviation.
     share
         Of an independent observation that a pixel is worth.
     huber
@@ -150,9 +152,11 @@ def scan(
         and its curvature.
     """
     groups = others.shape[1]
+    kinked = at_least.any()  # one-sided residuals begin and end: steps may go to and fro
     for candidate in range(macs.shape[0]):
         mean, sd, low, high = priors[candidate]
         density = min(max(mean, low), high)
+        bottom, top = low, high
         cost, curvature = 0.0, 1.0
         for _ in range(12):
             gradient = (density - mean) / sd**2
@@ -171,6 +175,8 @@ def scan(
                 value /= rays
                 slope /= rays
                 residual = (value - measured[pixel]) * inverse_sd[pixel]
+                if at_least[pixel] and residual >= 0:
+                    continue
                 slope *= inverse_sd[pixel]
                 size = abs(residual)
                 if size <= huber:
@@ -186,6 +192,12 @@ def scan(
             limit = 0.5 * density + sd
             step = min(max(step, -limit), limit)
             ahead = min(max(density + step, low), high)
+            if gradient > 0:
+                top = density
+            else:
+                bottom = density
+            if kinked and not bottom < ahead < top:
+                ahead = 0.5 * (bottom + top)
             if abs(ahead - density) < 1e-4 * density:
                 break
             density = ahead

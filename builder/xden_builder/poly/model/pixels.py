@@ -10,12 +10,13 @@ from jaxtyping import Bool, Float32, Float64, Int64
 from scipy.ndimage import distance_transform_edt
 
 from xden1k.rays import PathLengths
+from xden1k.values.arrays import Mask
 from xden1k.values.views import XRayView
 from xden_builder.fit.crops import Crop
 from xden_builder.fit.outline import on_outline
 from xden_builder.poly.model import kernels
 from xden_builder.poly.model.beam import ViewBeam
-from xden_builder.poly.model.frames import binned
+from xden_builder.poly.model.frames import any_of, binned
 
 __all__ = ["BLOCK_PX", "BLOCK_RAYS", "ViewPixels", "choose_pixels"]
 
@@ -26,6 +27,8 @@ PIXELS_A_PART: Final = 250
 MOST_BLOCKS: Final = 150
 LEAST_BLOCKS: Final = 50
 """Compared for each part in each view; most pixels serve several parts."""
+SATURATED: Final = 50
+"""Samples known from below alone, of each kind and part in each view."""
 AIR_PIXELS: Final = 300
 AIR_CM: Final = (0.4, 5.0)
 """Air between these distances from the object tells gain and scatter."""
@@ -51,6 +54,8 @@ class ViewPixels:
         Shape (n, groups): of the open field.
     measured
         Shape (n,): transmission.
+    at_least
+        Shape (n,): whether that is known from below alone, for saturation.
     """
 
     pixels: Int64[np.ndarray, "n"]
@@ -60,6 +65,7 @@ class ViewPixels:
     rays: Int64[np.ndarray, "n"]
     weights: Float64[np.ndarray, "n groups"]
     measured: Float64[np.ndarray, "n"]
+    at_least: Bool[np.ndarray, "n"]
 
     @property
     def meets(self) -> Bool[np.ndarray, "n k"]:
@@ -91,10 +97,12 @@ class _Samples(NamedTuple):
     places: Int64[np.ndarray, "n"]
     lengths_cm: Float32[np.ndarray, "n s k"]
     measured: Float64[np.ndarray, "n"]
+    at_least: Bool[np.ndarray, "n"]
 
 
 def choose_pixels(
     view: XRayView,
+    saturated: Mask,
     lengths: PathLengths,
     blocks: PathLengths,
     beam: ViewBeam,
@@ -102,10 +110,14 @@ def choose_pixels(
 ) -> ViewPixels:
     """Choose samples of every part, inner pixels first, and of the air around the object.
 
+    What holds saturated pixels comes last, and a little of it: it tells from below alone.
+
     Parameters
     ----------
     view
-        The radiograph.
+        The radiograph; a saturated pixel has the least transmission it can have.
+    saturated
+        Shape (rows, columns): those pixels.
     lengths
         Of one ray a pixel.
     blocks
@@ -117,18 +129,25 @@ def choose_pixels(
         Chooses.
     """
     outline = on_outline(lengths)
-    usable = view.valid.ravel()[lengths.pixels] & ~lengths.broken
+    usable = view.valid.ravel()[lengths.pixels] & ~lengths.broken & ~outline
+    full = saturated.ravel()[lengths.pixels]
     met = lengths.lengths_cm[:, 0] > 0
-    inner = _some_of_each(
-        rng, met & (usable & ~outline)[:, None], np.full(met.shape[1], PIXELS_A_PART)
-    )
+    parts = met.shape[1]
+    inner = _some_of_each(rng, met & (usable & ~full)[:, None], np.full(parts, PIXELS_A_PART))
     found = met[inner].sum(axis=0)
     width = view.transmission.shape[0] // blocks.shape[0]
     image, _ = binned(view, width)
     whole = _whole(view.valid, width).ravel()[blocks.pixels] & ~blocks.broken
+    partly_full = any_of(saturated, width).ravel()[blocks.pixels]
     wanted = (PIXELS_A_PART - found).clip(LEAST_BLOCKS, MOST_BLOCKS)
-    outer = _some_of_each(rng, blocks.lengths_cm.any(axis=1) & whole[:, None], wanted)
+    met_by_blocks = blocks.lengths_cm.any(axis=1)
+    outer = _some_of_each(rng, met_by_blocks & (whole & ~partly_full)[:, None], wanted)
     air = _air(view, lengths, rng)
+    few = np.full(parts, SATURATED)
+    inner = np.append(inner, _some_of_each(rng, met & (usable & full)[:, None], few))
+    outer = np.append(
+        outer, _some_of_each(rng, met_by_blocks & (whole & partly_full)[:, None], few)
+    )
     transmission = view.transmission.ravel().astype(np.float64)
     kinds = (
         _Samples(
@@ -136,15 +155,21 @@ def choose_pixels(
             lengths.pixels[inner],
             lengths.lengths_cm[inner],
             transmission[lengths.pixels[inner]],
+            full[inner],
         ),
         _Samples(
             _middles(blocks.pixels[outer], blocks.shape[1], width, view.transmission.shape[1]),
             blocks.pixels[outer],
             blocks.lengths_cm[outer],
             image.ravel()[blocks.pixels[outer]].astype(np.float64),
+            partly_full[outer],
         ),
         _Samples(
-            air, air, np.zeros((len(air), 1, met.shape[1]), dtype=np.float32), transmission[air]
+            air,
+            air,
+            np.zeros((len(air), 1, parts), dtype=np.float32),
+            transmission[air],
+            saturated.ravel()[air],
         ),
     )
     return _gathered(kinds, beam)
@@ -167,6 +192,7 @@ def _gathered(kinds: tuple[_Samples, _Samples, _Samples], beam: ViewBeam) -> Vie
         rays=np.repeat([each.lengths_cm.shape[1] for each in kinds], counts),
         weights=beam.weights(pixels),
         measured=np.concatenate([each.measured for each in kinds]),
+        at_least=np.concatenate([each.at_least for each in kinds]),
     )
 
 

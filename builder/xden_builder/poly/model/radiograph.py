@@ -10,16 +10,35 @@ from jaxtyping import Float64
 from xden1k.rays import PathLengths
 from xden1k.values.arrays import Image
 from xden1k.values.views import XRayView
+from xden_builder.capture.saturation import GainBounds
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.direct import transmissions
 from xden_builder.poly.model.stray import stray_light
 
-__all__ = ["GAIN_SD", "TERMS", "model_image"]
+__all__ = ["GAIN", "TERMS", "gain_prior", "model_image"]
 
 TERMS = ("gain", "near_scatter", "far_scatter", "glare")
 """What a view has of its own, in the order of the unknowns."""
-GAIN_SD: Final = 0.05
-"""Of the open field of a view, relative."""
+GAIN: Final = (1.0, 0.05)
+"""Mean and standard deviation of the gain of a view."""
+TOLD_GAIN_SD: Final = 0.01
+"""Of a gain that little air tells, far from the object."""
+UNTOLD_GAIN_SD: Final = 0.2
+"""Of a gain that no air tells but from below: how far it may be above."""
+
+
+def gain_prior(bounds: GainBounds | None) -> tuple[float, float]:
+    """Return mean and standard deviation of a view's gain.
+
+    Parameters
+    ----------
+    bounds
+        Of a view whose air is saturated, by :func:`xden_builder.capture.saturation.gain_bounds`.
+    """
+    if bounds is None:
+        return GAIN
+    low, high = bounds
+    return (low, TOLD_GAIN_SD) if low == high else (max(GAIN[0], low), UNTOLD_GAIN_SD)
 
 
 def model_image(

@@ -10,23 +10,25 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float64
 
+from xden_builder.capture.saturation import MOST_GAIN
 from xden_builder.fit import huber
 from xden_builder.fit.levenberg import Minimum, minimise
 from xden_builder.fit.problem import Evaluation
 from xden_builder.poly.materials.stand_ins import StandIns
 from xden_builder.poly.model.pixels import ViewPixels
-from xden_builder.poly.model.radiograph import GAIN_SD
 from xden_builder.poly.settings import PolySettings
 
 __all__ = ["MASS_SD_SHARE", "NUISANCES", "Box", "Mass", "Problem", "solve"]
 
-GAIN: Final = (1.0, GAIN_SD, 0.5, 2.0)
+GAIN_RANGE: Final = (0.5, MOST_GAIN)
+"""Least and most of a view's gain."""
 SCATTER: Final = (0.08, 0.1, 0.0, 0.6)
 GLARE: Final = (0.03, 0.02, 0.0, 0.1)
-"""Mean, standard deviation, least and most of a view's gain, and of the amplitudes of its stray
-light: near scatter, far scatter, glare."""
+"""Mean, standard deviation, least and most of the amplitudes of a view's stray light: near
+scatter, far scatter, glare."""
 NUISANCES: Final = 4
 FIXED_SD: Final = 1e-6
+NO_STRAY: Final = (0.0, FIXED_SD, 0.0, FIXED_SD)
 MASS_SD_SHARE: Final = 0.005
 """Of a weighed mass over that of the meshes: a scale is better, volumes are not."""
 MOST_STEPS: Final = 30
@@ -64,6 +66,8 @@ class Problem:
         Shapes of the stray light at each sample.
     sds
         Standard deviation of each sample.
+    gains
+        Mean and standard deviation of the gain of each view.
     share
         Of an independent observation that a sample is worth.
     stand_ins
@@ -77,6 +81,7 @@ class Problem:
     views: Sequence[ViewPixels]
     strays: Sequence[Float64[np.ndarray, "_n 3"]]
     sds: Sequence[Float64[np.ndarray, "_n"]]
+    gains: Sequence[tuple[float, float]]
     share: float
     stand_ins: StandIns
     mass: Mass | None
@@ -90,16 +95,14 @@ class Problem:
     @cached_property
     def prior(self) -> Box:
         """Prior of all unknowns."""
-        mean, sd, low, high = GAIN
-        gain = (mean, sd if self.settings.gain else FIXED_SD, low, high)
-        if self.settings.stray:
-            nuisances = np.array([gain, SCATTER, SCATTER, GLARE])
-        else:
-            nuisances = np.array([gain, *[(0.0, FIXED_SD, 0.0, FIXED_SD)] * 3])
-        each = np.tile(nuisances, (len(self.views), 1)).T
+        stray = [SCATTER, SCATTER, GLARE] if self.settings.stray else [NO_STRAY] * 3
+        each = np.array([each for gain in self.gains for each in (self._gain(*gain), *stray)]).T
         parts = self.stand_ins
         densities = (parts.mean_g_cm3, parts.sd_g_cm3, parts.low_g_cm3, parts.high_g_cm3)
         return Box(*(np.concatenate(pair) for pair in zip(densities, each, strict=True)))
+
+    def _gain(self, mean: float, sd: float) -> tuple[float, float, float, float]:
+        return mean, sd if self.settings.gain else FIXED_SD, *GAIN_RANGE
 
     def nuisances(self, number: int) -> slice:
         """Places of a view's gain and amplitudes among the unknowns."""
@@ -124,11 +127,17 @@ class Problem:
     def scaled(
         self, unknowns: Float64[np.ndarray, "u"], number: int
     ) -> tuple[Float64[np.ndarray, "_n"], Float64[np.ndarray, "_n u"], Float64[np.ndarray, "_n"]]:
-        """Residuals in standard deviations, their derivatives, and the weight of each sample."""
+        """Residuals in standard deviations, their derivatives, and the weight of each sample.
+
+        A sample that is known from below alone has no residual, and no weight, where the model is
+        brighter.
+        """
         image, jacobian = self.image(unknowns, number)
-        sd = self.sds[number]
-        residuals = (image - self.views[number].measured) / sd
-        return residuals, jacobian / sd[:, None], self.share * huber.weights(residuals)
+        sd, view = self.sds[number], self.views[number]
+        residuals = (image - view.measured) / sd
+        counts = huber.one_sided(residuals, view.at_least)
+        weights = np.where(counts, self.share * huber.weights(residuals), 0.0)
+        return np.where(counts, residuals, 0.0), jacobian / sd[:, None], weights
 
     def evaluate(self, unknowns: Float64[np.ndarray, "u"]) -> Evaluation:
         """Twice minus the logarithm of the posterior, and half its derivatives."""
