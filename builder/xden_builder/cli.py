@@ -8,8 +8,10 @@ import click
 
 from xden1k.commands import Group
 from xden_builder.commands.audit import audit
+from xden_builder.commands.check import check
 from xden_builder.commands.datasheet import datasheet
 from xden_builder.commands.evaluate import evaluate
+from xden_builder.commands.init import init
 from xden_builder.commands.phantoms import gallery, phantoms
 from xden_builder.commands.push import push
 from xden_builder.commands.report import report
@@ -26,5 +28,6 @@ def cli() -> None:
     logging.basicConfig(format="%(levelname)s: %(message)s")
 
 
-for _command in (phantoms, run, report, audit, datasheet, push, evaluate, gallery, speed):
+_COMMANDS = (init, check, phantoms, run, report, audit, datasheet, push, evaluate, gallery, speed)
+for _command in _COMMANDS:
     cli.add_command(_command)

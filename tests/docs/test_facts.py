@@ -19,6 +19,7 @@ from xden1k.rays import THINNER_THAN_LABELS
 from xden_bench.scoring.metrics import METRICS
 from xden_builder.capture import CaptureFolder, ObjectRow, read_scanner
 from xden_builder.capture import scanner as scanner_module
+from xden_builder.capture.starting import write_template
 from xden_builder.triage.flags import flag_kinds
 
 DOCS = ROOT / "docs"
@@ -129,6 +130,8 @@ def test_the_scanner_file_of_the_manual_is_read_and_complete(tmp_path: Path) -> 
     (block,) = (one for one in blocks(CAPTURE) if one.title == "scanner.toml")
     path = tmp_path / "scanner.toml"
     path.write_text(block.code)
+    (init,) = (path for path in write_template(tmp_path / "new") if path.name == "scanner.toml")
+    assert init.read_text().rstrip("\n") == block.code.rstrip("\n")
     scanner = read_scanner(path)
     assert list(scanner.views) == ["pa", "lat", "oblique"]
     assert (scanner.tube.kv, scanner.tube.filtration_cm) == (100.0, {"Al": 0.25})

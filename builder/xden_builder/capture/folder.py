@@ -159,8 +159,7 @@ class CaptureFolder:
         scanner = self._scanner(object_id)
         views = {view.view.name: view for view in self._views(object_id, scanner)}
         pa, lat = (views[name].view for name in FITTED_VIEWS)
-        meshes, table, strict = self._part_files(object_id)
-        parts, part_flags = read_parts(meshes, table, row.mesh_units, strict)
+        parts, part_flags = self.parts(object_id)
         return Capture(
             object_id=row.object_id,
             category=row.category,
@@ -184,6 +183,19 @@ class CaptureFolder:
                 name: view.at_least for name, view in views.items() if view.at_least is not None
             },
         )
+
+    def parts(self, object_id: str) -> tuple[tuple[CapturePart, ...], tuple[str, ...]]:
+        """Read the parts of an object alone, and the flags of their meshes.
+
+        Raises
+        ------
+        MissingObjectError
+            If ``objects.csv`` has no such object.
+        DataError
+            As :func:`xden_builder.capture.parts.read_parts`.
+        """
+        meshes, table, strict = self._part_files(object_id)
+        return read_parts(meshes, table, self._row(object_id).mesh_units, strict)
 
     def ct(self, object_id: str) -> CTReference | None:
         """Read the CT reference of an object, None where it has none.

@@ -12,7 +12,12 @@ from xden1k.values.types import DensityObject
 from xden_builder.capture import Capture
 from xden_builder.reconstruct.assembly import assemble
 from xden_builder.reconstruct.explained import explain
-from xden_builder.reconstruct.plausible import check_exposure, check_places, check_size
+from xden_builder.reconstruct.plausible import (
+    check_exposure,
+    check_places,
+    check_size,
+    check_twins,
+)
 from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.reconstruct.space import divide
 
@@ -41,15 +46,20 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
     Raises
     ------
     DataError
-        If stronger parts leave nothing of one, a part reaches behind the source or through the
-        detector, most of the object is saturated, or the meshes are in other units than
-        ``objects.csv`` says.
+        If stronger parts leave nothing of one, two parts are the same mesh, a part reaches behind
+        the source or through the detector, most of the object is saturated, or the meshes are in
+        other units than ``objects.csv`` says.
     """
     check_places(capture.parts, capture.views)
+    check_twins(capture.parts)
     space = divide(capture.parts)
     explained = explain(capture, space, settings)
-    check_exposure(capture.views, [_shadow(each) for each in explained.lengths])
-    check_size(capture.parts, explained.capture.views, explained.audits)
+    check_exposure(
+        (view.name, _shadow(lengths), ~view.valid)
+        for view, lengths in zip(capture.views, explained.lengths, strict=True)
+    )
+    gains = [audit.gain for audit in explained.audits]
+    check_size(capture.parts, explained.capture.views, gains)
     return assemble(space, explained, settings)
 
 

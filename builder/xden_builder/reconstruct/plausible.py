@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import combinations
 
 import numpy as np
+import trimesh
 from jaxtyping import Bool
 
 from xden1k.errors import DataError
@@ -13,12 +15,21 @@ from xden1k.values.views import XRayView
 from xden_builder.audit.view import ViewAudit
 from xden_builder.capture import CapturePart
 
-__all__ = ["check_exposure", "check_places", "check_size", "view_flags"]
+__all__ = [
+    "SHADOW_DEPTH",
+    "check_exposure",
+    "check_places",
+    "check_size",
+    "check_twins",
+    "view_flags",
+]
 
 MOST_INVALID_SHARE = 0.5
 """An object with a larger share of saturated and dead pixels is refused."""
 SHADOW_DEPTH = 0.05
 """Transmission below the open field by which a pixel counts as shadow."""
+SAME_SHARE = 0.01
+"""Of its size and volume: meshes that differ by less are one."""
 SAME_SIZE = 0.2
 """Sizes that differ by less than this share may be the same."""
 UNIT_RATIOS = {"100": 100.0, "10": 10.0, "25.4": 25.4, "2.54": 2.54, "39.4": 39.37}
@@ -47,26 +58,49 @@ def check_places(parts: Sequence[CapturePart], views: Sequence[XRayView]) -> Non
                 )
 
 
-def check_exposure(views: Sequence[XRayView], shadows: Sequence[Mask]) -> None:
+def check_twins(parts: Sequence[CapturePart]) -> None:
+    """Refuse two parts of the same mesh: one that was annotated twice.
+
+    Raises
+    ------
+    DataError
+        Naming both.
+    """
+    for one, other in combinations(parts, 2):
+        if _alike(one.mesh, other.mesh):
+            raise DataError(
+                f"parts {one.name} and {other.name} are the same mesh in the same place: expected "
+                "each part once"
+            )
+
+
+def _alike(one: trimesh.Trimesh, other: trimesh.Trimesh) -> bool:
+    size = float(np.ptp(one.bounds, axis=0).max())
+    return (
+        float(np.abs(one.bounds - other.bounds).max()) < SAME_SHARE * size
+        and abs(float(one.volume / other.volume) - 1) < SAME_SHARE
+        and float(np.abs(one.center_mass - other.center_mass).max()) < SAME_SHARE * size
+    )
+
+
+def check_exposure(views: Iterable[tuple[str, Mask, Mask]]) -> None:
     """Refuse an object most of which is saturated: its densities are known from above alone.
 
     Parameters
     ----------
     views
-        The radiographs.
-    shadows
-        Shape (rows, columns) each: pixels whose ray meets the object.
+        Name of each, where the object is, and which pixels are saturated or dead.
 
     Raises
     ------
     DataError
         Naming the view and the share.
     """
-    for view, shadow in zip(views, shadows, strict=True):
-        share = float((~view.valid[shadow]).mean()) if shadow.any() else 0.0
+    for name, shadow, full in views:
+        share = float(full[shadow].mean()) if shadow.any() else 0.0
         if share > MOST_INVALID_SHARE:
             raise DataError(
-                f"view {view.name}: {share:.0%} of the object's pixels are saturated or dead, "
+                f"view {name}: {share:.0%} of the object's pixels are saturated or dead, "
                 f"expected at most {MOST_INVALID_SHARE:.0%}: expose it less"
             )
 
@@ -87,9 +121,16 @@ def _one_views_flags(audit: ViewAudit) -> Iterator[str]:
 
 
 def check_size(
-    parts: Sequence[CapturePart], views: Sequence[XRayView], audits: Sequence[ViewAudit]
+    parts: Sequence[CapturePart], views: Sequence[XRayView], air: Sequence[float]
 ) -> None:
     """Refuse meshes in the wrong units: both shadows are larger or smaller by a unit's factor.
+
+    Parameters
+    ----------
+    parts, views
+        Of a capture.
+    air
+        Transmission beside the object, of each view.
 
     Raises
     ------
@@ -98,8 +139,8 @@ def check_size(
     """
     points = np.concatenate([np.asarray(part.mesh.vertices) for part in parts])
     sizes = []
-    for view, audit in zip(views, audits, strict=True):
-        shadow = view.valid & (view.transmission < audit.gain - SHADOW_DEPTH)
+    for view, level in zip(views, air, strict=True):
+        shadow = view.valid & (view.transmission < level - SHADOW_DEPTH)
         if not shadow.any():
             return
         drawn = float(np.ptp(view.geometry.project(points)[:, :2], axis=0).max())

@@ -1,0 +1,1 @@
+"""What a capture folder can be told before anything is fitted."""

@@ -1,0 +1,125 @@
+"""One object of a capture folder, as far as it can be judged without a fit."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from xden1k.errors import XDenError
+from xden_builder.capture import Capture, CaptureFolder
+from xden_builder.check.outlines import contradictions, outline
+from xden_builder.check.weight import weight_contradiction
+from xden_builder.physics.groups import energy_groups
+from xden_builder.reconstruct.plausible import (
+    check_exposure,
+    check_places,
+    check_size,
+    check_twins,
+)
+from xden_builder.reconstruct.space import divide
+
+__all__ = ["Finding", "Kind", "ObjectCheck", "check_object"]
+
+Kind = Literal["refused", "contradicts"]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that is wrong.
+
+    Parameters
+    ----------
+    kind
+        ``refused``: a rebuild would not take it; ``contradicts``: it would, but what was told
+        cannot all be true.
+    message
+        One line.
+    """
+
+    kind: Kind
+    message: str
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectCheck:
+    """What was found of one object.
+
+    Parameters
+    ----------
+    object_id
+        Which.
+    findings
+        Nothing where it is sound as far as can be told.
+    pictures
+        Checksum of the pixels of each radiograph, by view.
+    """
+
+    object_id: str
+    findings: tuple[Finding, ...]
+    pictures: tuple[tuple[str, str], ...] = ()
+
+
+def check_object(folder: CaptureFolder, object_id: str) -> ObjectCheck:
+    """Read an object as a rebuild would, and look whether it hangs together."""
+    refused: list[str] = []
+    capture = _read(folder, object_id, refused)
+    if capture is None:
+        return ObjectCheck(object_id, tuple(Finding("refused", said) for said in refused))
+    contradicting = list(_judged(capture, refused))
+    findings = [
+        *(Finding("refused", said) for said in refused),
+        *(Finding("contradicts", said) for said in contradicting),
+    ]
+    return ObjectCheck(object_id, tuple(findings), _pictures(capture))
+
+
+def _read(folder: CaptureFolder, object_id: str, refused: list[str]) -> Capture | None:
+    """Read everything; where the pictures fail, the parts are tried as well."""
+    for read in (folder.read, folder.parts, folder.ct):
+        try:
+            found = read(object_id)
+        except (XDenError, OSError) as err:
+            if str(err) not in refused:
+                refused.append(str(err))
+        else:
+            if isinstance(found, Capture):
+                capture = found
+    return None if refused else capture
+
+
+def _judged(capture: Capture, refused: list[str]) -> Iterator[str]:
+    """Yield contradictions, and add what a rebuild refuses."""
+    try:
+        _check_source(capture)
+        check_places(capture.parts, capture.views)
+        check_twins(capture.parts)
+        volumes_cm3 = divide(capture.parts).volumes_cm3.tolist()
+        meshes = [part.mesh for part in capture.parts]
+        seen = [outline(view, capture.at_least.get(view.name), meshes) for view in capture.views]
+        (pa, _), (lat, _) = seen
+        check_size(capture.parts, capture.views, [level for _, level in seen])
+        check_exposure([(one.name, one.drawn, one.full) for one, _ in seen])
+    except XDenError as err:
+        refused.append(str(err))
+        return
+    yield from contradictions(pa, lat)
+    if capture.weighed_mass_g is not None:
+        said = weight_contradiction(capture.weighed_mass_g, capture.parts, volumes_cm3)
+        if said:
+            yield said
+
+
+def _check_source(capture: Capture) -> None:
+    """Refuse a source that the tables do not know."""
+    tube = capture.tube
+    if tube is not None and tube.kv is not None:
+        energy_groups(tube, capture.detector.scintillator)
+
+
+def _pictures(capture: Capture) -> tuple[tuple[str, str], ...]:
+    views = (*capture.views, *capture.audit_views)
+    return tuple(
+        (view.name, hashlib.sha256(view.transmission.tobytes()).hexdigest()) for view in views
+    )

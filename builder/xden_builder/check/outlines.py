@@ -1,0 +1,166 @@
+"""Outlines of the parts against the shadows in the radiographs: which picture is of which view."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import trimesh
+from jaxtyping import Float32, Float64
+from scipy.ndimage import binary_dilation
+
+from xden1k.rays import path_lengths
+from xden1k.values.arrays import Image, Mask
+from xden1k.values.views import XRayView
+from xden_builder.capture.saturation import completed, gain_bounds
+from xden_builder.poly.model.frames import any_of, binned, coarse
+from xden_builder.poly.model.stray import coarse_binning
+from xden_builder.reconstruct.plausible import SHADOW_DEPTH
+
+__all__ = ["Outline", "air_level", "contradictions", "outline"]
+
+FAR_BETTER: Final = 0.15
+"""Of the area that outline and shadow share: so much more of it is no accident of the pose."""
+ALIKE: Final = 0.5
+"""And at least so much is shared."""
+MOST_BESIDE: Final = 0.5
+"""Of a shadow, beside the parts."""
+MARGIN_CM: Final = 0.5
+"""On the panel: a shadow as near to the parts may be theirs, in another pose."""
+FLIPS: Final[tuple[tuple[str, Callable[[Mask], Mask]], ...]] = (
+    ("mirrored left to right", lambda mask: mask[:, ::-1]),
+    ("mirrored top to bottom", lambda mask: mask[::-1]),
+    ("turned upside down", lambda mask: mask[::-1, ::-1]),
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outline:
+    """One view in large pixels.
+
+    Parameters
+    ----------
+    name
+        The view's.
+    drawn
+        Shape (rows, columns): where the parts are.
+    shadow
+        The same: where the radiograph is darker than air.
+    near
+        The same: on the parts or close to them.
+    full
+        The same: where most pixels are saturated or dead.
+    """
+
+    name: str
+    drawn: Mask
+    shadow: Mask
+    near: Mask
+    full: Mask
+
+
+def air_level(image: Float32[np.ndarray, "rows columns"], drawn: Mask) -> float:
+    """Return the median transmission beside the parts; 1 where nothing is beside them."""
+    return 1.0 if drawn.all() else float(np.median(image[~drawn]))
+
+
+def outline(
+    view: XRayView, at_least: Image | None, meshes: Sequence[trimesh.Trimesh]
+) -> tuple[Outline, float]:
+    """Reduce a view to outlines, and give its air's level.
+
+    Parameters
+    ----------
+    view
+        The radiograph.
+    at_least
+        As of :class:`xden_builder.capture.Capture`.
+    meshes
+        Of the parts, before the scanner.
+    """
+    whole, saturated = completed(view, at_least)
+    binning = coarse_binning(view.geometry.shape)
+    geometry = coarse(view.geometry, binning)
+    image, known = binned(whole, binning)
+    lengths = path_lengths(meshes, range(len(meshes)), geometry)
+    drawn = np.zeros(geometry.shape, dtype=np.bool_)
+    drawn.flat[lengths.pixels] = True
+    bounds = gain_bounds(view, at_least)
+    level = air_level(image, drawn) if bounds is None else bounds[0]
+    margin = int(np.ceil(MARGIN_CM / np.linalg.norm(geometry.column_step_cm)))
+    near = binary_dilation(drawn, np.ones((3, 3)), margin)
+    shadow = known & ~any_of(saturated, binning) & (image < level - SHADOW_DEPTH)
+    full = _share(~view.valid, binning) > 0.5
+    return Outline(view.name, drawn, shadow, near, full), level
+
+
+def _share(mask: Mask, binning: int) -> Float64[np.ndarray, "rows columns"]:
+    """Return the share of the marked pixels in each bin."""
+    rows, columns = (size // binning for size in mask.shape)
+    cut = mask[: rows * binning, : columns * binning]
+    return np.asarray(cut.reshape(rows, binning, columns, binning).mean(axis=(1, 3)))
+
+
+def contradictions(pa: Outline, lat: Outline) -> Iterator[str]:
+    """Say what outlines and shadows of an object cannot both be.
+
+    Views that are exchanged or turned over are said only where the shadow then fits far better:
+    objects that look alike from both sides say nothing.
+    """
+    unseen = [view.name for view in (pa, lat) if not view.drawn.any()]
+    if unseen:
+        yield f"the parts lie outside of view {unseen[0]}; check mesh_units and its geometry"
+        return
+    if blank := [view.name for view in (pa, lat) if not view.shadow.any()]:
+        yield f"view {blank[0]} shows no shadow at all: expected {SHADOW_DEPTH:.0%} less than air"
+        return
+    found = [*_exchanged(pa, lat)] or [said for view in (pa, lat) for said in _turned(view)]
+    yield from found or [said for view in (pa, lat) for said in _beside(view)]
+
+
+def _exchanged(pa: Outline, lat: Outline) -> Iterator[str]:
+    if pa.drawn.shape != lat.drawn.shape:
+        return
+    given = _shared(pa.drawn, pa.shadow) + _shared(lat.drawn, lat.shadow)
+    other = _best(pa.drawn, lat.shadow)[0] + _best(lat.drawn, pa.shadow)[0]
+    turned = _best(pa.drawn, pa.shadow)[0] + _best(lat.drawn, lat.shadow)[0]
+    if _far_better(other / 2, given / 2) and other > turned:
+        yield (
+            f"the pictures of {pa.name} and {lat.name} seem exchanged: the parts' outlines share "
+            f"{other / 2:.0%} of their area with the shadows then, {given / 2:.0%} as it is"
+        )
+
+
+def _turned(view: Outline) -> Iterator[str]:
+    given, (best, how) = _shared(view.drawn, view.shadow), _best(view.drawn, view.shadow)
+    if how and _far_better(best, given):
+        yield (
+            f"the picture of {view.name} seems {how}: the parts' outline shares {best:.0%} of its "
+            f"area with the shadow then, {given:.0%} as it is"
+        )
+
+
+def _beside(view: Outline) -> Iterator[str]:
+    share = float((view.shadow & ~view.near).sum() / view.shadow.sum())
+    if share > MOST_BESIDE:
+        yield (
+            f"{share:.0%} of the shadow in {view.name} lies beside the parts: is it this object's, "
+            "has every part a mesh, and are mesh_units and geometry right?"
+        )
+
+
+def _far_better(one: float, other: float) -> bool:
+    return one >= ALIKE and one - other > FAR_BETTER
+
+
+def _best(drawn: Mask, shadow: Mask) -> tuple[float, str]:
+    """Return the largest share over all ways to turn a picture over, and the way."""
+    ways = [("", shadow), *((name, flip(shadow)) for name, flip in FLIPS)]
+    return max(((_shared(drawn, turned), name) for name, turned in ways), key=lambda way: way[0])
+
+
+def _shared(one: Mask, other: Mask) -> float:
+    """Area of both as a share of the area of either."""
+    return float((one & other).sum() / max((one | other).sum(), 1))

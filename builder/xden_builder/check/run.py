@@ -1,0 +1,112 @@
+"""Check a whole capture folder: every object, whatever is wrong with others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from xden_builder.capture import CaptureFolder
+from xden_builder.check.object import Finding, Kind, ObjectCheck, check_object
+from xden_builder.workers import Answer, explain, run_each
+
+__all__ = ["FolderCheck", "check_folder"]
+
+
+@dataclass(frozen=True, slots=True)
+class FolderCheck:
+    """What was found of every object, in the order of their names."""
+
+    objects: tuple[ObjectCheck, ...]
+
+    @property
+    def clean(self) -> bool:
+        """Whether nothing was found."""
+        return not any(each.findings for each in self.objects)
+
+    def count(self, kind: Kind) -> int:
+        """How many objects have findings of a kind."""
+        return sum(any(one.kind == kind for one in each.findings) for each in self.objects)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values for JSON."""
+        return {
+            "schema": "xden-check/1",
+            "clean": self.clean,
+            "refused": self.count("refused"),
+            "contradicting": self.count("contradicts"),
+            "objects": [
+                {
+                    "object_id": each.object_id,
+                    "findings": [asdict(finding) for finding in each.findings],
+                }
+                for each in self.objects
+            ],
+        }
+
+
+def check_folder(
+    captures: Path, *, workers: int, on_done: Callable[[str], None] = lambda _: None
+) -> FolderCheck:
+    """Check every object of a capture folder.
+
+    Parameters
+    ----------
+    captures
+        The folder.
+    workers
+        Number of processes.
+    on_done
+        Told of each object.
+
+    Raises
+    ------
+    DataError
+        If ``objects.csv`` is missing or wrong.
+    """
+    folder = CaptureFolder(captures)
+    found = []
+    for object_id, answer in _answers(folder, workers):
+        found.append(_check(object_id, answer))
+        on_done(object_id)
+    found.sort(key=lambda each: each.object_id)
+    return FolderCheck(tuple(_with_same_pictures(found)))
+
+
+def _answers(folder: CaptureFolder, workers: int) -> Iterable[Answer[str, ObjectCheck]]:
+    """Check here where one process is wanted: another one takes seconds to start."""
+    task = partial(check_object, folder)
+    if workers > 1:
+        return run_each(task, folder.object_ids, workers)
+    return ((object_id, task(object_id)) for object_id in folder.object_ids)
+
+
+def _check(object_id: str, answer: ObjectCheck | BaseException) -> ObjectCheck:
+    if isinstance(answer, ObjectCheck):
+        return answer
+    return ObjectCheck(object_id, (Finding("refused", explain(object_id, answer)),))
+
+
+def _with_same_pictures(objects: Iterable[ObjectCheck]) -> list[ObjectCheck]:
+    """Add which radiographs are another one's picture."""
+    objects = list(objects)
+    places: dict[str, list[tuple[str, str]]] = {}
+    for each in objects:
+        for view, picture in each.pictures:
+            places.setdefault(picture, []).append((each.object_id, view))
+    return [
+        replace(each, findings=(*each.findings, *_same_pictures(each, places))) for each in objects
+    ]
+
+
+def _same_pictures(one: ObjectCheck, places: Mapping[str, list[tuple[str, str]]]) -> list[Finding]:
+    found = []
+    for view, picture in one.pictures:
+        others = [place for place in places[picture] if place != (one.object_id, view)]
+        if others:
+            object_id, other = others[0]
+            said = f"the picture of {view} is that of {other} of {object_id} too"
+            found.append(Finding("contradicts", said))
+    return found

@@ -1,0 +1,66 @@
+"""Whether a weighed mass can be that of parts of known volumes and materials."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from xden1k.values.materials import families, load_materials
+from xden_builder.capture import CapturePart
+from xden_builder.poly.materials.candidates import candidates
+
+__all__ = ["possible_density_g_cm3", "weight_contradiction"]
+
+TOLERANCE: Final = 2.0
+"""Factor on either end of the range: pores and wrong labels are no contradiction yet."""
+
+
+def possible_density_g_cm3(part: CapturePart) -> tuple[float, float]:
+    """Return least and most density of what a part's label names; of anything without one.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> block = CapturePart("block", trimesh.creation.box(), "aluminium")
+    >>> [round(each, 2) for each in possible_density_g_cm3(block)]
+    [2.64, 2.75]
+    """
+    named = [
+        each
+        for each in candidates(part.material, hollow=part.hollow)
+        if _named(part.material, each.material) and (each.solid or part.hollow)
+    ]
+    return min(each.low_g_cm3 for each in named), max(each.high_g_cm3 for each in named)
+
+
+def _named(label: str, material: str) -> bool:
+    if label in families():
+        return load_materials()[material].family == label
+    return label in ("", material)
+
+
+def weight_contradiction(
+    mass_g: float, parts: Sequence[CapturePart], volumes_cm3: Sequence[float]
+) -> str | None:
+    """Say that a mass is out of what the parts can weigh; None where it is not.
+
+    Parameters
+    ----------
+    mass_g
+        On the scale.
+    parts
+        With their labels.
+    volumes_cm3
+        Of the space that each part owns.
+    """
+    ranges = [possible_density_g_cm3(part) for part in parts]
+    least, most = (
+        sum(volume * each[end] for volume, each in zip(volumes_cm3, ranges, strict=True))
+        for end in (0, 1)
+    )
+    if least / TOLERANCE <= mass_g <= most * TOLERANCE:
+        return None
+    return (
+        f"mass_g is {mass_g:g} g, but the parts' volumes and materials allow "
+        f"{least / TOLERANCE:.3g} to {most * TOLERANCE:.3g} g: check mass_g, mesh_units and labels"
+    )

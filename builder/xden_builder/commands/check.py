@@ -1,0 +1,51 @@
+"""``xden-build check``: what is wrong with captures, before an hour of fitting."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from xden1k.commands import json_option, print_json
+from xden_builder.commands.shared import FOLDER, progress_bar, workers_option
+
+if TYPE_CHECKING:
+    from xden_builder.check.run import FolderCheck
+
+__all__ = ["check"]
+
+
+@click.command(epilog="Example: xden-build check captures")
+@click.argument("captures", type=FOLDER)
+@workers_option
+@json_option
+def check(captures: Path, workers: int, as_json: bool) -> None:
+    """Say what a rebuild would refuse, and what cannot all be true.
+
+    Reads every capture as a rebuild does, and compares outlines with shadows, pictures with each
+    other, meshes with each other, and weighed masses with volumes and materials. Nothing is fitted
+    and nothing written. Exits with 1 if anything is wrong.
+    """
+    from xden_builder.capture import CaptureFolder
+    from xden_builder.check.run import check_folder
+
+    with progress_bar(len(CaptureFolder(captures).object_ids)) as bar:
+        report = check_folder(captures, workers=workers, on_done=lambda _: bar.update())
+    if as_json:
+        print_json(report.to_dict())
+    else:
+        _echo(report, captures)
+    if not report.clean:
+        raise SystemExit(1)
+
+
+def _echo(report: FolderCheck, captures: Path) -> None:
+    for each in report.objects:
+        for finding in each.findings:
+            click.echo(f"{finding.kind}: {each.object_id}: {finding.message}")
+    sound = sum(not each.findings for each in report.objects)
+    click.echo(
+        f"{captures}: {len(report.objects)} objects, {sound} sound, {report.count('refused')} "
+        f"refused, {report.count('contradicts')} contradicting themselves"
+    )

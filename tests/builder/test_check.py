@@ -1,0 +1,219 @@
+"""init and check: what a lab is given, and what it is told before anything is fitted."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from click.testing import CliRunner
+
+from tests.builder.folders import contents
+from tests.builder.poly_scenes import geometries
+from xden1k.errors import DataError
+from xden1k.rays import path_lengths
+from xden_builder.capture import CaptureFolder, ScannerFile, ViewFile, write_scanner
+from xden_builder.capture.parts import CapturePart
+from xden_builder.check.run import FolderCheck, check_folder
+from xden_builder.check.weight import weight_contradiction
+from xden_builder.cli import cli
+from xden_builder.physics.source import Tube
+
+SIZE = 64
+VIEWS = geometries(SIZE)
+LAC = np.array([1.5, 0.3])
+HEADER = "object_id,category,mesh_units,mass_g"
+
+
+def solid(size, at):
+    return trimesh.creation.box(size, trimesh.transformations.translation_matrix(at))
+
+
+def key(grow=1.0):
+    """A wing of metal and a grip of plastic: other from each side, and turned over."""
+    return {
+        "grip": solid((3.0 * grow, 2.0, 2.0), (1.5, 0.5, 2.5)),
+        "wing": solid((1.0, 4.0, 5.0 * grow), (0.5, 1.0, -1.0)),
+    }
+
+
+def write_object(root: Path, object_id: str, parts: dict[str, trimesh.Trimesh]) -> Path:
+    folder = root / object_id
+    (folder / "parts").mkdir(parents=True)
+    for name, mesh in parts.items():
+        mesh.export(folder / "parts" / f"{name}.ply")
+    (folder / "parts.csv").write_text("name,material\ngrip,abs\nwing,aluminium\n")
+    for name, geometry in VIEWS.items():
+        lengths = path_lengths(list(parts.values()), range(len(parts)), geometry, 2)
+        noise = np.random.default_rng(len(object_id)).normal(0, 1e-4, geometry.shape)
+        image = lengths.image(np.resize(LAC, len(parts))) + noise
+        np.save(folder / f"{name}.npy", image.astype(np.float32))
+    return folder
+
+
+@pytest.fixture
+def captures(tmp_path: Path) -> Path:
+    views = {
+        name: ViewFile(f"{name}.npy", "transmission", geometry) for name, geometry in VIEWS.items()
+    }
+    write_scanner(ScannerFile(views, Tube(kv=100.0)), tmp_path / "scanner.toml")
+    write_object(tmp_path, "key-1", key())
+    write_object(tmp_path, "key-02", key(1.2))
+    (tmp_path / "objects.csv").write_text(f"{HEADER}\nkey-1,key,,80\nkey-02,key,,\n")
+    return tmp_path
+
+
+def checked(captures: Path) -> FolderCheck:
+    return check_folder(captures, workers=1)
+
+
+def told(captures: Path) -> list[tuple[str, str, str]]:
+    return [
+        (each.object_id, finding.kind, finding.message)
+        for each in checked(captures).objects
+        for finding in each.findings
+    ]
+
+
+def test_sound_captures_are_clean_and_left_as_they_are(captures: Path) -> None:
+    before = contents(captures)
+    assert told(captures) == []
+    assert contents(captures) == before
+
+
+def exchange(folder: Path) -> None:
+    pa, lat = (folder / f"{name}.npy" for name in VIEWS)
+    one, other = pa.read_bytes(), lat.read_bytes()
+    pa.write_bytes(other)
+    lat.write_bytes(one)
+
+
+def mirror(folder: Path) -> None:
+    np.save(folder / "pa.npy", np.load(folder / "pa.npy")[:, ::-1])
+
+
+def take_another(folder: Path) -> None:
+    (folder / "lat.npy").write_bytes((folder.parent / "key-02" / "lat.npy").read_bytes())
+
+
+def annotate_twice(folder: Path) -> None:
+    trimesh.load(folder / "parts" / "grip.ply").export(folder / "parts" / "handle.ply")
+
+
+def misspell(folder: Path) -> None:
+    (folder / "parts.csv").write_text("name,material\ngrip,abs\nwing,aluminum_alloy\n")
+
+
+def told_of_objects(row: str) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        (folder.parent / "objects.csv").write_text(f"{HEADER}\n{row}\nkey-02,key,,\n")
+
+    return change
+
+
+def lose_a_mesh(folder: Path) -> None:
+    (folder / "parts" / "wing.ply").unlink()
+    (folder / "parts.csv").unlink()
+
+
+def put_behind_the_source(folder: Path) -> None:
+    solid((1, 1, 1), (0, -400, 0)).export(folder / "parts" / "grip.ply")
+
+
+def lose_a_picture_and_misspell(folder: Path) -> None:
+    misspell(folder)
+    (folder / "pa.npy").unlink()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "kind", "message"),
+    [
+        (exchange, "contradicts", "the pictures of pa and lat seem exchanged"),
+        (mirror, "contradicts", "the picture of pa seems mirrored left to right"),
+        (take_another, "contradicts", "the picture of lat is that of lat of key-02 too"),
+        (annotate_twice, "refused", "parts grip and handle are the same mesh in the same place"),
+        (misspell, "refused", "unknown material 'aluminum_alloy'.*near: aluminum"),
+        (told_of_objects("key-1,key,mm,"), "refused", r"1/10 of|10 times the"),
+        (told_of_objects("key-1,key,,375"), "contradicts", "mass_g is 375 g, but .* allow"),
+        (lose_a_mesh, "contradicts", r"% of the shadow in \w+ lies beside the parts"),
+        (put_behind_the_source, "refused", "part grip reaches behind the source"),
+        (lose_a_picture_and_misspell, "refused", r"pa\.npy: no such image"),
+        (lose_a_picture_and_misspell, "refused", "unknown material"),
+    ],
+)
+def test_what_is_wrong_is_told_of_that_object(
+    captures: Path, spoil: Callable[[Path], None], kind: str, message: str
+) -> None:
+    spoil(captures / "key-1")
+    found = [each for each in told(captures) if each[0] == "key-1"]
+    assert any(each[1] == kind and re.search(message, each[2]) for each in found), found
+    assert all("\n" not in each[2] for each in found)
+
+
+def test_a_mass_is_impossible_only_beyond_half_and_twice_of_what_labels_allow() -> None:
+    part = CapturePart("block", trimesh.creation.box(), "aluminium")  # 2.64 to 2.75 g/cm³
+    for mass_g in (1.4, 2.7, 5.4):
+        assert weight_contradiction(mass_g, [part], [1.0]) is None
+    for mass_g in (1.3, 5.5):
+        said = weight_contradiction(mass_g, [part], [1.0])
+        assert said is not None
+        assert "allow 1.32 to 5.49 g" in said
+    unknown = CapturePart("block", part.mesh)
+    assert weight_contradiction(19.3, [unknown], [1.0]) is None
+
+
+def test_the_command_tells_all_and_exits_with_1(captures: Path) -> None:
+    clean = CliRunner().invoke(cli, ["check", str(captures), "--workers", "1"])
+    assert (clean.exit_code, clean.output.split(": ", 1)[1]) == (
+        0,
+        "2 objects, 2 sound, 0 refused, 0 contradicting themselves\n",
+    )
+    misspell(captures / "key-1")
+    exchange(captures / "key-02")
+    result = CliRunner().invoke(cli, ["check", str(captures), "--workers", "1"])
+    assert result.exit_code == 1
+    assert [line.split(": ")[:2] for line in result.stdout.splitlines()[:2]] == [
+        ["contradicts", "key-02"],
+        ["refused", "key-1"],
+    ]
+    assert "2 objects, 0 sound, 1 refused, 1 contradicting" in result.stdout
+    as_json = CliRunner().invoke(cli, ["check", str(captures), "--workers", "1", "--json"])
+    report = json.loads(as_json.stdout)
+    assert (report["clean"], report["refused"], report["contradicting"]) == (False, 1, 1)
+
+
+def test_a_folder_that_is_none_is_one_line(tmp_path: Path) -> None:
+    result = CliRunner().invoke(cli, ["check", str(tmp_path)])
+    assert result.exit_code == 1
+    assert result.output == f"Error: {tmp_path / 'objects.csv'}: no such file\n"
+
+
+# init
+
+
+def test_init_writes_files_that_are_read_but_whose_object_is_refused(tmp_path: Path) -> None:
+    result = CliRunner().invoke(cli, ["init", str(tmp_path / "new")])
+    assert result.exit_code == 0
+    assert sorted(contents(tmp_path / "new")) == [
+        "example-0001/parts.csv",
+        "objects.csv",
+        "scanner.toml",
+    ]
+    folder = CaptureFolder(tmp_path / "new")
+    with pytest.raises(DataError, match=r"example-0001/pa\.tif: no such image"):
+        folder.read("example-0001")
+    assert {kind for _, kind, _ in told(tmp_path / "new")} == {"refused"}
+
+
+@pytest.mark.parametrize("name", ["scanner.toml", "objects.csv", "example-0001/parts.csv"])
+def test_init_overwrites_nothing_and_then_writes_nothing(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_text("mine")
+    result = CliRunner().invoke(cli, ["init", str(tmp_path)])
+    assert result.exit_code == 1
+    assert result.output == f"Error: {tmp_path / name}: is there already; nothing is written\n"
+    assert contents(tmp_path) == {name: b"mine"}
