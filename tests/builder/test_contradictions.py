@@ -101,7 +101,7 @@ def test_the_same_scenes_whole_are_not_accused() -> None:
 def test_a_part_annotated_twice_is_named() -> None:
     capture = captured(tool(), size=64)
     twice = replace(capture.parts[1], name="grip_again")
-    with pytest.raises(DataError, match="part grip_again: other parts own all of its space"):
+    with pytest.raises(DataError, match="grip and grip_again are the same mesh"):
         reconstruct(replace(capture, parts=(*capture.parts, twice)))
 
 

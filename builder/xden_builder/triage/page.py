@@ -55,20 +55,24 @@ def render(
     """
     severities = Counter(card.findings.severity for card in cards)
     style, script = _resource("report.css"), _resource("report.js")
-    stream = _environment().get_template(TEMPLATE).stream(
-        name=name,
-        cards=cards,
-        failures=failures,
-        counts=[(WORDS[key], severities[key]) for key in WORDS],
-        kinds=_kinds(cards),
-        categories=sorted({card.findings.category for card in cards}),
-        sources=[(SOURCES[key], n) for key, n in Counter(c.source for c in cards).items()],
-        chart=chart(cards),
-        residual_limit=RESIDUAL_LIMIT,
-        style=style,
-        script=script,
-        style_hash=_hash(style),
-        script_hash=_hash(script),
+    stream = (
+        _environment()
+        .get_template(TEMPLATE)
+        .stream(
+            name=name,
+            cards=cards,
+            failures=failures,
+            counts=[(WORDS[key], severities[key]) for key in WORDS],
+            kinds=_kinds(cards),
+            categories=sorted({card.findings.category for card in cards}),
+            sources=[(SOURCES[key], n) for key, n in Counter(c.source for c in cards).items()],
+            chart=chart(cards),
+            residual_limit=RESIDUAL_LIMIT,
+            style=style,
+            script=script,
+            style_hash=_hash(style),
+            script_hash=_hash(script),
+        )
     )
     with path.open("wb") as file:
         stream.dump(file, encoding="utf-8")
