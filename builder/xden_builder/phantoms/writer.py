@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import csv
-import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
-import trimesh
-
-from xden1k.errors import DataError, require
+from xden1k.errors import DataError
 from xden1k.values.types import Split
 from xden_builder.capture import write_scanner
+from xden_builder.capture.writing import write_image, write_json, write_ply, write_table
 from xden_builder.phantoms.glb import write_glb
 from xden_builder.phantoms.grid import truth_grid
 from xden_builder.phantoms.phantom import Phantom, Plan, make_phantom, plan_objects
 from xden_builder.phantoms.realism import TIDY, Realism
-from xden_builder.phantoms.scanner import VIEWS, Raw, Scanner, panel_name, scanner_file
+from xden_builder.phantoms.scanner import VIEWS, Scanner, panel_name, scanner_file
 from xden_builder.workers import run_each
 
 __all__ = ["each_object", "make_scanner", "simulation", "write_captures"]
@@ -98,8 +94,8 @@ def write_captures(
     _write_panels(out, scanner, seed, "standard")
     if "large" in settings:
         _write_panels(out, scanner.large(), seed, "large")
-    _write_json(out / "simulation.json", simulation(seed, scanner, realism))
-    _write_csv(
+    write_json(out / "simulation.json", simulation(seed, scanner, realism))
+    write_table(
         out / "objects.csv",
         ("object_id", "category", "split", "source"),
         [(plan.object_id, plan.category.name, plan.split, "phantom") for plan in plans],
@@ -151,9 +147,9 @@ def _write_object(out: Path, scanner: Scanner, realism: Realism, seed: int, obje
     shares = {}
     for view in VIEWS:
         signal = scanner.signal(phantom, view)
-        _write_image(folder / f"{view}.tif", scanner.radiograph(phantom, view, signal))
+        write_image(folder / f"{view}.tif", scanner.radiograph(phantom, view, signal))
         shares[view] = signal.scatter_share
-    _write_json(folder / "truth.json", _truth(phantom, setting, scanner, shares))
+    write_json(folder / "truth.json", _truth(phantom, setting, scanner, shares))
     truth_grid(phantom).save(folder / "truth.npz")
     return setting
 
@@ -164,26 +160,10 @@ def _write_parts(folder: Path, phantom: Phantom, scanner: Scanner) -> None:
     error = scanner.mesh_error(phantom.plan)
     meshes = [error.applied(part.mesh) for part in phantom.parts]
     for part, mesh in zip(phantom.parts, meshes, strict=True):
-        _write_ply(folder / "parts" / f"{part.name}.ply", mesh)
+        write_ply(folder / "parts" / f"{part.name}.ply", mesh)
     labels = [(part.name, part.label_material) for part in phantom.parts]
-    _write_csv(folder / "parts.csv", ("name", "material"), labels)
+    write_table(folder / "parts.csv", ("name", "material"), labels)
     write_glb(folder / "appearance.glb", phantom.parts, meshes)
-
-
-def _write_ply(path: Path, mesh: trimesh.Trimesh) -> None:
-    """Write a mesh in double precision, which trimesh's own writer would round to single.
-
-    Rounding each part by itself makes facets that should coincide cross each other.
-    """
-    faces = np.empty(len(mesh.faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])
-    faces["count"], faces["corners"] = 3, mesh.faces
-    header = (
-        "ply\nformat binary_little_endian 1.0\ncomment cm\n"
-        f"element vertex {len(mesh.vertices)}\n"
-        "property double x\nproperty double y\nproperty double z\n"
-        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    path.write_bytes(header.encode() + mesh.vertices.astype("<f8").tobytes() + faces.tobytes())
 
 
 def _write_panels(out: Path, scanner: Scanner, seed: int, setting: str) -> None:
@@ -191,13 +171,8 @@ def _write_panels(out: Path, scanner: Scanner, seed: int, setting: str) -> None:
     for view in VIEWS:
         panel = scanner.calibration(seed, view)
         if panel is not None:
-            _write_image(out / panel_name("flat", view, setting), panel.flat)
-            _write_image(out / panel_name("dark", view, setting), panel.dark)
-
-
-def _write_image(path: Path, image: Raw) -> None:
-    tifffile = require("tifffile", "build")
-    tifffile.imwrite(path, image, compression="zlib", metadata=None)
+            write_image(out / panel_name("flat", view, setting), panel.flat)
+            write_image(out / panel_name("dark", view, setting), panel.dark)
 
 
 def _truth(
@@ -235,12 +210,3 @@ def _truth(
             for part in phantom.parts
         ],
     }
-
-
-def _write_json(path: Path, values: dict[str, Any]) -> None:
-    path.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
-
-
-def _write_csv(path: Path, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerows([header, *rows])
