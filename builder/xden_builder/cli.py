@@ -8,6 +8,7 @@ import click
 
 from xden1k.commands import Group
 from xden_builder.commands.audit import audit
+from xden_builder.commands.bench_scanner import bench_scanner
 from xden_builder.commands.check import check
 from xden_builder.commands.datasheet import datasheet
 from xden_builder.commands.evaluate import evaluate
@@ -28,6 +29,9 @@ def cli() -> None:
     logging.basicConfig(format="%(levelname)s: %(message)s")
 
 
-_COMMANDS = (init, check, phantoms, run, report, audit, datasheet, push, evaluate, gallery, speed)
+_COMMANDS = (
+    *(init, check, phantoms, run, report, audit, datasheet, push),
+    *(evaluate, bench_scanner, gallery, speed),
+)
 for _command in _COMMANDS:
     cli.add_command(_command)

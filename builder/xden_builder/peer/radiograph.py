@@ -1,0 +1,122 @@
+"""The image of one view: direct beam, scatter, blur, gain and noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float, Float32
+from scipy.ndimage import gaussian_filter
+
+from xden1k.errors import DataError
+from xden1k.values.arrays import Image
+from xden_builder.peer.matter import compton_cm2_g, mac_cm2_g
+from xden_builder.peer.objects import PeerObject
+from xden_builder.peer.rays import path_lengths_cm
+from xden_builder.peer.scatter import Scatter, draw_scatter, single_scatter
+from xden_builder.peer.setup import Setup
+
+__all__ = ["Beam", "expose", "make_beam"]
+
+SUBRAYS: Final = 4
+"""Rays along each side of a pixel; their intensities are averaged."""
+GAIN_SD: Final = 0.025
+READOUT_SD: Final = 2e-4
+"""Electronic noise, as a share of the open field."""
+_CHUNK: Final = 2**16
+
+Lengths = Float32[np.ndarray, "parts rows columns"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Beam:
+    """The open field.
+
+    Parameters
+    ----------
+    energies_kev, weights
+        Shape (n,): share of each energy in the signal; they add up to 1.
+    quanta_per_cm2
+        Equal quanta of the same noise, 100 cm from the source.
+    """
+
+    energies_kev: Float[np.ndarray, "n"]
+    weights: Float[np.ndarray, "n"]
+    quanta_per_cm2: float
+
+    @property
+    def mean_kev(self) -> float:
+        """Mean energy of the signal."""
+        return float(self.energies_kev @ self.weights)
+
+
+def make_beam(setup: Setup) -> Beam:
+    """Let the screen take up the tube's photons."""
+    energies_kev, photons = setup.tube.photons_per_cm2()
+    signal = photons * setup.screen.signal(energies_kev)
+    squares = photons @ setup.screen.signal_squared(energies_kev)
+    return Beam(energies_kev, signal / signal.sum(), float(signal.sum() ** 2 / squares))
+
+
+def expose(setup: Setup, beam: Beam, thing: PeerObject, view: str) -> Image:
+    """Take a radiograph: signal over that of the open field.
+
+    Raises
+    ------
+    DataError
+        If the object reaches beyond the panel.
+    """
+    geometry = setup.geometry(view, SUBRAYS)
+    lengths = path_lengths_cm([part.mesh for part in thing.parts], geometry)
+    if _touches_border(lengths):
+        raise DataError(f"{thing.plan.object_id} reaches beyond the panel of view {view}")
+    direct, scattered = _averaged(setup, beam, thing, lengths)
+    once = single_scatter(scattered, setup.pitch_cm, setup.gap_cm, beam.mean_kev)
+    around: Scatter = draw_scatter(thing.plan.rng("peer/scatter"))
+    expected = direct + around.factor * once + around.floor
+    return _read(setup, beam, expected, thing.plan.rng(f"peer/noise/{view}"))
+
+
+def _touches_border(lengths: Lengths) -> bool:
+    inside = lengths[:, 1:-1, 1:-1].sum(dtype=np.float64)
+    return bool(lengths.sum(dtype=np.float64) > inside)
+
+
+def _averaged(setup: Setup, beam: Beam, thing: PeerObject, lengths: Lengths) -> tuple[Image, Image]:
+    """Direct and scattered light of each pixel, blurred as the panel does."""
+    densities = np.array([part.density_g_cm3 for part in thing.parts])
+    compositions = [part.substance.composition for part in thing.parts]
+    lac = densities[:, None] * np.stack([mac_cm2_g(c, beam.energies_kev) for c in compositions])
+    compton = densities * [compton_cm2_g(c, beam.mean_kev) for c in compositions]
+    direct = _transmission(lengths, lac, beam)
+    scattered = direct * np.tensordot(compton.astype(np.float32), lengths, axes=1)
+    sigma_px = setup.blur_cm / setup.pitch_cm * SUBRAYS
+    return _pixels(gaussian_filter(direct, sigma_px)), _pixels(scattered)
+
+
+def _transmission(lengths: Lengths, lac: Float[np.ndarray, "parts n"], beam: Beam) -> Image:
+    """Beer and Lambert's law at every energy, only where there is something."""
+    shadow = lengths.any(axis=0)
+    paths, found = lengths[:, shadow].T, []
+    for start in range(0, len(paths), _CHUNK):
+        found.append(np.exp(-paths[start : start + _CHUNK] @ lac) @ beam.weights)
+    image = np.ones(shadow.shape, dtype=np.float32)
+    image[shadow] = np.concatenate(found)
+    return image
+
+
+def _pixels(fine: Image) -> Image:
+    side = len(fine) // SUBRAYS
+    return np.asarray(fine.reshape(side, SUBRAYS, side, SUBRAYS).mean(axis=(1, 3)))
+
+
+def _read(
+    setup: Setup, beam: Beam, expected: Float[np.ndarray, "r c"], rng: np.random.Generator
+) -> Image:
+    """Give an expected image its gain and noise."""
+    distance_cm = setup.source_object_cm + setup.gap_cm
+    quanta = beam.quanta_per_cm2 * (100 / distance_cm * setup.pitch_cm) ** 2
+    gain = np.exp(rng.normal(0.0, GAIN_SD))
+    light = rng.poisson(quanta * gain * expected) / quanta
+    return np.asarray(light + rng.normal(0.0, READOUT_SD, light.shape), dtype=np.float32)
