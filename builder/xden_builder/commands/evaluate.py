@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -21,8 +22,12 @@ SEED = 4711
 
 
 @click.command(epilog="Example: xden-build evaluate --count 20 --ablated 5 -o evaluation.md")
-@click.argument(
-    "captures", type=click.Path(path_type=Path, file_okay=False, exists=True), required=False
+@click.argument("captures", type=click.Path(path_type=Path, file_okay=False, exists=True), nargs=-1)
+@click.option(
+    "--rebuilt",
+    type=click.Path(path_type=Path, file_okay=False, exists=True),
+    multiple=True,
+    help="What `xden-build run` made of CAPTURES; once for each of them.",
 )
 @click.option("--count", type=click.IntRange(min=1), default=200, show_default=True)
 @click.option("--seed", type=click.IntRange(min=0), default=SEED, show_default=True)
@@ -43,7 +48,8 @@ SEED = 4711
 )
 @json_option
 def evaluate(
-    captures: Path | None,
+    captures: tuple[Path, ...],
+    rebuilt: tuple[Path, ...],
     count: int,
     seed: int,
     size: int,
@@ -56,12 +62,21 @@ def evaluate(
 
     CAPTURES is a folder of simulated captures of a tube, evaluated whole; without it, objects are
     simulated by --count, --seed and --size, with every effect of the scanner, pores, and labels
-    that err. Exits with 3 if some object could not be evaluated.
+    that err. With --rebuilt nothing is fitted: the dataset folders are compared with the truth.
+    Exits with 3 if some object could not be evaluated.
     """
     if out and not out.parent.is_dir():
         raise click.UsageError(f"--out: there is no folder {out.parent}")
+    if len(captures) != len(rebuilt) if rebuilt else len(captures) > 1:
+        raise click.UsageError("expected one folder CAPTURES, or as many as --rebuilt")
+    if rebuilt:
+        return _compare(dict(zip(captures, rebuilt, strict=True)), out, as_json)
     with TemporaryDirectory(prefix="xden-evaluate-") as scratch:
-        folder = captures or _simulated(Path(scratch) / "captures", count, seed, size, workers)
+        folder = (
+            captures[0]
+            if captures
+            else _simulated(Path(scratch) / "captures", count, seed, size, workers)
+        )
         report = _evaluated(folder, ablated, workers)
     from xden_builder.evaluate.table import markdown
 
@@ -75,6 +90,25 @@ def evaluate(
     for object_id, why in report.failures:
         click.echo(f"failed: {object_id}: {why}", err=True)
     if report.failures:
+        raise SystemExit(DONE_IN_PART)
+
+
+def _compare(folders: Mapping[Path, Path], out: Path | None, as_json: bool) -> None:
+    from xden_builder.evaluate.rebuilt import read_rebuilt
+    from xden_builder.evaluate.rebuilt_table import rebuilt_markdown
+
+    sets = {str(captures): read_rebuilt(captures, root) for captures, root in folders.items()}
+    tables = rebuilt_markdown(sets)
+    if as_json:
+        print_json({name: each.to_dict() for name, each in sets.items()})
+    else:
+        click.echo(tables)
+    if out:
+        out.write_text(tables, encoding="utf-8")
+    missing = [f"{name}: {key}" for name, each in sets.items() for key in each.missing]
+    for key in missing:
+        click.echo(f"not rebuilt: {key}", err=True)
+    if missing:
         raise SystemExit(DONE_IN_PART)
 
 

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from itertools import chain
 from typing import Final
 
 import numpy as np
-from tabulate import tabulate
 
+from xden_builder.evaluate.cells import HEADERS, error_cells, share_cell, table
 from xden_builder.evaluate.methods import ABLATIONS, MODES
 from xden_builder.evaluate.quality import SHOWN, Quality, QualityPair
 from xden_builder.evaluate.run import Evaluation, ObjectResult, PartCheck
-from xden_builder.evaluate.truth import Errors
 
 __all__ = ["FAR_OFF", "calibration_rows", "flag_rows", "markdown"]
 
@@ -47,13 +46,11 @@ def markdown(evaluation: Evaluation) -> str:
         _method_table(objects),
         "Standard deviations, polychromatic fit without a weighed mass: share of parts within one "
         "and two of them (a normal distribution has 68 and 95 %).",
-        _table(
-            ("told", "parts", "number", "within 1 sd", "within 2 sd"), calibration_rows(objects)
-        ),
+        table(("told", "parts", "number", "within 1 sd", "within 2 sd"), calibration_rows(objects)),
         "Mass and centre of mass, told the labels:",
-        _table(("figure", "within 1 sd", "within 2 sd"), _body_rows(objects)),
+        table(("figure", "within 1 sd", "within 2 sd"), _body_rows(objects)),
         f"Flags: parts off by more than {FAR_OFF:.0%}, and parts without any flag.",
-        _table(
+        table(
             ("told", "off", "of these flagged", "not flagged", f"of these within {FAR_OFF:.0%}"),
             flag_rows(objects),
         ),
@@ -67,41 +64,19 @@ def markdown(evaluation: Evaluation) -> str:
     return "\n\n".join(sections) + "\n"
 
 
-def _table(headers: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    aligned = ["left", *["right"] * (len(headers) - 1)]
-    text: str = tabulate(
-        list(rows), headers=headers, tablefmt="github", disable_numparse=True, colalign=aligned
-    )
-    return text
-
-
-def _columns(errors: Sequence[Errors]) -> list[str]:
-    density, mass, com = np.array(
-        [(e.density_mae_g_cm3, e.mass_ape, e.com_l1_cm) for e in errors]
-    ).T
-    return [
-        f"{density.mean():.3f} ({np.median(density):.3f})",
-        f"{100 * mass.mean():.1f} ({100 * np.median(mass):.1f})",
-        f"{10 * com.mean():.2f} ({10 * np.median(com):.2f})",
-    ]
-
-
-HEADERS: Final = ("density MAE, g/cm³", "mass error, %", "centre of mass L1, mm")
-
-
 def _method_table(objects: Sequence[ObjectResult]) -> str:
     rows = [
-        [method, mode, *_columns([each.errors[method, mode] for each in objects])]
+        [method, mode, *error_cells([each.errors[method, mode] for each in objects])]
         for method, modes in METHODS
         for mode in modes
     ]
-    return _table(("method", "told", *HEADERS), rows)
+    return table(("method", "told", *HEADERS), rows)
 
 
 def _ablation_table(objects: Sequence[ObjectResult]) -> str:
-    return _table(
+    return table(
         ("fit", *HEADERS),
-        [[name, *_columns([each.ablated[name] for each in objects])] for name in ABLATIONS],
+        [[name, *error_cells([each.ablated[name] for each in objects])] for name in ABLATIONS],
     )
 
 
@@ -118,7 +93,7 @@ def _quality_sections(objects: Sequence[ObjectResult]) -> list[str]:
             f"Reprojection error of {len(drawn)} objects: mean absolute error of -ln T on the "
             "pixels whose ray meets the object, and beside it; mean and standard deviation over "
             "objects.",
-            _table(
+            table(
                 headers,
                 [
                     ["annotated parts", *_reprojection([pair.interior for pair in drawn])],
@@ -139,9 +114,7 @@ def _quality_sections(objects: Sequence[ObjectResult]) -> list[str]:
         *sections,
         "Against the true density of voxels (in place of a CT), g/cm³, and the radiographs: mean "
         "absolute error of -ln T and correlation of T on the object.",
-        _table(
-            ("object", "known", "voxel MAE", "PA MAE", "LAT MAE", "PA corr.", "LAT corr."), rows
-        ),
+        table(("object", "known", "voxel MAE", "PA MAE", "LAT MAE", "PA corr.", "LAT corr."), rows),
     ]
 
 
@@ -177,7 +150,7 @@ def calibration_rows(objects: Sequence[ObjectResult]) -> list[list[str]]:
                 ]
             )
             if off.size:
-                rows.append([mode, name, str(off.size), _share(off <= 1), _share(off <= 2)])
+                rows.append([mode, name, str(off.size), share_cell(off <= 1), share_cell(off <= 2)])
     return rows
 
 
@@ -185,7 +158,7 @@ def _body_rows(objects: Sequence[ObjectResult]) -> list[list[str]]:
     mass = np.abs([each.body.mass for each in objects])
     com = np.abs([each.body.com for each in objects]).ravel()
     return [
-        [name, _share(off <= 1), _share(off <= 2)]
+        [name, share_cell(off <= 1), share_cell(off <= 2)]
         for name, off in (("mass", mass), ("centre of mass, each axis", com))
     ]
 
@@ -203,13 +176,9 @@ def flag_rows(objects: Sequence[ObjectResult]) -> list[list[str]]:
             [
                 mode,
                 str(wrong.sum()),
-                _share(flagged[wrong]),
-                _share(~flagged),
-                _share(~wrong[~flagged]),
+                share_cell(flagged[wrong]),
+                share_cell(~flagged),
+                share_cell(~wrong[~flagged]),
             ]
         )
     return rows
-
-
-def _share(yes: np.ndarray) -> str:
-    return f"{100 * yes.mean():.1f} %" if yes.size else "none"

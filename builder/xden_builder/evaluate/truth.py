@@ -14,6 +14,7 @@ from jaxtyping import Float64
 from xden1k.errors import DataError
 from xden1k.values.arrays import Vec3
 from xden1k.values.mass import mass_of_meshes
+from xden1k.values.types import Part
 from xden_builder.capture import CapturePart
 
 __all__ = ["Errors", "Truth", "errors_of", "read_truth"]
@@ -57,7 +58,7 @@ class Errors:
     com_l1_cm: float
 
 
-def read_truth(folder: Path, parts: Sequence[CapturePart]) -> Truth:
+def read_truth(folder: Path, parts: Sequence[CapturePart | Part]) -> Truth:
     """Read ``truth.json`` of a simulated capture.
 
     Parameters
@@ -65,7 +66,7 @@ def read_truth(folder: Path, parts: Sequence[CapturePart]) -> Truth:
     folder
         Of the object.
     parts
-        As the capture has them.
+        As the capture, or what was made of it, has them.
 
     Raises
     ------
