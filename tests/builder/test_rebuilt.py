@@ -21,8 +21,8 @@ def part(density, truth, *, sd=0.1, source="xray", flags=(), material="brass", s
     return RebuiltPart("part", material, "brass", share, check)
 
 
-def thing(*parts, errors=Errors(0.1, 0.02, 0.03)):
-    return RebuiltObject("thing-0000", errors, parts)
+def thing(*parts):
+    return RebuiltObject("thing-0000", Errors(0.1, 0.02, 0.03), parts)
 
 
 def test_flags_and_deviations_are_counted_over_the_parts_they_concern():

@@ -16,7 +16,7 @@ from xden_builder.peer.substances import Substance, labels_alike, substances_cal
 from xden_builder.phantoms.catalogue import CATALOGUE
 from xden_builder.phantoms.phantom import Plan, make_phantom, random_numbers
 
-__all__ = ["LARGEST_CM", "PeerObject", "PeerPart", "make_object", "plan_bench"]
+__all__ = ["LARGEST_CM", "PeerObject", "PeerPart", "draw_label", "make_object", "plan_bench"]
 
 LARGEST_CM: Final = 22.0
 """Categories that grow larger may not fit the panel."""
@@ -113,7 +113,7 @@ def make_object(plan: Plan, *, unannotated_share: float = 0.0) -> PeerObject:
     for part in phantom.parts:
         if part.role not in batches:
             batches[part.role] = _draw_substance(made, part.material)
-        label = _draw_label(told, part.material)
+        label = draw_label(told, part.material)
         parts.append(PeerPart(part.name, part.mesh, *batches[part.role], label))
     off = plan.rng("peer/desk")
     return PeerObject(
@@ -131,7 +131,8 @@ def _draw_substance(rng: np.random.Generator, label: str) -> tuple[Substance, fl
     return chosen, rng.uniform(chosen.density_low_g_cm3, chosen.density_high_g_cm3)
 
 
-def _draw_label(rng: np.random.Generator, right: str) -> str:
+def draw_label(rng: np.random.Generator, right: str) -> str:
+    """Draw what an annotator writes down: mostly what is right, else another name, or nothing."""
     chance, pick = rng.random(), rng.random()
     if chance < MISSING_SHARE:
         return ""

@@ -9,12 +9,11 @@ import numpy as np
 from jaxtyping import Float, Float32
 from scipy.ndimage import gaussian_filter
 
-from xden1k.errors import DataError
 from xden1k.values.arrays import Image
 from xden_builder.peer.matter import compton_cm2_g, mac_cm2_g
 from xden_builder.peer.objects import PeerObject
 from xden_builder.peer.rays import path_lengths_cm
-from xden_builder.peer.scatter import Scatter, draw_scatter, single_scatter
+from xden_builder.peer.scatter import draw_scatter, single_scatter
 from xden_builder.peer.setup import Setup
 
 __all__ = ["Beam", "expose", "make_beam"]
@@ -69,18 +68,11 @@ def expose(setup: Setup, beam: Beam, thing: PeerObject, view: str) -> Image:
     """
     geometry = setup.geometry(view, SUBRAYS)
     lengths = path_lengths_cm([part.mesh for part in thing.parts], geometry)
-    if _touches_border(lengths):
-        raise DataError(f"{thing.plan.object_id} reaches beyond the panel of view {view}")
     direct, scattered = _averaged(setup, beam, thing, lengths)
     once = single_scatter(scattered, setup.pitch_cm, setup.gap_cm, beam.mean_kev)
-    around: Scatter = draw_scatter(thing.plan.rng("peer/scatter"))
+    around = draw_scatter(thing.plan.rng("peer/scatter"))
     expected = direct + around.factor * once + around.floor
     return _read(setup, beam, expected, thing.plan.rng(f"peer/noise/{view}"))
-
-
-def _touches_border(lengths: Lengths) -> bool:
-    inside = lengths[:, 1:-1, 1:-1].sum(dtype=np.float64)
-    return bool(lengths.sum(dtype=np.float64) > inside)
 
 
 def _averaged(setup: Setup, beam: Beam, thing: PeerObject, lengths: Lengths) -> tuple[Image, Image]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -53,6 +54,8 @@ def path_lengths_cm(
 ) -> Float32[np.ndarray, "parts rows columns"]:
     """Length of the ray to each pixel's centre inside each mesh.
 
+    Only the pixels around the meshes' shadow are rendered.
+
     Parameters
     ----------
     meshes
@@ -63,13 +66,35 @@ def path_lengths_cm(
     Raises
     ------
     DataError
-        If the beam is not a cone.
+        If the beam is not a cone, or a mesh reaches beyond the panel.
     """
     if geometry.source_cm is None:
         raise DataError("gVirtualXray is set up for cone beams here, got a parallel one")
     library = gvxr()
-    _place(library, geometry)
-    return np.stack([_lengths(library, mesh) for mesh in meshes])
+    rows, columns = _shadow(meshes, geometry)
+    _place(library, _cropped(geometry, rows, columns))
+    lengths = np.zeros((len(meshes), *geometry.shape), dtype=np.float32)
+    for place, mesh in enumerate(meshes):
+        lengths[place, rows, columns] = _lengths(library, mesh)
+    return lengths
+
+
+def _shadow(meshes: Sequence[trimesh.Trimesh], geometry: ViewGeometry) -> tuple[slice, slice]:
+    """Rows and columns of the rectangle that holds every mesh's shadow."""
+    at = geometry.project(np.concatenate([mesh.vertices for mesh in meshes]))
+    low, high = np.floor(at.min(axis=0)).astype(int), np.ceil(at.max(axis=0)).astype(int) + 1
+    sides = [(low[1], high[1], geometry.shape[0]), (low[0], high[0], geometry.shape[1])]
+    if any(first < 0 or last > count for first, last, count in sides):
+        raise DataError("the object reaches beyond the panel")
+    rows, columns = (slice(int(first), int(last)) for first, last, _ in sides)
+    return rows, columns
+
+
+def _cropped(geometry: ViewGeometry, rows: slice, columns: slice) -> ViewGeometry:
+    """Keep a part of a panel."""
+    corner = rows.start * geometry.row_step_cm + columns.start * geometry.column_step_cm
+    shape = (rows.stop - rows.start, columns.stop - columns.start)
+    return replace(geometry, pixel00_cm=geometry.pixel00_cm + corner, shape=shape)
 
 
 def _place(library: Any, geometry: ViewGeometry) -> None:
