@@ -11,15 +11,15 @@ from click.testing import CliRunner
 from xden1k.values.materials import load_materials
 from xden_builder.capture import CaptureFolder
 from xden_builder.cli import cli
-from xden_builder.peer.matter import mac_cm2_g
-from xden_builder.peer.objects import draw_label, make_object, plan_bench
-from xden_builder.peer.rays import path_lengths_cm
-from xden_builder.peer.scatter import single_scatter
-from xden_builder.peer.screen import Screen
-from xden_builder.peer.setup import VIEWS, draw_setup
-from xden_builder.peer.substances import labels_alike, load_substances, substances_called
-from xden_builder.peer.writer import write_bench
 from xden_builder.phantoms import CATALOGUE
+from xden_builder.phantoms.peer.matter import mac_cm2_g
+from xden_builder.phantoms.peer.objects import draw_label, make_object, plan_bench
+from xden_builder.phantoms.peer.rays import path_lengths_cm
+from xden_builder.phantoms.peer.scatter import single_scatter
+from xden_builder.phantoms.peer.screen import Screen
+from xden_builder.phantoms.peer.setup import VIEWS, draw_setup
+from xden_builder.phantoms.peer.substances import labels_alike, load_substances, substances_called
+from xden_builder.phantoms.peer.writer import write_bench
 
 WATER = (("H2O", 1.0),)
 

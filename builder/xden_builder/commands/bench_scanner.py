@@ -61,7 +61,7 @@ def bench_scanner(
     and the objects are drawn by --seed; the truth stands beside each object, for
     `xden-build evaluate OUT` and `--rebuilt`. Needs the extra [peers].
     """
-    from xden_builder.peer.writer import write_bench
+    from xden_builder.phantoms.peer.writer import write_bench
 
     with progress_bar(count) as bar:
         write_bench(

@@ -3,7 +3,7 @@
 Reading order: ``shapes`` and ``skins`` (a vocabulary of solids), ``archetypes`` (objects built of
 them), ``catalogue`` (which there are, of what), ``phantom`` (one object), ``scanner`` (its
 radiographs), ``writer``, ``grid``, ``glb`` and ``truth`` (files), ``check`` (of a whole set),
-``sheet`` (to look at).
+``sheet`` (to look at), ``peer`` (captures by another simulator).
 """
 
 from xden_builder.phantoms.catalogue import CATALOGUE, Category

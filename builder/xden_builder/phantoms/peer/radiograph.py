@@ -10,11 +10,11 @@ from jaxtyping import Float, Float32
 from scipy.ndimage import gaussian_filter
 
 from xden1k.values.arrays import Image
-from xden_builder.peer.matter import compton_cm2_g, mac_cm2_g
-from xden_builder.peer.objects import PeerObject
-from xden_builder.peer.rays import path_lengths_cm
-from xden_builder.peer.scatter import draw_scatter, single_scatter
-from xden_builder.peer.setup import Setup
+from xden_builder.phantoms.peer.matter import compton_cm2_g, mac_cm2_g
+from xden_builder.phantoms.peer.objects import PeerObject
+from xden_builder.phantoms.peer.rays import path_lengths_cm
+from xden_builder.phantoms.peer.scatter import draw_scatter, single_scatter
+from xden_builder.phantoms.peer.setup import Setup
 
 __all__ = ["Beam", "expose", "make_beam"]
 

@@ -15,7 +15,7 @@ from jaxtyping import Float32
 
 from xden1k.errors import DataError, require
 from xden1k.values.views import ViewGeometry
-from xden_builder.peer.matter import EXTRA
+from xden_builder.phantoms.peer.matter import EXTRA
 
 __all__ = ["gvxr", "path_lengths_cm"]
 

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from scipy.signal import fftconvolve
 
 from xden1k.values.arrays import Image
-from xden_builder.peer.matter import xraylib
+from xden_builder.phantoms.peer.matter import xraylib
 
 __all__ = ["Scatter", "draw_scatter", "single_scatter"]
 

@@ -10,8 +10,8 @@ import numpy as np
 from xden1k.values.arrays import Vec3
 from xden1k.values.views import ViewGeometry
 from xden_builder.capture import ScannerFile, ViewFile
-from xden_builder.peer.screen import Screen, draw_screen
-from xden_builder.peer.tube import PeerTube, draw_tube
+from xden_builder.phantoms.peer.screen import Screen, draw_screen
+from xden_builder.phantoms.peer.tube import PeerTube, draw_tube
 from xden_builder.phantoms.phantom import random_numbers
 from xden_builder.physics.source import Detector
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import expn
 
-from xden_builder.peer.matter import mac_cm2_g, xraylib
+from xden_builder.phantoms.peer.matter import mac_cm2_g, xraylib
 
 __all__ = ["SCREENS", "Screen", "draw_screen"]
 

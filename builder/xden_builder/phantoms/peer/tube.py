@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from xden1k.errors import require
-from xden_builder.peer.matter import EXTRA
+from xden_builder.phantoms.peer.matter import EXTRA
 from xden_builder.physics.source import Tube
 
 __all__ = ["PeerTube", "draw_tube"]

@@ -10,11 +10,11 @@ from typing import Any, Literal
 from xden1k.errors import DataError
 from xden_builder.capture import write_scanner
 from xden_builder.capture.writing import write_image, write_json, write_ply, write_table
-from xden_builder.peer.matter import xraylib
-from xden_builder.peer.objects import PeerObject, make_object, plan_bench
-from xden_builder.peer.radiograph import Beam, expose, make_beam
-from xden_builder.peer.rays import gvxr
-from xden_builder.peer.setup import VIEWS, Setup, draw_setup
+from xden_builder.phantoms.peer.matter import xraylib
+from xden_builder.phantoms.peer.objects import PeerObject, make_object, plan_bench
+from xden_builder.phantoms.peer.radiograph import Beam, expose, make_beam
+from xden_builder.phantoms.peer.rays import gvxr
+from xden_builder.phantoms.peer.setup import VIEWS, Setup, draw_setup
 from xden_builder.phantoms.phantom import Plan
 from xden_builder.phantoms.writer import each_object
 
@@ -48,7 +48,7 @@ def write_bench(
     count, seed
         Which objects, and which scanner.
     size_px, screen
-        Pixels a side, and a key of :data:`xden_builder.peer.screen.SCREENS`.
+        Pixels a side, and a key of :data:`xden_builder.phantoms.peer.screen.SCREENS`.
     copper
         Whether the lab knows of the copper in its filter.
     weighed

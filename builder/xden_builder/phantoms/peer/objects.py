@@ -12,8 +12,8 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from xden1k.values.mass import MassProperties, mass_of_meshes
-from xden_builder.peer.substances import Substance, labels_alike, substances_called
 from xden_builder.phantoms.catalogue import CATALOGUE
+from xden_builder.phantoms.peer.substances import Substance, labels_alike, substances_called
 from xden_builder.phantoms.phantom import Plan, make_phantom, random_numbers
 
 __all__ = ["LARGEST_CM", "PeerObject", "PeerPart", "draw_label", "make_object", "plan_bench"]
