@@ -72,7 +72,7 @@ class PeerTube:
         >>> tube.told(copper=True).filtration_cm
         {'Al': 0.25, 'Cu': 0.01}
         """
-        filters = {"Al": math.floor(self.aluminium_cm / 0.05 + 1e-9) * 0.05}
+        filters = {"Al": math.floor(20 * self.aluminium_cm + 1e-9) / 20}
         if copper and (plates_cm := round(self.copper_cm, 2)):
             filters["Cu"] = plates_cm
         return Tube(kv=CONSOLE_KV, mas=self.mas, filtration_cm=filters)
