@@ -17,7 +17,7 @@ from xden_builder.phantoms.peer.objects import draw_label, make_object, plan_ben
 from xden_builder.phantoms.peer.rays import path_lengths_cm
 from xden_builder.phantoms.peer.scatter import single_scatter
 from xden_builder.phantoms.peer.screen import Screen
-from xden_builder.phantoms.peer.setup import VIEWS, draw_setup
+from xden_builder.phantoms.peer.setup import VIEWS, BenchSettings, draw_setup
 from xden_builder.phantoms.peer.substances import labels_alike, load_substances, substances_called
 from xden_builder.phantoms.peer.writer import write_bench
 
@@ -31,7 +31,7 @@ def others():
         pytest.importorskip(name, exc_type=ImportError)
 
 
-SETTINGS = {"size_px": 64, "screen": "gos", "weighed": True, "unannotated_share": 1.0}
+SETTINGS = BenchSettings(12, size_px=64, screen="gos", unannotated_share=1.0)
 
 
 def test_every_material_of_the_catalogue_has_substances_and_every_label_is_known():
@@ -136,7 +136,7 @@ def test_lengths_are_those_of_a_ball_where_the_scanner_really_is():
 @pytest.mark.usefixtures("others")
 def test_a_seed_gives_the_same_bytes_and_the_builder_reads_them(tmp_path):
     for name, copper in (("one", "told"), ("again", "told"), ("untold", "untold")):
-        write_bench(tmp_path / name, 1, 12, copper=copper, workers=1, **SETTINGS)
+        write_bench(tmp_path / name, 1, SETTINGS, copper=copper, weighed=True)
     one, again, untold = (contents(tmp_path / name) for name in ("one", "again", "untold"))
     assert one == again
     assert {name for name in one if one[name] != untold[name]} == {"scanner.toml"}

@@ -33,6 +33,12 @@ __all__ = ["bench_scanner"]
     show_default=True,
     help="Whether scanner.toml tells of the copper in the beam.",
 )
+@click.option(
+    "--scatter",
+    type=click.FloatRange(min=0.0),
+    show_default="1.2 to 2, drawn for each object",
+    help="Factor on single scatter.",
+)
 @click.option("--weighed", is_flag=True, help="Objects were on a scale, which errs by 0.5 %.")
 @click.option(
     "--unannotated",
@@ -50,6 +56,7 @@ def bench_scanner(
     size: int,
     screen: str,
     copper: Any,
+    scatter: float | None,
     weighed: bool,
     unannotated: float,
     workers: int,
@@ -61,18 +68,17 @@ def bench_scanner(
     and the objects are drawn by --seed; the truth stands beside each object, for
     `xden-build evaluate OUT` and `--rebuilt`. Needs the extra [peers].
     """
+    from xden_builder.phantoms.peer.setup import BenchSettings
     from xden_builder.phantoms.peer.writer import write_bench
 
+    settings = BenchSettings(seed, size, screen, scatter, unannotated)
     with progress_bar(count) as bar:
         write_bench(
             out,
             count,
-            seed,
-            size_px=size,
-            screen=screen,
+            settings,
             copper=copper,
             weighed=weighed,
-            unannotated_share=unannotated,
             workers=workers,
             progress=lambda _: bar.update(),
         )

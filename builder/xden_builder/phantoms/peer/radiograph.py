@@ -58,8 +58,19 @@ def make_beam(setup: Setup) -> Beam:
     return Beam(energies_kev, signal / signal.sum(), float(signal.sum() ** 2 / squares))
 
 
-def expose(setup: Setup, beam: Beam, thing: PeerObject, view: str) -> Image:
+def expose(
+    setup: Setup, beam: Beam, thing: PeerObject, view: str, scatter: float | None = None
+) -> Image:
     """Take a radiograph: signal over that of the open field.
+
+    Parameters
+    ----------
+    setup, beam
+        Of the scanner.
+    thing, view
+        What, and from where.
+    scatter
+        Factor on single scatter; drawn where it is None.
 
     Raises
     ------
@@ -70,7 +81,7 @@ def expose(setup: Setup, beam: Beam, thing: PeerObject, view: str) -> Image:
     lengths = path_lengths_cm([part.mesh for part in thing.parts], geometry)
     direct, scattered = _averaged(setup, beam, thing, lengths)
     once = single_scatter(scattered, setup.pitch_cm, setup.gap_cm, beam.mean_kev)
-    around = draw_scatter(thing.plan.rng("peer/scatter"))
+    around = draw_scatter(thing.plan.rng("peer/scatter"), scatter)
     expected = direct + around.factor * once + around.floor
     return _read(setup, beam, expected, thing.plan.rng(f"peer/noise/{view}"))
 

@@ -37,9 +37,10 @@ class Scatter:
     floor: float
 
 
-def draw_scatter(rng: np.random.Generator) -> Scatter:
-    """Draw a factor of 1.2 to 2 and a floor of up to 0.5 %."""
-    return Scatter(rng.uniform(1.2, 2.0), rng.uniform(0.0, 0.005))
+def draw_scatter(rng: np.random.Generator, factor: float | None = None) -> Scatter:
+    """Draw a factor of 1.2 to 2, if none is given, and a floor of up to 0.5 %."""
+    drawn, floor = rng.uniform(1.2, 2.0), rng.uniform(0.0, 0.005)
+    return Scatter(drawn if factor is None else factor, floor)
 
 
 def single_scatter(
@@ -68,4 +69,4 @@ def _share_per_sr(energy_kev: float, angles: Float[np.ndarray, "n n"]) -> Float[
     lib = xraylib()
     known = np.linspace(0.0, np.pi / 2, 91)
     shares = [lib.DCS_KN(energy_kev, angle) / lib.CS_KN(energy_kev) for angle in known]
-    return np.interp(angles, known, shares)
+    return np.asarray(np.interp(angles, known, shares))

@@ -41,14 +41,14 @@ class Screen:
 
     def absorbed(self, energies_kev: Energies) -> Energies:
         """Share of photons that are stopped."""
-        return -np.expm1(-self._mac(energies_kev) * self.areal_g_cm2)
+        return np.asarray(-np.expm1(-self._mac(energies_kev) * self.areal_g_cm2))
 
     def signal(self, energies_kev: Energies) -> Energies:
         """Mean signal of an arriving photon."""
         absorbed = self.absorbed(energies_kev)
         if self.threshold_kev:
             return np.where(energies_kev > self.threshold_kev, absorbed, 0.0)
-        return absorbed * energies_kev - self.escaping_kev(energies_kev)
+        return np.asarray(absorbed * energies_kev - self.escaping_kev(energies_kev))
 
     def signal_squared(self, energies_kev: Energies) -> Energies:
         """Mean square of the signal of an arriving photon; escape neglected."""

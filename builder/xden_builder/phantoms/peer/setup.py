@@ -15,7 +15,7 @@ from xden_builder.phantoms.peer.tube import PeerTube, draw_tube
 from xden_builder.phantoms.phantom import random_numbers
 from xden_builder.physics.source import Detector
 
-__all__ = ["VIEWS", "Setup", "draw_setup"]
+__all__ = ["VIEWS", "BenchSettings", "Setup", "draw_setup"]
 
 VIEWS: Final = ("pa", "lat")
 PANEL_CM: Final = 43.0
@@ -25,6 +25,31 @@ _ALONG: Final = {"pa": (0.0, 1.0, 0.0), "lat": (1.0, 0.0, 0.0)}
 _RIGHT: Final = {"pa": (1.0, 0.0, 0.0), "lat": (0.0, -1.0, 0.0)}
 _DOWN: Final = (0.0, 0.0, -1.0)
 _NOWHERE: Final = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class BenchSettings:
+    """What decides a folder's images.
+
+    Parameters
+    ----------
+    seed
+        Of scanner and objects.
+    size_px
+        Pixels along each side of a panel.
+    screen
+        A key of :data:`xden_builder.phantoms.peer.screen.SCREENS`.
+    scatter
+        Factor on single scatter; None: drawn for each object.
+    unannotated_share
+        Of the objects of two parts or more: one part has no mesh.
+    """
+
+    seed: int
+    size_px: int = 256
+    screen: str = "csi"
+    scatter: float | None = None
+    unannotated_share: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

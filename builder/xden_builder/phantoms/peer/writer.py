@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import asdict
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
@@ -14,7 +15,7 @@ from xden_builder.phantoms.peer.matter import xraylib
 from xden_builder.phantoms.peer.objects import PeerObject, make_object, plan_bench
 from xden_builder.phantoms.peer.radiograph import Beam, expose, make_beam
 from xden_builder.phantoms.peer.rays import gvxr
-from xden_builder.phantoms.peer.setup import VIEWS, Setup, draw_setup
+from xden_builder.phantoms.peer.setup import VIEWS, BenchSettings, Setup, draw_setup
 from xden_builder.phantoms.phantom import Plan
 from xden_builder.phantoms.writer import each_object
 
@@ -26,14 +27,11 @@ Filter = Literal["told", "untold"]
 def write_bench(
     out: Path,
     count: int,
-    seed: int,
+    settings: BenchSettings,
     *,
-    size_px: int,
-    screen: str,
-    copper: Filter,
-    weighed: bool,
-    unannotated_share: float,
-    workers: int,
+    copper: Filter = "told",
+    weighed: bool = False,
+    workers: int = 1,
     progress: Callable[[str], None] = lambda _: None,
 ) -> None:
     """Simulate a capture folder: one scanner, drawn by the seed, and ``count`` objects.
@@ -45,16 +43,12 @@ def write_bench(
     ----------
     out
         A folder that is empty or does not exist.
-    count, seed
-        Which objects, and which scanner.
-    size_px, screen
-        Pixels a side, and a key of :data:`xden_builder.phantoms.peer.screen.SCREENS`.
+    count, settings
+        Which objects and which scanner.
     copper
         Whether the lab knows of the copper in its filter.
     weighed
         Whether objects were on a scale.
-    unannotated_share
-        Of the objects: one part has no mesh.
     workers
         Number of processes.
     progress
@@ -69,14 +63,13 @@ def write_bench(
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise DataError(f"{out}: expected a folder that is empty or does not exist")
-    setup = draw_setup(seed, size_px, screen)
+    setup = draw_setup(settings.seed, settings.size_px, settings.screen)
     _need_simulators(setup)
     out.mkdir(parents=True, exist_ok=True)
-    plans = plan_bench(count, seed)
-    task = partial(_write_object, out, seed, size_px, screen, unannotated_share)
-    masses = list(each_object(task, plans, workers, progress))
+    plans = plan_bench(count, settings.seed)
+    masses = list(each_object(partial(_write_object, out, settings), plans, workers, progress))
     write_scanner(setup.told(copper=copper == "told"), out / "scanner.toml")
-    write_json(out / "bench.json", {"seed": seed, "scanner": setup.to_dict()})
+    write_json(out / "bench.json", asdict(settings) | {"scanner": setup.to_dict()})
     header = ("object_id", "category", "source", "mass_g")
     rows = [
         (plan.object_id, plan.category.name, "phantom", f"{mass:.4g}" if weighed else "")
@@ -98,12 +91,11 @@ def _scanner(seed: int, size_px: int, screen: str) -> tuple[Setup, Beam]:
     return setup, make_beam(setup)
 
 
-def _write_object(
-    out: Path, seed: int, size_px: int, screen: str, unannotated_share: float, object_id: str
-) -> float:
+def _write_object(out: Path, settings: BenchSettings, object_id: str) -> float:
     """Write the folder of one object; return its mass on the scale."""
-    setup, beam = _scanner(seed, size_px, screen)
-    thing = make_object(Plan.of(seed, object_id), unannotated_share=unannotated_share)
+    setup, beam = _scanner(settings.seed, settings.size_px, settings.screen)
+    plan = Plan.of(settings.seed, object_id)
+    thing = make_object(plan, unannotated_share=settings.unannotated_share)
     folder = out / object_id
     (folder / "parts").mkdir(parents=True)
     for part in thing.annotated:
@@ -111,7 +103,8 @@ def _write_object(
     labels = [(part.name, part.label) for part in thing.annotated]
     write_table(folder / "parts.csv", ("name", "material"), labels)
     for view in VIEWS:
-        write_image(folder / f"{view}.tif", expose(setup, beam, thing, view))
+        image = expose(setup, beam, thing, view, settings.scatter)
+        write_image(folder / f"{view}.tif", image)
     write_json(folder / "truth.json", _truth(thing))
     return thing.mass_properties.mass_g * (1 + thing.scale_error)
 
