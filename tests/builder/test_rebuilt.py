@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from xden1k.folder import open_folder
 from xden_builder.cli import cli
 from xden_builder.evaluate.rebuilt import RebuiltObject, RebuiltPart, RebuiltSet
 from xden_builder.evaluate.rebuilt_table import rebuilt_markdown, rebuilt_row, where_rows
@@ -67,5 +68,10 @@ def test_a_rebuilt_folder_is_scored_without_another_fit(tmp_path):
     assert scored.exit_code == 0, scored.output
     (found,) = json.loads(scored.stdout)[str(captures)]["objects"]
     assert found["object_id"] == "pencil-0000"
-    assert found["errors"]["density_mae_g_cm3"] < 0.1
+    (rebuilt,) = open_folder(built).objects()
+    truth = json.loads((captures / "pencil-0000" / "truth.json").read_text())
+    assert found["errors"]["mass_ape"] == pytest.approx(abs(rebuilt.mass_g / truth["mass_g"] - 1))
+    assert [part["material"] for part in found["parts"]] == [
+        part["material"] for part in truth["parts"]
+    ]
     assert np.isclose(sum(each["volume_share"] for each in found["parts"]), 1.0)
