@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import trimesh
 
@@ -21,6 +22,7 @@ from tests.builder.poly_scenes import (
     tool,
     true_mass_g,
 )
+from xden1k.errors import DataError
 from xden1k.format.records import object_row
 from xden1k.values.types import DensityObject
 from xden_builder.audit.object import audit_object
@@ -133,6 +135,36 @@ def test_exposure_moves_the_gain_and_no_density(capture, rebuilt, exposures):
     assert fit.density_g_cm3 == pytest.approx(list(densities(rebuilt).values()), rel=0.01)
     gains = [float(fit.nuisances(number)[0]) for number in (0, 1)]
     assert gains == pytest.approx(exposures, rel=0.003)
+
+
+def overexposed(exposure: float, limit: float) -> Capture:
+    """The object exposed longer than the panel can tell, so that all air is saturated."""
+    bright = captured(tool(), size=96, exposures=(exposure, exposure))
+    views, at_least = [], {}
+    for view in bright.views:
+        full = view.transmission >= limit
+        views.append(
+            replace(view, transmission=np.where(full, np.nan, view.transmission), valid=~full)
+        )
+        at_least[view.name] = np.where(full, limit, np.nan).astype(np.float32)
+    pa, lat = views
+    return replace(bright, views=(pa, lat), at_least=at_least)
+
+
+def test_saturated_air_costs_no_density_and_is_no_shadow(rebuilt):
+    obj = reconstruct(overexposed(1.3, 1.1))
+    assert densities(obj) == pytest.approx(densities(rebuilt), rel=0.03)
+    gains = [view["gain"] for view in obj.meta["poly"]["views"].values()]
+    assert gains == pytest.approx([1.3, 1.3], rel=0.02)
+    assert obj.flags == rebuilt.flags
+    again = audit_object(obj, overexposed(1.3, 1.1))
+    assert again.good
+    assert all(view.background_transmission_mae < 0.01 for view in again.views)
+
+
+def test_an_object_most_of_which_is_saturated_is_refused(capture):
+    with pytest.raises(DataError, match=r"view pa: \d+% of the object's pixels are saturated or"):
+        reconstruct(overexposed(1.3, 0.2))
 
 
 @pytest.mark.parametrize("label", ["aluminium", pytest.param("pp", marks=pytest.mark.slow)])

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 from xden1k.errors import XDenError
 from xden_builder.capture import Capture, CaptureFolder
@@ -23,6 +23,7 @@ from xden_builder.reconstruct.space import divide
 __all__ = ["Finding", "Kind", "ObjectCheck", "check_object"]
 
 Kind = Literal["refused", "contradicts"]
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,17 +77,22 @@ def check_object(folder: CaptureFolder, object_id: str) -> ObjectCheck:
 
 
 def _read(folder: CaptureFolder, object_id: str, refused: list[str]) -> Capture | None:
-    """Read everything; where the pictures fail, the parts are tried as well."""
-    for read in (folder.read, folder.parts, folder.ct):
-        try:
-            found = read(object_id)
-        except (XDenError, OSError) as err:
-            if str(err) not in refused:
-                refused.append(str(err))
-        else:
-            if isinstance(found, Capture):
-                capture = found
+    """Read everything; where that fails early, the parts are tried as well."""
+    capture = _tried(folder.read, object_id, refused)
+    _tried(folder.ct, object_id, refused)
+    if capture is None:
+        _tried(folder.parts, object_id, refused)
     return None if refused else capture
+
+
+def _tried(read: Callable[[str], Result], object_id: str, refused: list[str]) -> Result | None:
+    """Return what is read, or None with the reason among those for a refusal."""
+    try:
+        return read(object_id)
+    except (XDenError, OSError) as err:
+        if str(err) not in refused:
+            refused.append(str(err))
+    return None
 
 
 def _judged(capture: Capture, refused: list[str]) -> Iterator[str]:

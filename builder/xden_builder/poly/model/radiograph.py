@@ -21,7 +21,7 @@ TERMS = ("gain", "near_scatter", "far_scatter", "glare")
 """What a view has of its own, in the order of the unknowns."""
 GAIN: Final = (1.0, 0.05)
 """Mean and standard deviation of the gain of a view."""
-TOLD_GAIN_SD: Final = 0.01
+TOLD_GAIN_SD: Final = 0.003
 """Of a gain that little air tells, far from the object."""
 UNTOLD_GAIN_SD: Final = 0.2
 """Of a gain that no air tells but from below: how far it may be above."""
