@@ -18,10 +18,10 @@ from xden1k.errors import DataError
 from xden1k.rays import path_lengths
 from xden_builder.capture import CaptureFolder, ScannerFile, ViewFile, write_scanner
 from xden_builder.capture.parts import CapturePart
-from xden_builder.check.run import FolderCheck, check_folder
-from xden_builder.check.weight import weight_contradiction
 from xden_builder.cli import cli
 from xden_builder.physics.source import Tube
+from xden_builder.pipeline.check.run import FolderCheck, check_folder
+from xden_builder.pipeline.check.weight import weight_contradiction
 
 SIZE = 64
 VIEWS = geometries(SIZE)

@@ -11,7 +11,7 @@ from xden1k.commands import json_option, print_json
 from xden_builder.commands.shared import FOLDER, progress_bar, workers_option
 
 if TYPE_CHECKING:
-    from xden_builder.check.run import FolderCheck
+    from xden_builder.pipeline.check.run import FolderCheck
 
 __all__ = ["check"]
 
@@ -28,7 +28,7 @@ def check(captures: Path, workers: int, as_json: bool) -> None:
     and nothing written. Exits with 1 if anything is wrong.
     """
     from xden_builder.capture import CaptureFolder
-    from xden_builder.check.run import check_folder
+    from xden_builder.pipeline.check.run import check_folder
 
     with progress_bar(len(CaptureFolder(captures).object_ids)) as bar:
         report = check_folder(captures, workers=workers, on_done=lambda _: bar.update())

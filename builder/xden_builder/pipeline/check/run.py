@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from xden_builder.capture import CaptureFolder
-from xden_builder.check.object import Finding, Kind, ObjectCheck, check_object
+from xden_builder.pipeline.check.object import Finding, Kind, ObjectCheck, check_object
 from xden_builder.workers import Answer, explain, run_each
 
 __all__ = ["FolderCheck", "check_folder"]

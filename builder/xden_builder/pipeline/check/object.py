@@ -9,9 +9,9 @@ from typing import Literal, TypeVar
 
 from xden1k.errors import XDenError
 from xden_builder.capture import Capture, CaptureFolder
-from xden_builder.check.outlines import contradictions, outline
-from xden_builder.check.weight import weight_contradiction
 from xden_builder.physics.groups import energy_groups
+from xden_builder.pipeline.check.outlines import contradictions, outline
+from xden_builder.pipeline.check.weight import weight_contradiction
 from xden_builder.reconstruct.plausible import (
     check_exposure,
     check_places,
