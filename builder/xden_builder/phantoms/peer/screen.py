@@ -53,7 +53,9 @@ class Screen:
     def signal_squared(self, energies_kev: Energies) -> Energies:
         """Mean square of the signal of an arriving photon; escape neglected."""
         absorbed, signal = self.absorbed(energies_kev), self.signal(energies_kev)
-        return np.divide(signal**2, absorbed, out=np.zeros_like(signal), where=absorbed > 0)
+        square = np.zeros_like(signal)
+        np.divide(signal**2, absorbed, out=square, where=absorbed > 0)
+        return square
 
     def escaping_kev(self, energies_kev: Energies) -> Energies:
         """Mean energy that leaves again as K fluorescence, for an arriving photon.
