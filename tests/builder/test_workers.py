@@ -49,11 +49,12 @@ def test_an_object_whose_process_was_killed_from_outside_is_made_again(tmp_path)
 
 
 PARENT = """
-import sys, time
+import signal, sys, time
 from pathlib import Path
 from xden_builder.workers import run_each
 from test_workers_tasks import linger
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # shells ignore it in the background
     list(run_each(linger, [sys.argv[1] + "/a", sys.argv[1] + "/b"], workers=2))
 """
 TASKS = """
