@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-POOLS = ("audit.run", "evaluate.run", "phantoms.writer", "pipeline.run")
+POOLS = ("audit.run", "evaluate.run", "phantoms.writer", "pipeline.run", "triage.report")
 """The modules that work in a pool of processes."""
 
 

@@ -9,8 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.builder.poly_scenes import capture_of, fitted, relabelled, tool, true_mass_g
-from xden1k.rays import disjoint_regions, ownership_order
+from xden1k.rays import disjoint_regions, ownership_order, path_lengths
 from xden1k.values.types import DensityObject
+from xden_builder.audit.replay import replayed, stored_model
+from xden_builder.audit.view import pixel_sets
 from xden_builder.capture import Capture
 from xden_builder.phantoms import Phantom, PhantomPart, Plan, Scanner
 from xden_builder.poly.model.frames import Pose
@@ -70,6 +72,16 @@ def test_steel_is_steel_where_the_papers_rule_reads_three_times_as_much(rebuilt)
     (blade,) = [part for part in rebuilt.parts if part.name == "blade"]
     assert blade.density_g_cm3 == pytest.approx(7.85, abs=0.2)
     assert blade.apparent_density_g_cm3 > 20
+
+
+def test_a_dataset_alone_gives_the_image_of_the_fit_but_for_the_heel(rebuilt, capture):
+    for view in rebuilt.views:
+        lengths = path_lengths(
+            [part.mesh for part in rebuilt.parts], range(len(rebuilt.parts)), view.geometry, 3
+        )
+        _, beside = pixel_sets(view, lengths)
+        of_fit, _ = replayed(rebuilt, capture, view, view.geometry, lengths, beside)
+        assert np.abs(stored_model(rebuilt, view) - of_fit).max() < 0.01
 
 
 def test_images_fit_although_nothing_is_ideal(rebuilt):

@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import json
 import math
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
+from click.testing import CliRunner
 
+from xden1k.access.hub import SAMPLE
+from xden1k.errors import DataError
+from xden1k.folder import open_folder, write_folder
+from xden_builder.cli import cli
 from xden_builder.commands import run as run_command
 from xden_builder.pipeline.run import BuildReport, Outcome
+from xden_builder.triage import report as triage_report
+from xden_builder.triage.card import Card, make_card
 from xden_builder.triage.findings import find
 from xden_builder.triage.flags import flag_kinds
+from xden_builder.triage.pictures import draw
 
 
 def row(object_id: str = "mug-1", *flags: str, parts: dict[str, list[str]] | None = None) -> Any:
@@ -129,3 +144,158 @@ def test_progress_says_how_many_need_a_person_so_far() -> None:
     for one in (outcome("a"), outcome("b", "pa:not_seen"), Outcome("c", "failed", "no image")):
         progress.add(one)
     assert bar.told == ["1 need you", "2 need you"]
+
+
+SHADOW_BOX = [10, 20, 29, 39]
+HOSTILE = "<script>alert('x')</script>\" onload=\"alert(1)"
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two objects of the sample: a sound one, and one with a hostile name, note and a shadow."""
+    sample = open_folder(SAMPLE).objects()
+    sound, other = next(sample), next(sample)
+    box = {"content_box": None, "content_g": 0.0, "content_share": 0.0}
+    box |= {"shadow_box": SHADOW_BOX, "shadow_g": 3.0, "shadow_share": 0.2}
+    faulty = replace(
+        other,
+        category=f"={HOSTILE}",
+        flags=("pa:unexplained_shadow",),
+        parts=(replace(other.parts[0], name=HOSTILE, flags=("starved",)), *other.parts[1:]),
+        weighed_mass_g=2 * other.mass_g,
+        meta={
+            "notes": HOSTILE,
+            "reprojection": {
+                "pa": {"transmission_corr": 0.98, "transmission_mae": 0.01, "unexplained": box}
+            },
+        },
+    )
+    out = tmp_path_factory.mktemp("triage") / "dataset"
+    write_folder([sound, faulty], out, version="0.1.0", builder="tests")
+    return out
+
+
+@pytest.fixture(scope="module")
+def report(dataset: Path, in_this_process: None) -> Path:
+    """The report of it, beside it."""
+    work = dataset.with_name("dataset.work")
+    work.mkdir()
+    failed = BuildReport((Outcome("mug-9", "failed", f"{HOSTILE}: no TIFF"),))
+    (work / "build_report.json").write_text(json.dumps(failed.to_dict()))
+    ran = CliRunner().invoke(cli, ["report", str(dataset), "--json"])
+    assert ran.exit_code == 0, ran.output
+    told = json.loads(ran.stdout)
+    assert (told["objects"], told["needs_you"], told["not_shown"]) == (2, 1, [])
+    return Path(told["page"]).parent
+
+
+class Page(HTMLParser):
+    """Everything that a browser would act on."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+def test_the_page_asks_nobody_for_anything_and_runs_nothing_of_the_data(report: Path) -> None:
+    text = (report / "index.html").read_text()
+    page = Page(text)
+    assert len(page.all("script")) == len(page.all("style")) == 1
+    assert not any(name.startswith("on") for _, attributes in page.tags for name in attributes)
+    for _, attributes in page.tags:
+        for source in (attributes.get("src"), attributes.get("href")):
+            assert (
+                source is None
+                or source.startswith(("data:image/webp", "#"))
+                or (source == "objects.csv")
+            )
+    assert "http" not in re.sub(r"http-equiv|data:image[^\"]+", "", text)
+    (policy,) = [each["content"] for each in page.all("meta") if "http-equiv" in each]
+    assert policy is not None
+    assert policy.startswith("default-src 'none'; img-src data:;")
+    for tag in ("style", "script"):
+        (body,) = re.findall(rf"<{tag}>(.*?)</{tag}>", text, re.DOTALL)
+        digest = base64.b64encode(hashlib.sha256(body.encode()).digest()).decode()
+        assert f"{tag}-src 'sha256-{digest}'" in policy
+
+
+def test_the_worst_object_is_first_open_and_framed_where_the_shadow_is(report: Path) -> None:
+    page = Page((report / "index.html").read_text())
+    worst, sound = (each for each in page.all("details") if each["class"] == "object")
+    assert worst["data-severity"] == "needs_you"
+    assert worst["data-flags"] == "unexplained_shadow starved"
+    assert sound["data-flags"] == ""
+    assert len(page.all("img")) == 2 * 2 * 3
+    frames = page.all("rect")
+    assert [frame["class"] for frame in frames] == ["shadow"] * 3
+
+
+def test_what_could_not_be_built_stands_on_the_page(report: Path) -> None:
+    text = (report / "index.html").read_text()
+    assert "mug-9" in text
+    assert "&lt;script&gt;alert(&#39;x&#39;)" in text
+
+
+def test_the_table_has_the_figures_and_no_formula(report: Path) -> None:
+    table = pd.read_csv(report / "objects.csv")
+    assert list(table["severity"].fillna("")) == ["needs_you", ""]
+    assert table["category"][0] == f"'={HOSTILE}"
+    assert table["pa_shadow_share"][0] == 0.2
+    assert table["weighed_mass_g"][0] == pytest.approx(2 * table["mass_g"][0])
+
+
+def test_a_weighed_object_is_on_the_chart_at_the_ratio_of_its_masses(report: Path) -> None:
+    (circle,) = Page((report / "index.html").read_text()).all("circle")
+    assert circle["class"] == "needs_you"
+    assert float(circle["cy"] or 0) == pytest.approx(186, abs=1)  # a half: at the lower edge
+
+
+def test_a_frame_encloses_the_box_and_the_picture_reaches_as_far(dataset: Path) -> None:
+    obj = next(open_folder(dataset).objects())
+    view = obj.views[0]
+    rows, columns = view.transmission.shape
+    corner = draw(obj, view, {"shadow_box": [0, 0, 1, 1]})
+    (frame,) = corner.frames
+    assert (frame.left, frame.top) == (0, 0)
+    assert 0 < frame.width < 0.2
+    middle = draw(obj, view, {"content_box": [rows // 2, columns // 2, rows // 2, columns // 2]})
+    (frame,) = middle.frames
+    assert frame.left < 0.5 < frame.left + frame.width or frame.width < 0.1
+    assert draw(obj, view, {"content_box": None}).frames == ()
+
+
+def test_another_folder_is_not_replaced_by_a_report_and_an_older_report_is(
+    dataset: Path, report: Path, tmp_path: Path, in_this_process: None
+) -> None:
+    (tmp_path / "thesis.txt").write_text("mine")
+    ran = CliRunner().invoke(cli, ["report", str(dataset), "-o", str(tmp_path)])
+    assert ran.exit_code == 1
+    assert f"{tmp_path} is not a report" in ran.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+    before = (report / "index.html").read_bytes()
+    assert CliRunner().invoke(cli, ["report", str(dataset)]).exit_code == 0
+    assert (report / "index.html").read_bytes() == before
+
+
+def test_a_damaged_object_is_listed_and_the_others_are_shown(
+    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None
+) -> None:
+    bad, _ = open_folder(dataset).ids()
+
+    def make(root: Path, object_id: str) -> Card:
+        if object_id == bad:
+            raise DataError("its row is damaged")
+        return make_card(root, object_id)
+
+    monkeypatch.setattr(triage_report, "make_card", make)
+    ran = CliRunner().invoke(cli, ["report", str(dataset), "-o", str(tmp_path / "out")])
+    assert ran.exit_code == 3
+    assert f"failed: {bad}: its row is damaged" in ran.stderr
+    assert "its row is damaged" in (tmp_path / "out" / "index.html").read_text()

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal
 
 __all__ = ["FlagKind", "Severity", "flag_kind", "flag_kinds"]
 
@@ -47,8 +47,8 @@ def flag_kinds() -> Mapping[str, FlagKind]:
     'information'
     """
     text = (files(__package__) / "flags.csv").read_text(encoding="utf-8")
-    kinds = {row["flag"]: FlagKind(**row) for row in csv.DictReader(text.splitlines())}
-    return MappingProxyType(kinds)
+    rows: Iterable[Any] = csv.DictReader(text.splitlines())
+    return MappingProxyType({row["flag"]: FlagKind(**row) for row in rows})
 
 
 def flag_kind(flag: str) -> FlagKind:

@@ -12,14 +12,15 @@ import hashlib
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from xden_builder.triage.card import Card
 from xden_builder.triage.chart import chart
-from xden_builder.triage.flags import FlagKind, flag_kinds
+from xden_builder.triage.findings import Findings
+from xden_builder.triage.flags import FlagKind, Severity, flag_kinds
 from xden_builder.triage.pictures import RESIDUAL_LIMIT
 
 if TYPE_CHECKING:
@@ -29,7 +30,13 @@ if TYPE_CHECKING:
 __all__ = ["render"]
 
 TEMPLATE: Final = "index.html.j2"
-WORDS: Final = {"needs_you": "needs you", "information": "information", None: "no flag"}
+COUNTED: Final[Mapping[Severity | None, str]] = {
+    "needs_you": "need you",
+    "information": "for information",
+    None: "without a flag",
+}
+FEW: Final = 3
+"""So few objects are all open from the start."""
 SOURCES: Final = {
     "scan": "scanned",
     "phantom": "simulated, never on a scanner",
@@ -62,7 +69,7 @@ def render(
             name=name,
             cards=cards,
             failures=failures,
-            counts=[(WORDS[key], severities[key]) for key in WORDS],
+            counts=[(key or "none", words, severities[key]) for key, words in COUNTED.items()],
             kinds=_kinds(cards),
             categories=sorted({card.findings.category for card in cards}),
             sources=[(SOURCES[key], n) for key, n in Counter(c.source for c in cards).items()],
@@ -88,8 +95,8 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(figure=_figure, code=_code, severity=WORDS.__getitem__)
-    environment.globals.update(source_words=SOURCES)
+    environment.filters.update(figure=_figure, code=_code)
+    environment.globals.update(source_words=SOURCES, mass=_mass, few=FEW)
     return environment
 
 
@@ -106,7 +113,7 @@ def _resource(name: str) -> Markup:
     from markupsafe import Markup
 
     text = (files("xden_builder.triage") / name).read_text(encoding="utf-8")
-    return Markup(text)  # noqa: S704: our own file
+    return Markup(text)  # noqa: S704 - our own file
 
 
 def _hash(text: str) -> str:
@@ -125,6 +132,14 @@ def _figure(value: Any, digits: int = 4) -> str:
     if value is None or math.isnan(value):
         return "-"
     return f"{float(f'{value:.{digits}g}'):g}"
+
+
+def _mass(findings: Findings) -> str:
+    """Format a mass with its standard deviation, as far as they are known."""
+    if math.isnan(findings.mass_g):
+        return "mass unknown"
+    sd = "" if math.isnan(findings.mass_sd_g) else f" ± {_figure(findings.mass_sd_g, 2)}"
+    return f"{_figure(findings.mass_g)}{sd} g"
 
 
 def _code(text: str) -> Markup:

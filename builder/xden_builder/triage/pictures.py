@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float64, UInt8
 from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
@@ -32,6 +32,9 @@ RESIDUAL_LIMIT: Final = 0.1
 """End of the colours of residuals, in transmission: one scale for all objects, to compare them."""
 FRAME_MARGIN: Final = 0.02
 """Between what a frame points at and the frame, as a share of the picture."""
+
+Box = Float64[np.ndarray, "2 2"]
+"""First row and column, last row and column."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,9 +97,15 @@ def draw(obj: DensityObject, view: XRayView, unexplained: Mapping[str, Any]) -> 
         Boxes to frame, ``content_box`` and ``shadow_box``: first row, first column, last row, last
         column; a missing one, or None, is not drawn.
     """
-    binning = max(round(_longest(object_window(obj, view)) / PICTURE_PX), 1)
+    boxes = {
+        kind: np.array(unexplained[f"{kind}_box"], dtype=np.float64).reshape(2, 2)
+        for kind in ("content", "shadow")
+        if unexplained.get(f"{kind}_box") is not None
+    }
+    wide = _window(obj, view, boxes.values(), 1)
+    binning = max(round(max(side.stop - side.start for side in wide) / PICTURE_PX), 1)
     small = _binned(view, binning)
-    window = object_window(obj, small)
+    window = _window(obj, small, boxes.values(), binning)
     measured = np.where(small.valid, small.transmission, np.float32(np.nan))[window]
     model = stored_model(obj, small)[window]
     aspect, _ = readable_aspect(measured.shape, pixel_aspect(small))
@@ -107,13 +116,19 @@ def draw(obj: DensityObject, view: XRayView, unexplained: Mapping[str, Any]) -> 
         _picture("reprojected", grey.to_rgba(dark[1], bytes=True), aspect),
         _picture("difference", split.to_rgba(measured - model, bytes=True), aspect),
     )
-    boxes = {kind: unexplained.get(f"{kind}_box") for kind in ("content", "shadow")}
-    frames = (
-        _frame(kind, [edge / binning for edge in box], window, 1 / binning)
-        for kind, box in boxes.items()
-        if box is not None
-    )
+    frames = (_frame(kind, box, window, binning) for kind, box in boxes.items())
     return ViewPictures(pictures, tuple(frames))
+
+
+def _window(obj: DensityObject, view: XRayView, boxes: Iterable[Box], binning: int) -> Window:
+    """Rows and columns of the object, its margin, and what is framed."""
+    rows, columns = object_window(obj, view)
+    low, high = [rows.start, columns.start], [rows.stop, columns.stop]
+    for first, last in boxes:
+        low = np.minimum(low, first // binning).astype(int).tolist()
+        high = np.maximum(high, last // binning + 1).astype(int).tolist()
+    height, width = view.geometry.shape
+    return slice(low[0], min(high[0], height)), slice(low[1], min(high[1], width))
 
 
 def _binned(view: XRayView, binning: int) -> XRayView:
@@ -121,10 +136,6 @@ def _binned(view: XRayView, binning: int) -> XRayView:
     transmission, valid = binned(view, binning)
     geometry = coarse(view.geometry, binning)
     return replace(view, transmission=transmission, valid=valid, geometry=geometry)
-
-
-def _longest(window: Window) -> int:
-    return max(side.stop - side.start for side in window)
 
 
 def _residual_colours() -> ScalarMappable:
@@ -145,15 +156,11 @@ def _picture(label: str, colours: UInt8[np.ndarray, "rows columns 4"], aspect: f
     return Picture(label, f"data:image/webp;base64,{data}", *size)
 
 
-def _frame(kind: str, box: list[float], window: Window, pixel: float) -> Frame:
+def _frame(kind: str, box: Box, window: Window, binning: int) -> Frame:
     """Place a box of pixels in a picture, with a margin, cut to it."""
-    low, high = [], []
-    for first, last, span in zip(box[:2], box[2:], window, strict=True):
-        length = span.stop - span.start
-        ends = np.array([first, last + pixel]) - span.start
-        near, far = (ends / length + [-FRAME_MARGIN, FRAME_MARGIN]).clip(0, 1).tolist()
-        low.append(near)
-        high.append(far)
-    top, left = low
-    bottom, right = high
+    start = np.array([side.start for side in window])
+    size = np.array([side.stop - side.start for side in window])
+    first, last = box
+    top, left = ((first / binning - start) / size - FRAME_MARGIN).clip(0, 1).tolist()
+    bottom, right = (((last + 1) / binning - start) / size + FRAME_MARGIN).clip(0, 1).tolist()
     return Frame(kind, left, top, right - left, bottom - top)

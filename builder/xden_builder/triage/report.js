@@ -38,6 +38,9 @@ for (const button of document.querySelectorAll("button[data-flag]")) {
     form.scrollIntoView();
   });
 }
+if (matchMedia("(max-width: 40rem)").matches) {
+  for (const section of document.querySelectorAll("details.section")) section.open = false;
+}
 form.hidden = false;
 form.addEventListener("input", filter);
 form.addEventListener("submit", (event) => event.preventDefault());
