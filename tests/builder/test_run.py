@@ -193,7 +193,10 @@ def test_a_part_without_space_of_its_own_is_an_error(captures, tmp_path):
     target = CaptureFolder(captures).object_ids[0]
     parts = captures / target / "parts"
     first = sorted(parts.iterdir())[0]
-    shutil.copy(first, parts / "ghost.ply")
+    mesh, within = trimesh.load(first), trimesh.creation.icosphere(radius=0.01)
+    largest = int(mesh.area_faces.argmax())
+    within.apply_translation(mesh.triangles_center[largest] - 0.02 * mesh.face_normals[largest])
+    within.export(parts / "ghost.ply")
     table = captures / target / "parts.csv"
     table.write_text("name,material,priority\n" + f"{first.stem},,9\nghost,,1\n")
     for other in parts.iterdir():

@@ -154,7 +154,8 @@ HOSTILE = "<script>alert('x')</script>\" onload=\"alert(1)"
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two objects of the sample: a sound one, and one with a hostile name, note and a shadow."""
     sample = open_folder(SAMPLE).objects()
-    sound, other = next(sample), next(sample)
+    thin, other = next(sample), next(sample)
+    sound = replace(thin, parts=tuple(replace(part, flags=()) for part in thin.parts))
     box = {"content_box": None, "content_g": 0.0, "content_share": 0.0}
     box |= {"shadow_box": SHADOW_BOX, "shadow_g": 3.0, "shadow_share": 0.2}
     faulty = replace(
