@@ -47,7 +47,7 @@ class Screen:
         """Mean signal of an arriving photon."""
         absorbed = self.absorbed(energies_kev)
         if self.threshold_kev:
-            return np.where(energies_kev > self.threshold_kev, absorbed, 0.0)
+            return np.asarray(np.where(energies_kev > self.threshold_kev, absorbed, 0.0))
         return np.asarray(absorbed * energies_kev - self.escaping_kev(energies_kev))
 
     def signal_squared(self, energies_kev: Energies) -> Energies:
