@@ -53,11 +53,12 @@ def test_curvature_is_positive_everywhere(solution, seed):
     assert np.linalg.eigvalsh(hessian / np.outer(scale, scale)).min() > 1e-6
 
 
-def test_there_is_one_density_a_part_and_four_unknowns_a_view(solution):
-    assert len(solution.minimum.unknowns) == 3 + 2 * NUISANCES
-    assert solution.problem.parts == 3
-    together = [*range(3), *np.r_[solution.problem.nuisances(0), solution.problem.nuisances(1)]]
-    assert together == list(range(11))
+def test_there_is_one_density_a_part_four_unknowns_a_view_and_one_a_batch(solution):
+    problem, count = solution.problem, 3 + 2 * NUISANCES + 3
+    assert len(solution.minimum.unknowns) == count
+    assert problem.parts == 3
+    views = np.r_[problem.nuisances(0), problem.nuisances(1)]
+    assert [*range(3), *views, *range(count)[problem.off]] == list(range(count))
 
 
 def test_the_solution_is_a_minimum_within_bounds(solution):
@@ -71,7 +72,7 @@ def test_the_solution_is_a_minimum_within_bounds(solution):
 
 def test_images_of_the_model_itself_give_its_unknowns_back(solution):
     problem = solution.problem
-    truth = np.array([7.85, 0.905, 1.0, 1.03, 0.06, 0.05, 0.03, 0.97, 0.09, 0.02, 0.03])
+    truth = np.array([7.85, 0.905, 1.0, 1.03, 0.06, 0.05, 0.03, 0.97, 0.09, 0.02, 0.03, 0, 0, 0])
     views = [
         replace(view, measured=problem.image(truth, number)[0])
         for number, view in enumerate(problem.views)

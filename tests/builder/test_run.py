@@ -18,9 +18,12 @@ from xden_builder.audit.object import audit_object
 from xden_builder.audit.view import audit_view
 from xden_builder.capture import CaptureFolder
 from xden_builder.cli import cli
+from xden_builder.commands.run import said_of
 from xden_builder.phantoms import write_captures
-from xden_builder.pipeline import run
-from xden_builder.pipeline.run import OtherVersionError, build, work_folder
+from xden_builder.pipeline import version
+from xden_builder.pipeline.run import build, work_folder
+from xden_builder.pipeline.version import OtherVersionError
+from xden_builder.poly.hardness import Hardness
 from xden_builder.reconstruct.object import reconstruct
 from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.workers import run_each
@@ -85,7 +88,7 @@ def test_stored_radiographs_and_parts_reproject_onto_the_captures(pristine, buil
 def test_a_build_in_processes_of_its_own_gives_the_same_bytes(
     pristine, built, tmp_path, monkeypatch, workers
 ):
-    monkeypatch.setattr(run, "run_each", run_each)
+    monkeypatch.setattr("xden_builder.pipeline.run.run_each", run_each)
     build(pristine, tmp_path / "again", SETTINGS, workers=workers)
     assert contents(tmp_path / "again") == contents(built)
 
@@ -102,6 +105,52 @@ def test_a_rerun_makes_only_what_is_missing_or_changed(captures, half_built):
 def test_other_settings_make_everything_anew(captures, half_built):
     report = build(captures, half_built, BuildSettings(subrays=1), workers=2)
     assert set(statuses(report).values()) == {"built"}
+
+
+def test_the_beam_that_was_found_holds_while_most_objects_are_as_they_were(captures, half_built):
+    beam = work_folder(half_built) / "beam.json"
+    before = json.loads(beam.read_text())
+    assert list(before["objects"]) == sorted(CaptureFolder(captures).object_ids)
+    marked = before | {"hardness": before["hardness"] | {"filter_mm_cu": 0.0123}}
+    beam.write_text(json.dumps(marked))
+    one, two, _ = before["objects"]
+    for changed, holds in ((one, True), (two, False)):
+        image = captures / changed / "pa.tif"
+        image.write_bytes(image.read_bytes() + b"\0")
+        build(captures, half_built, SETTINGS, workers=1)
+        settings = open_folder(half_built).object(one).meta["settings"]["poly"]
+        assert (settings["extra_filter_mm_cu"] == 0.0123) == holds
+
+
+def test_a_damaged_record_of_the_beam_is_made_again(captures, half_built):
+    beam = work_folder(half_built) / "beam.json"
+    before = beam.read_bytes()
+    beam.write_bytes(before[: len(before) // 2])
+    assert set(statuses(build(captures, half_built, SETTINGS, workers=1)).values()) == {"kept"}
+    assert beam.read_bytes() == before
+
+
+def test_a_filter_that_was_told_is_believed(captures, tmp_path):
+    told = replace(SETTINGS, filtration="told")
+    report = build(captures, tmp_path / "out", told, workers=1)
+    assert report.beam is None
+    assert not (work_folder(tmp_path / "out") / "beam.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("beam", "words"),
+    [
+        (Hardness(0.1, 0.02, 40, 20, None), "filter does not explain these images: 0.10 ± 0.02 mm"),
+        (Hardness(-0.03, 0.004, 40, 20, None), "0.03 ± 0.00 mm Cu less would"),
+        (Hardness(0.05, 0.02, 40, 20, (0.0, 0.1)), "0.00 mm Cu more than told explains some, 0.10"),
+    ],
+)
+def test_a_filter_that_does_not_explain_the_images_is_told(beam, words):
+    assert words in said_of(beam)
+
+
+def test_a_filter_that_explains_the_images_is_not_spoken_of():
+    assert said_of(Hardness(0.004, 0.01, 40, 20, None)) == ""
 
 
 def test_answers_beside_captures_go_into_the_dataset_and_stay(captures, half_built):
@@ -158,7 +207,7 @@ def test_a_failing_rebuild_leaves_the_older_dataset_alone(captures, half_built):
 
 def test_a_machine_with_other_code_ends_the_run(captures, tmp_path, monkeypatch):
     versions = iter(["this version's checksum", "another's"])
-    monkeypatch.setattr(run, "_made_by", lambda _: next(versions))
+    monkeypatch.setattr(version, "made_by_checksum", lambda _: next(versions))
     with pytest.raises(OtherVersionError, match="has another version of xden1k"):
         build(captures, tmp_path / "out", SETTINGS, workers=1)
     assert not (tmp_path / "out").exists()

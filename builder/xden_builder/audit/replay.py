@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,12 +12,12 @@ from xden1k.errors import DataError
 from xden1k.rays import PathLengths, path_lengths
 from xden1k.rays.reprojection import SUBRAYS, reprojected
 from xden1k.values.arrays import Image, Mask
-from xden1k.values.materials import load_materials
 from xden1k.values.types import DensityObject
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.capture import Capture
-from xden_builder.physics.groups import EnergyGroups, energy_groups
+from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.source import Detector, Tube
+from xden_builder.poly.materials.stand_ins import coefficients
 from xden_builder.poly.model.beam import Heel, ViewBeam, view_beam
 from xden_builder.poly.model.frames import coarse
 from xden_builder.poly.model.radiograph import TERMS, model_image
@@ -64,7 +64,7 @@ def replayed(
             f"{obj.object_id}: expected the tube it was rebuilt with, scanner.toml names none"
         )
     fit: Mapping[str, Any] = obj.meta["poly"]
-    groups = energy_groups(capture.tube, capture.detector.scintillator)
+    groups = energy_groups(_filtered(capture.tube, obj), capture.detector.scintillator)
     known = np.array([[values[term] for term in TERMS] for values in fit["views"].values()])
     names = list(fit["views"])
     fitted = view.name in names
@@ -100,7 +100,9 @@ def stored_model(obj: DensityObject, view: XRayView, subrays: int = SUBRAYS) -> 
     if "poly" not in obj.meta:
         return reprojected(obj, view, subrays).transmission
     tube, detector = Tube(**obj.meta["tube"]), Detector(**obj.meta.get("detector", {}))
-    beam = ViewBeam(energy_groups(tube, detector.scintillator), view.geometry, Heel())
+    beam = ViewBeam(
+        energy_groups(_filtered(tube, obj), detector.scintillator), view.geometry, Heel()
+    )
     meshes = [part.mesh for part in obj.parts]
     lengths = path_lengths(meshes, range(len(meshes)), view.geometry, subrays)
     nuisances = np.array([obj.meta["poly"]["views"][view.name][term] for term in TERMS])
@@ -127,22 +129,19 @@ def _image(
         beam,
         lengths,
         smooth,
-        _coefficients(stand_ins, beam.groups, scattering=False),
-        _coefficients(stand_ins, beam.groups, scattering=True),
-        np.array([part.density_g_cm3 for part in obj.parts]),
+        coefficients(stand_ins, beam.groups, scattering=False),
+        coefficients(stand_ins, beam.groups, scattering=True),
+        _seen_density_g_cm3(obj),
         nuisances,
     )
 
 
-def _coefficients(
-    stand_ins: Sequence[Mapping[str, float]], groups: EnergyGroups, *, scattering: bool
-) -> Float64[np.ndarray, "k groups"]:
-    """Mix the coefficients of each part's materials."""
-    of = groups.scattering_cm2_g if scattering else groups.mac_cm2_g
-    library = load_materials()
-    return np.stack(
-        [
-            np.sum([share * of(library[name].composition) for name, share in each.items()], axis=0)
-            for each in stand_ins
-        ]
-    )
+def _filtered(tube: Tube, obj: DensityObject) -> Tube:
+    """Return the tube with the filter that the object was rebuilt with."""
+    return tube.behind("Cu", obj.meta["settings"]["poly"]["extra_filter_mm_cu"] / 10)
+
+
+def _seen_density_g_cm3(obj: DensityObject) -> Float64[np.ndarray, "k"]:
+    """Density of each part that the images see, were its coefficients the library's."""
+    factors = obj.meta["poly"]["composition"]
+    return np.array([part.density_g_cm3 * factors[part.name] for part in obj.parts])

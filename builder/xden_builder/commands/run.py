@@ -17,9 +17,10 @@ from xden_builder.commands.shared import progress_bar, workers_option
 if TYPE_CHECKING:
     from xden_builder.pipeline.run import BuildReport, Outcome
     from xden_builder.pipeline.storage import Place
+    from xden_builder.poly.hardness import Hardness
     from xden_builder.triage.findings import Findings
 
-__all__ = ["run"]
+__all__ = ["run", "said_of"]
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells know it."""
@@ -37,6 +38,13 @@ MOST_LISTED = 30
     show_default=True,
     help="poly: by the tube's spectrum, with pose and stray light; paper: one constant for all.",
 )
+@click.option(
+    "--filtration",
+    type=click.Choice(["fitted", "told"]),
+    default="fitted",
+    show_default=True,
+    help="Whether the beam's filter is fitted to the folder, or as scanner.toml tells.",
+)
 @click.option("--parts", help="Other part meshes in place of the annotated ones.")
 @click.option(
     "--cluster",
@@ -50,6 +58,7 @@ def run(
     captures: str,
     out: str,
     model: Any,
+    filtration: Any,
     parts: str | None,
     cluster: str,
     workers: int,
@@ -73,7 +82,7 @@ def run(
         report = build(
             place(captures),
             place(out),
-            BuildSettings(model=model),
+            BuildSettings(model=model, filtration=filtration),
             workers=workers,
             cluster=cluster,
             parts=place(parts) if parts else None,
@@ -137,8 +146,29 @@ def _echo_report(report: BuildReport, out: Place) -> None:
     informed = sum(findings.severity == "information" for findings in report.judged)
     if informed:
         click.echo(f"for information: {informed} of {len(report.judged)} objects have other flags")
+    if report.beam is not None and (said := said_of(report.beam)):
+        click.echo(said)
     counts = ", ".join(f"{report.count(s)} {s}" for s in ("built", "kept", "failed"))
     click.echo(f"{out}: {counts}; report in {inside(work_folder(out), REPORT_NAME)}")
+
+
+def said_of(beam: Hardness) -> str:
+    """Say what the images tell of the beam's filter, if it is not as it was told."""
+    if beam.two_tubes_mm_cu is not None:
+        one, other = beam.two_tubes_mm_cu
+        return (
+            f"needs you: the objects do not agree on one filter: {one:.2f} mm Cu more than told "
+            f"explains some, {other:.2f} mm the others (were there two tubes or filters? give each "
+            "its own capture folder)"
+        )
+    if not beam.contradicts:
+        return ""
+    more = "more" if beam.filter_mm_cu > 0 else "less"
+    return (
+        f"needs you: the told filter does not explain these images: {abs(beam.filter_mm_cu):.2f} ± "
+        f"{beam.sd_mm_cu:.2f} mm Cu {more} would, and was reckoned with (check [tube] filtration "
+        "in scanner.toml)"
+    )
 
 
 def _what_to_do(findings: Findings) -> str:

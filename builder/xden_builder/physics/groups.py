@@ -100,7 +100,7 @@ def energy_groups(tube: Tube, scintillator: str, count: int = GROUPS) -> EnergyG
     )
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def _energy_groups(
     energy_kev: float | None,
     kv: float | None,

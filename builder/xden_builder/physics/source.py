@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 __all__ = ["Detector", "Tube"]
 
@@ -26,6 +26,17 @@ class Tube:
     kv: float | None = None
     mas: float | None = None
     filtration_cm: Mapping[str, float] = field(default_factory=dict)
+
+    def behind(self, name: str, thickness_cm: float) -> Tube:
+        """Return the tube with one more filter; a negative thickness takes some away.
+
+        Examples
+        --------
+        >>> Tube(kv=100.0, filtration_cm={"Al": 0.25}).behind("Cu", 0.01).filtration_cm
+        {'Al': 0.25, 'Cu': 0.01}
+        """
+        before = self.filtration_cm.get(name, 0.0)
+        return replace(self, filtration_cm={**self.filtration_cm, name: before + thickness_cm})
 
 
 @dataclass(frozen=True)

@@ -8,23 +8,21 @@ from __future__ import annotations
 
 import hashlib
 import json
-import platform
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass
-from functools import cache, partial
-from importlib.resources import files
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from xden1k import __version__
 from xden1k.documents.maintainer import ANSWERS_NAME, Answers
-from xden1k.errors import DataError, XDenError
+from xden1k.errors import DataError
 from xden1k.folder import exclusive, write_rows
 from xden1k.format.records import object_row
 from xden1k.values.plain import plain
 from xden_builder.capture import ObjectRow
+from xden_builder.pipeline.beam import shared_beam, with_beam
 from xden_builder.pipeline.cluster import run_on_cluster
 from xden_builder.pipeline.splits import with_splits
 from xden_builder.pipeline.storage import (
@@ -44,7 +42,14 @@ from xden_builder.pipeline.storage import (
     size_of,
     write_bytes,
 )
+from xden_builder.pipeline.version import (
+    BUILDER,
+    OtherVersionError,
+    made_by_checksum,
+    refuse_other_code,
+)
 from xden_builder.pipeline.work import load_row, save_row
+from xden_builder.poly.hardness import Hardness
 from xden_builder.reconstruct.object import reconstruct
 from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.triage.findings import Findings, find
@@ -53,26 +58,17 @@ from xden_builder.workers import Answer, explain, run_each
 __all__ = [
     "REPORT_NAME",
     "BuildReport",
-    "OtherVersionError",
     "Outcome",
     "build",
     "work_folder",
 ]
 
-BUILDER = f"xden-build {__version__}"
 REPORT_NAME = "build_report.json"
 LOCK_NAME = "run.lock"
 DATA_VERSION = "0.1.0"
 """Of the data a rebuild makes; a release sets its own tag."""
 
-NOT_IN_ROWS = {"phantoms", "triage"}
-"""Rooms that rows do not depend on: a change there makes no object anew."""
-
 Status = Literal["built", "kept", "failed"]
-
-
-class OtherVersionError(XDenError):
-    """A worker's machine has other code than the one that started the run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,9 +118,10 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class BuildReport:
-    """What became of every object of a rebuild, sorted by id."""
+    """What became of every object of a rebuild, sorted by id, and the beam that was found."""
 
     outcomes: tuple[Outcome, ...]
+    beam: Hardness | None = None
 
     def count(self, status: Status) -> int:
         """How many objects ended so."""
@@ -149,6 +146,7 @@ class BuildReport:
                 "schema": "xden-build-report/2",
                 "builder": BUILDER,
                 **counts,
+                "beam": None if self.beam is None else asdict(self.beam),
                 "needs_you": sum(outcome.needs_you for outcome in self.outcomes),
                 "objects": [outcome.to_dict() for outcome in self.outcomes],
             }
@@ -207,19 +205,23 @@ def build(
         raise DataError(f"{parts}: no such folder of part meshes")
     refuse_other_folders(out)
     work = work_folder(out)
-    made_by = _made_by(settings)
+    made_by = made_by_checksum(settings)
     seen = absolute(captures), None if parts is None else absolute(parts), absolute(work)
-    task = partial(_build_object, settings, made_by, *seen)
+    here, there = partial(run_each, workers=workers), partial(run_on_cluster, address=cluster)
+    run = there if cluster else here
+    asked, beam = settings, None
     with _only_run(work, out):
         said = _answers(captures, out)
         rows = with_splits(captures, stated)
         on_start(len(rows))
-        keys = rows.values()
-        answers = run_on_cluster(task, keys, cluster) if cluster else run_each(task, keys, workers)
-        report = _gather(answers, on_done)
+        if settings.model == "poly" and settings.filtration == "fitted":
+            beam = shared_beam(rows, settings, made_by, seen, run)
+            settings = with_beam(settings, beam)
+        task = partial(_build_object, settings, made_by_checksum(settings), *seen)
+        report = replace(_gather(run(task, rows.values()), on_done), beam=beam)
         _write_report(work, report)
         _refuse_nothing(report, captures, out)
-        _assemble(report, work, out, settings, said)
+        _assemble(report, work, out, asked, said)
     return report
 
 
@@ -252,10 +254,7 @@ def _build_object(
     asked: ObjectRow,
 ) -> Outcome:
     """Build one object in a worker process, unless it is kept from before."""
-    if _made_by(settings) != made_by:
-        raise OtherVersionError(
-            f"{platform.node()} has another version of xden1k than the machine the run started on"
-        )
+    refuse_other_code(settings, made_by)
     start = time.perf_counter()
     object_id = asked.object_id
     with object_capture(captures, parts, asked) as folder:
@@ -268,19 +267,6 @@ def _build_object(
             save_row(work, object_id, digest, row)
     seconds = time.perf_counter() - start
     return Outcome(object_id, status, "", find(row), seconds, digest)
-
-
-@cache
-def _made_by(settings: BuildSettings) -> str:
-    """Checksum of settings and code, so that a corrected builder makes its objects anew."""
-    digest = hashlib.sha256(f"{BUILDER}\n{settings.digest}\n".encode())
-    for package, folder in ((name, Path(str(files(name)))) for name in ("xden1k", "xden_builder")):
-        for path in sorted(folder.rglob("*")):
-            inside_it = path.relative_to(folder)
-            if path.suffix in (".py", ".csv") and inside_it.parts[0] not in NOT_IN_ROWS:
-                digest.update(f"{package}/{inside_it.as_posix()}\n".encode())
-                digest.update(path.read_bytes())
-    return digest.hexdigest()
 
 
 def _gather(

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float64
 
 from xden_builder.poly.estimate import Solution
+from xden_builder.poly.model.pixels import hardening_per_mm_cu
 from xden_builder.poly.posterior.problem import MASS_SD_SHARE, Problem
 
-__all__ = ["Diagnosis", "diagnose"]
+__all__ = ["Diagnosis", "diagnose", "information_shares"]
 
 DARK: Final = 0.02
-"""Transmission below which a sample tells more of stray light than of what stands in the beam."""
+"""Transmission of the direct beam below which a sample tells more of stray light than of what
+stands in the beam."""
 PRIOR_OF_ONE_VIEW: Final = 0.02
 """Weight of the priors where a view is asked alone: enough to keep unseen parts in place."""
 
@@ -27,6 +29,8 @@ class Diagnosis:
     ----------
     covariance
         Shape (K, K), in g²/cm⁶: by images, priors and scale, if materials and model are right.
+    by_filter_g_cm3
+        Shape (K,): how far a filter that is one standard deviation off moves each density.
     told_by_images, told_by_scale
         Shape (K,): share by which each lowered the variance, 0 to 1.
     between_g_cm3
@@ -40,6 +44,7 @@ class Diagnosis:
     """
 
     covariance: Float64[np.ndarray, "k k"]
+    by_filter_g_cm3: Float64[np.ndarray, "k"]
     told_by_images: Float64[np.ndarray, "k"]
     told_by_scale: Float64[np.ndarray, "k"]
     between_g_cm3: Float64[np.ndarray, "k"]
@@ -54,14 +59,15 @@ def diagnose(solution: Solution) -> Diagnosis:
     """Ask a solution where it knows its densities from."""
     problem, parts = solution.problem, solution.problem.parts
     hessian = solution.minimum.evaluation.hessian
-    covariance = np.linalg.inv(hessian)[:parts, :parts]
-    variance = covariance.diagonal()
+    every = np.linalg.inv(hessian)
+    variance = every.diagonal()[:parts]
     without_scale = np.linalg.inv(hessian - _scale(problem)).diagonal()[:parts]
     prior = problem.prior.sd[:parts] ** 2
     apart, apart_sd = _views_apart(solution)
-    outline_share, dark_share = _information_shares(solution)
+    outline_share, dark_share = information_shares(problem, solution.minimum.unknowns)
     return Diagnosis(
-        covariance=covariance,
+        covariance=every[:parts, :parts],
+        by_filter_g_cm3=-(every @ _slope_by_filter(solution))[:parts],
         told_by_images=(1 - without_scale / prior).clip(0, 1),
         told_by_scale=(1 - variance / without_scale).clip(0, 1),
         between_g_cm3=np.array(
@@ -76,6 +82,19 @@ def diagnose(solution: Solution) -> Diagnosis:
         dark_share=dark_share,
         met=np.any([view.samples.meets.any(axis=0) for view in solution.seen], axis=0),
     )
+
+
+def _slope_by_filter(solution: Solution) -> Float64[np.ndarray, "u"]:
+    """Return the slope of the gradient by a filter, for one standard deviation of it."""
+    problem, unknowns = solution.problem, solution.minimum.unknowns
+    density, slope = solution.seen_density_g_cm3, np.zeros(len(problem.prior.mean))
+    for number, seen in enumerate(solution.seen):
+        hardened = replace(seen.samples, weights=hardening_per_mm_cu(seen.samples, seen.beam))
+        change, _ = hardened.predict(problem.stand_ins.mac_cm2_g, density)
+        change *= problem.settings.filter_sd_mm_cu * solution.nuisances(number)[0]
+        _, jacobian, weights = problem.scaled(unknowns, number)
+        slope += jacobian.T @ (weights * change / problem.sds[number])
+    return slope
 
 
 def _scale(problem: Problem) -> Float64[np.ndarray, "u u"]:
@@ -94,24 +113,31 @@ def _views_apart(
     steps, variances = [], []
     for number in range(len(problem.views)):
         residuals, jacobian, weights = problem.scaled(unknowns, number)
+        jacobian = jacobian[:, : problem.off.start]  # the same batch in both views
         weighted = jacobian * weights[:, None]
-        curvature = weighted.T @ jacobian + PRIOR_OF_ONE_VIEW * np.diag(problem.prior.sd**-2.0)
+        sd = problem.prior.sd[: problem.off.start]
+        curvature = weighted.T @ jacobian + PRIOR_OF_ONE_VIEW * np.diag(sd**-2.0)
         inverse = np.linalg.inv(curvature)
         steps.append(-(inverse @ (weighted.T @ residuals))[: problem.parts])
         variances.append(inverse.diagonal()[: problem.parts])
     return np.abs(steps[0] - steps[1]), np.sqrt(np.sum(variances, axis=0))
 
 
-def _information_shares(
-    solution: Solution,
+def information_shares(
+    problem: Problem, unknowns: Float64[np.ndarray, "u"]
 ) -> tuple[Float64[np.ndarray, "k"], Float64[np.ndarray, "k"]]:
-    """Share of each density's Fisher information from outlines, and from dark samples."""
-    problem, unknowns = solution.problem, solution.minimum.unknowns
+    """Share of each density's Fisher information from outlines, and from dark samples.
+
+    Dark is what direct light leaves dark: scatter tells nothing of what stands in the beam.
+    """
+    density = unknowns[: problem.parts] * problem.factors(unknowns)
+    macs = problem.stand_ins.mac_cm2_g
     totals = np.zeros((3, problem.parts))
     for number, view in enumerate(problem.views):
         _, jacobian, weights = problem.scaled(unknowns, number)
         information = weights[:, None] * jacobian[:, : problem.parts] ** 2
-        kinds = (np.ones(len(weights), dtype=bool), view.is_block, view.measured < DARK)
+        direct, _ = view.predict(macs, density)
+        kinds = (np.ones(len(weights), dtype=bool), view.is_block, direct < DARK)
         totals += [information[kind].sum(axis=0) for kind in kinds]
     whole = totals[0].clip(min=1e-30)
     return totals[1] / whole, totals[2] / whole

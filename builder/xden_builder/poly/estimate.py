@@ -21,12 +21,12 @@ from xden_builder.poly.materials.stand_ins import StandIns, loosened, mixtures
 from xden_builder.poly.model.radiograph import model_image
 from xden_builder.poly.model.stray import stray_light
 from xden_builder.poly.posterior.problem import Mass, Problem, solve
-from xden_builder.poly.posterior.trust import sample_sd
+from xden_builder.poly.posterior.trust import USUAL_SCATTER, sample_sd
 from xden_builder.poly.samples import Samples, Seen
 from xden_builder.poly.scene import Scene
 from xden_builder.poly.settings import PolySettings
 
-__all__ = ["Solution", "estimate"]
+__all__ = ["Solution", "estimate", "problem_of"]
 
 SWEEPS: Final = 3
 """Rounds of densities and materials, at most."""
@@ -66,6 +66,16 @@ class Solution:
         """Most probable density of each part."""
         return self.minimum.unknowns[: self.problem.parts]
 
+    @property
+    def factors(self) -> Float64[np.ndarray, "k"]:
+        """What each part's attenuation coefficients are, as multiples of the library's."""
+        return self.problem.factors(self.minimum.unknowns)
+
+    @property
+    def seen_density_g_cm3(self) -> Float64[np.ndarray, "k"]:
+        """Density of each part that the images see, were its coefficients the library's."""
+        return np.asarray(self.density_g_cm3 * self.factors)
+
     def image(self, number: int, lengths: PathLengths) -> Image:
         """Model image of a view: direct beam and stray light, with the gain.
 
@@ -84,7 +94,7 @@ class Solution:
             seen.smooth,
             stand_ins.mac_cm2_g,
             stand_ins.scattering_cm2_g,
-            self.density_g_cm3,
+            self.seen_density_g_cm3,
             self.nuisances(number),
         )
 
@@ -108,20 +118,18 @@ def estimate(samples: Samples, mass: Mass | None, settings: PolySettings) -> Sol
     settings
         What is modelled.
     """
-    seen, density, light = samples.seen, samples.guess.density_g_cm3, samples.guess.scene.light
+    density, light = samples.guess.density_g_cm3, samples.guess.scene.light
     parts = len(light.tables)
-    count = sum(int((~each.samples.at_least).sum()) for each in seen)
-    share = min(1.0, settings.worth_a_part * parts / max(count, 1))
     best = samples.guess.choice
     now = loosened(samples.guess.stand_ins)
-    problem = _problem(seen, now, density, share, mass, settings)
+    problem = problem_of(samples, now, density, [USUAL_SCATTER] * len(samples.seen), mass, settings)
     nuisances = problem.prior.mean[parts:]
     for _ in range(SWEEPS):
         minimum = solve(problem, np.concatenate([density, nuisances]))
         nuisances = minimum.unknowns[parts:]
         posteriors, density = _weigh(problem, minimum, light.tables, settings)
         now = mixtures(light.tables, posteriors)
-        problem = _problem(seen, now, density, share, mass, settings)
+        problem = problem_of(samples, now, density, _scatter(problem, minimum), mass, settings)
         chosen = [int(np.argmax(each.probability)) for each in posteriors]
         if chosen == best:
             break
@@ -130,15 +138,23 @@ def estimate(samples: Samples, mass: Mass | None, settings: PolySettings) -> Sol
     return Solution(samples, posteriors, problem, minimum)
 
 
-def _problem(
-    seen: Sequence[Seen],
+def _scatter(problem: Problem, minimum: Minimum) -> list[Float64[np.ndarray, "2"]]:
+    """Amplitudes of near and far scatter of each view."""
+    return [minimum.unknowns[problem.nuisances(n)][1:3] for n in range(len(problem.views))]
+
+
+def problem_of(
+    samples: Samples,
     stand_ins: StandIns,
     density: Float64[np.ndarray, "k"],
-    share: float,
+    scatter: Sequence[Float64[np.ndarray, "2"]],
     mass: Mass | None,
     settings: PolySettings,
 ) -> Problem:
-    """Work out stray light and standard deviations at some densities."""
+    """Work out stray light and standard deviations at some densities and amplitudes of scatter."""
+    seen, scene = samples.seen, samples.guess.scene
+    count = sum(int((~each.samples.at_least).sum()) for each in seen)
+    share = min(1.0, settings.worth_a_part * len(scene.parts) / max(count, 1))
     density = density.clip(stand_ins.low_g_cm3, stand_ins.high_g_cm3)
     strays = [
         stray_light(
@@ -162,14 +178,15 @@ def _problem(
             stand_ins.mac_cm2_g,
             density,
             stray,
+            amplitudes,
             each.noise_sd,
             settings,
         )
-        for each, stray in zip(seen, strays, strict=True)
+        for each, stray, amplitudes in zip(seen, strays, scatter, strict=True)
     ]
-    samples = [each.samples for each in seen]
+    views = [each.samples for each in seen]
     gains = [each.gain for each in seen]
-    return Problem(samples, strays, sds, gains, share, stand_ins, mass, settings)
+    return Problem(views, strays, sds, gains, share, stand_ins, scene.batches, mass, settings)
 
 
 def _weigh(
@@ -190,7 +207,7 @@ def _weigh(
         [float(each[0]) for each in nuisances],
         settings.evidence_share * problem.share,
     )
-    density = minimum.unknowns[: problem.parts].copy()
+    density = minimum.unknowns[: problem.parts] * problem.factors(minimum.unknowns)
     macs = problem.stand_ins.mac_cm2_g.copy()
     found = []
     for part, table in enumerate(tables):

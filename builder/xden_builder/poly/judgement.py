@@ -98,6 +98,7 @@ class PolyFit:
                 name: [list(each) for each in part.materials]
                 for name, part in zip(names, self.parts, strict=True)
             },
+            "composition": dict(zip(names, solution.factors.tolist(), strict=True)),
             "stand_ins": {
                 name: dict(shares)
                 for name, shares in zip(names, solution.problem.stand_ins.shares, strict=True)
@@ -112,13 +113,15 @@ class PolyFit:
 def judge(solution: Solution) -> PolyFit:
     """Say how sure each density is, and why it may be wrong.
 
-    The variance has three sources: images, priors and scale (from the curvature of the posterior);
-    the choice between materials; and the disagreement of the views.
+    The variance has four sources: images, priors and scale (from the curvature of the posterior);
+    the choice between materials; the disagreement of the views; and the beam's filter, which moves
+    all parts together.
     """
     known, density = diagnose(solution), solution.density_g_cm3
     parts = solution.scene.parts
     extra = known.between_g_cm3**2 + (VIEW_SHARE * known.apart_g_cm3) ** 2 * known.told_by_images
-    covariance = POSTERIOR_SCALE**2 * known.covariance + np.diag(extra)
+    by_filter = np.outer(known.by_filter_g_cm3, known.by_filter_g_cm3)
+    covariance = POSTERIOR_SCALE**2 * known.covariance + np.diag(extra) + by_filter
     sd = np.sqrt(covariance.diagonal())
     raised = _raised(known, density, sd, solution.minimum.converged)
     found = []

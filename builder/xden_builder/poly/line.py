@@ -66,7 +66,7 @@ def sampled(capture: Capture, order: Sequence[int], settings: PolySettings = DEF
     DataError
         As :func:`fit_poly`.
     """
-    scene = set_scene(capture, order)
+    scene = set_scene(capture, order, settings)
     guess = first_guess(scene)
     placement = find_pose(guess, settings)
     return take_samples(placement, settings)

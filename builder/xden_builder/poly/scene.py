@@ -9,7 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
 import trimesh
+from jaxtyping import Int64
 
 from xden1k.errors import DataError
 from xden1k.values.arrays import Mask
@@ -19,6 +21,7 @@ from xden_builder.capture.saturation import GainBounds, completed, gain_bounds
 from xden_builder.physics.groups import GROUPS, EnergyGroups, energy_groups
 from xden_builder.poly.materials.candidates import CandidateTable, candidate_table
 from xden_builder.poly.model.beam import ViewBeam, view_beam
+from xden_builder.poly.settings import PolySettings
 
 __all__ = ["Light", "Scene", "set_scene"]
 
@@ -83,8 +86,14 @@ class Scene:
         """Of the parts."""
         return [part.mesh for part in self.parts]
 
+    @property
+    def batches(self) -> Int64[np.ndarray, "k"]:
+        """Number the parts by label: those of one label are of one batch of material."""
+        labels = [part.material or f"{number}" for number, part in enumerate(self.parts)]
+        return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.int64)
 
-def set_scene(capture: Capture, order: Sequence[int]) -> Scene:
+
+def set_scene(capture: Capture, order: Sequence[int], settings: PolySettings) -> Scene:
     """Work out beams and candidates of a capture.
 
     Parameters
@@ -93,6 +102,8 @@ def set_scene(capture: Capture, order: Sequence[int]) -> Scene:
         With a tube or a photon energy.
     order
         Which part owns space first.
+    settings
+        What stands in the beam beside the told filters.
 
     Raises
     ------
@@ -101,8 +112,9 @@ def set_scene(capture: Capture, order: Sequence[int]) -> Scene:
     """
     if capture.tube is None:
         raise DataError("the polychromatic fit needs a tube or a photon energy in scanner.toml")
+    tube = capture.tube.behind("Cu", settings.extra_filter_mm_cu / 10)
     fine, few = (
-        energy_groups(capture.tube, capture.detector.scintillator, count)
+        energy_groups(tube, capture.detector.scintillator, count)
         for count in (GROUPS, OUTLINE_GROUPS)
     )
     beams = tuple(view_beam(capture, view, fine) for view in capture.views)

@@ -33,6 +33,11 @@ class PolySettings:
     worth_a_part
         Independent observations that the pixels are worth, for each part: their errors hang
         together, so that thousands of pixels do not tell thousands of times as much as one.
+    composition
+        Whether what parts are made of may differ from the library's materials.
+    extra_filter_mm_cu, filter_sd_mm_cu
+        Copper in the beam beside the told filters, negative where there is less than told, and its
+        standard deviation: shared by all objects of a scanner (:mod:`xden_builder.poly.hardness`).
     evidence_share
         Share of that by which materials are told apart. What the model leaves out looks like
         another material, which counts against it more than against a density.
@@ -46,6 +51,7 @@ class PolySettings:
     gain: bool = True
     stray: bool = True
     pose: bool = True
+    composition: bool = True
     edge_weights: bool = True
     blocks: bool = True
     edge_error_cm: float = 0.02
@@ -54,11 +60,13 @@ class PolySettings:
     floor: float = 0.003
     worth_a_part: float = 30.0
     evidence_share: float = 0.1
+    extra_filter_mm_cu: float = 0.0
+    filter_sd_mm_cu: float = 0.0
 
     def __post_init__(self) -> None:
         for each in fields(self):
             value = getattr(self, each.name)
-            if not value >= 0:
+            if not value >= 0 and each.name != "extra_filter_mm_cu":
                 raise DataError(f"{each.name} must not be negative, got {value:g}")
         if not (self.floor and self.worth_a_part and self.evidence_share):
             raise DataError("floor, worth_a_part and evidence_share must be above zero")

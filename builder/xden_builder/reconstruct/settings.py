@@ -11,9 +11,10 @@ from xden1k.errors import DataError
 from xden1k.rays import COLUMN_SAMPLES
 from xden_builder.poly.settings import PolySettings
 
-__all__ = ["MODELS", "BuildSettings", "Model"]
+__all__ = ["MODELS", "BuildSettings", "Filtration", "Model"]
 
 Model = Literal["poly", "paper"]
+Filtration = Literal["fitted", "told"]
 MODELS: tuple[Model, ...] = get_args(Model)
 
 
@@ -28,6 +29,9 @@ class BuildSettings:
         monochromatic source needs no spectrum, and without a known source there is attenuation
         only. ``paper``: the paper's own way (one coefficient for each part by Adam on full frames,
         no gain, one ray a pixel, density by one constant), kept as a reference.
+    filtration
+        ``fitted``: the beam's filter is an unknown of the folder, found before its objects are
+        rebuilt (``poly`` only). ``told``: it is as ``scanner.toml`` says.
     subrays
         Rays along each side of a pixel whose intensities are averaged when attenuation
         coefficients are fitted (``poly`` only). One ray a pixel reads a frame of thin bars 2 %
@@ -44,6 +48,7 @@ class BuildSettings:
     """
 
     model: Model = "poly"
+    filtration: Filtration = "fitted"
     subrays: int = 3
     column_samples: int = COLUMN_SAMPLES
     poly: PolySettings = field(default_factory=PolySettings)

@@ -16,6 +16,7 @@ from jaxtyping import Float64
 from xden1k.values.materials import Material, families, load_materials
 from xden_builder.capture import CapturePart
 from xden_builder.physics.groups import EnergyGroups
+from xden_builder.poly.materials.composition import composition_sd
 
 __all__ = ["Candidate", "CandidateTable", "candidate_table", "candidates"]
 
@@ -129,6 +130,8 @@ class CandidateTable:
         Shape (candidates, 4): mean, standard deviation, least and most density in g/cm³.
     log_prior
         Shape (candidates,).
+    composition_sd
+        Shape (candidates,): of the coefficients, as a share of them.
     """
 
     candidates: tuple[Candidate, ...]
@@ -136,6 +139,7 @@ class CandidateTable:
     scattering_cm2_g: Float64[np.ndarray, "c groups"]
     priors: Float64[np.ndarray, "c 4"]
     log_prior: Float64[np.ndarray, "c"]
+    composition_sd: Float64[np.ndarray, "c"]
 
 
 def candidate_table(part: CapturePart, groups: EnergyGroups) -> CandidateTable:
@@ -146,7 +150,8 @@ def candidate_table(part: CapturePart, groups: EnergyGroups) -> CandidateTable:
 @lru_cache(maxsize=256)
 def _table(label: str, hollow: bool, groups: EnergyGroups) -> CandidateTable:
     found = candidates(label, hollow=hollow)
-    compositions = [load_materials()[each.material].composition for each in found]
+    materials = [load_materials()[each.material] for each in found]
+    compositions = [each.composition for each in materials]
     return CandidateTable(
         found,
         np.stack([groups.mac_cm2_g(each) for each in compositions]),
@@ -155,6 +160,7 @@ def _table(label: str, hollow: bool, groups: EnergyGroups) -> CandidateTable:
             [(each.mean_g_cm3, each.sd_g_cm3, each.low_g_cm3, each.high_g_cm3) for each in found]
         ),
         np.array([each.log_prior for each in found]),
+        np.array([composition_sd(each) for each in materials]),
     )
 
 

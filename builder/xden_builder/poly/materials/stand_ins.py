@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float64
 
+from xden1k.values.materials import load_materials
+from xden_builder.physics.groups import EnergyGroups
 from xden_builder.poly.materials.candidates import CandidateTable
 from xden_builder.poly.materials.evidence import MaterialPosterior
 
-__all__ = ["StandIns", "certain", "loosened", "mixtures"]
+__all__ = ["StandIns", "certain", "coefficients", "loosened", "mixtures", "regrouped"]
 
 NEGLIGIBLE: Final = 0.02
 """Candidates less probable than this share of the best are left out of a mixture."""
@@ -28,6 +30,8 @@ class StandIns:
         Of each part: materials that its coefficients are mixed of, and in which shares of mass.
     mac_cm2_g, scattering_cm2_g
         Shape (K, groups).
+    composition_sd
+        Shape (K,): of the coefficients, as a share of them.
     mean_g_cm3, sd_g_cm3, low_g_cm3, high_g_cm3
         Shape (K,): density to be expected, and its bounds.
     """
@@ -35,6 +39,7 @@ class StandIns:
     shares: Sequence[Mapping[str, float]]
     mac_cm2_g: Float64[np.ndarray, "k groups"]
     scattering_cm2_g: Float64[np.ndarray, "k groups"]
+    composition_sd: Float64[np.ndarray, "k"]
     mean_g_cm3: Float64[np.ndarray, "k"]
     sd_g_cm3: Float64[np.ndarray, "k"]
     low_g_cm3: Float64[np.ndarray, "k"]
@@ -49,6 +54,7 @@ def certain(tables: Sequence[CandidateTable], choice: Sequence[int]) -> StandIns
         [{table.candidates[index].material: 1.0} for table, index in pairs],
         np.stack([table.mac_cm2_g[index] for table, index in pairs]),
         np.stack([table.scattering_cm2_g[index] for table, index in pairs]),
+        np.array([table.composition_sd[index] for table, index in pairs]),
         *(np.ascontiguousarray(column) for column in priors.T),
     )
 
@@ -59,10 +65,34 @@ def loosened(stand_ins: StandIns) -> StandIns:
         stand_ins.shares,
         stand_ins.mac_cm2_g,
         stand_ins.scattering_cm2_g,
+        stand_ins.composition_sd,
         stand_ins.mean_g_cm3,
         stand_ins.mean_g_cm3,
         0.05 * stand_ins.mean_g_cm3,
         5.0 * stand_ins.high_g_cm3,
+    )
+
+
+def regrouped(stand_ins: StandIns, groups: EnergyGroups) -> StandIns:
+    """Return the same materials before another beam."""
+    return replace(
+        stand_ins,
+        mac_cm2_g=coefficients(stand_ins.shares, groups, scattering=False),
+        scattering_cm2_g=coefficients(stand_ins.shares, groups, scattering=True),
+    )
+
+
+def coefficients(
+    shares: Sequence[Mapping[str, float]], groups: EnergyGroups, *, scattering: bool
+) -> Float64[np.ndarray, "k groups"]:
+    """Mix the coefficients of materials by their shares of mass: all of it, or scattering alone."""
+    of = groups.scattering_cm2_g if scattering else groups.mac_cm2_g
+    library = load_materials()
+    return np.stack(
+        [
+            np.sum([share * of(library[name].composition) for name, share in each.items()], axis=0)
+            for each in shares
+        ]
     )
 
 
@@ -87,6 +117,9 @@ def mixtures(tables: Sequence[CandidateTable], posteriors: Sequence[MaterialPost
         np.stack(
             [weight @ table.scattering_cm2_g for table, weight in zip(tables, weights, strict=True)]
         ),
+        np.array(
+            [weight @ table.composition_sd for table, weight in zip(tables, weights, strict=True)]
+        ),
         *(np.ascontiguousarray(column) for column in priors.T),
     )
 
@@ -99,12 +132,19 @@ def _shares(posterior: MaterialPosterior) -> Float64[np.ndarray, "c"]:
 
 
 def _prior(table: CandidateTable, share: Float64[np.ndarray, "c"]) -> Float64[np.ndarray, "4"]:
-    """Mean, standard deviation, least and most density of a mixture."""
+    """Mean, standard deviation, least and most density of a mixture.
+
+    It stays within the range of the likeliest material: solid, or as a body with pores too where
+    that is possible.
+    """
     means, sds, lows, highs = table.priors.T
     mean = float(share @ means)
     sd = float(np.sqrt(share @ (sds**2 + (means - mean) ** 2)))
-    possible = share > 0
-    return np.array([mean, sd, lows[possible].min(), highs[possible].max()])
+    names = np.array([each.material for each in table.candidates])
+    total = {name: share[names == name].sum() for name in dict.fromkeys(names[share > 0])}
+    likeliest = (names == max(total, key=total.__getitem__)) & (share > 0)
+    low, high = float(lows[likeliest].min()), float(highs[likeliest].max())
+    return np.array([float(np.clip(mean, low, high)), sd, low, high])
 
 
 def _by_material(table: CandidateTable, weight: Float64[np.ndarray, "c"]) -> dict[str, float]:

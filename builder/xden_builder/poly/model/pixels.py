@@ -18,7 +18,7 @@ from xden_builder.poly.model import kernels
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.frames import any_of, binned
 
-__all__ = ["BLOCK_PX", "BLOCK_RAYS", "ViewPixels", "choose_pixels"]
+__all__ = ["BLOCK_PX", "BLOCK_RAYS", "ViewPixels", "choose_pixels", "hardening_per_mm_cu"]
 
 BLOCK_PX: Final = 3
 """A block is so many pixels wide: a surface that is off by a fraction of one moves little of it."""
@@ -30,6 +30,8 @@ LEAST_BLOCKS: Final = 50
 SATURATED: Final = 50
 """Samples known from below alone, of each kind and part in each view."""
 AIR_PIXELS: Final = 300
+COPPER: Final = (("Cu", 1.0),)
+COPPER_G_CM3: Final = 8.96
 AIR_CM: Final = (0.4, 5.0)
 """Air between these distances from the object tells gain and scatter."""
 
@@ -88,6 +90,13 @@ class ViewPixels:
             slopes,
         )
         return transmission, slopes
+
+
+def hardening_per_mm_cu(samples: ViewPixels, beam: ViewBeam) -> Float64[np.ndarray, "n groups"]:
+    """Change of the open field's weights by a filter of copper, which keep adding up to 1."""
+    per_mm = beam.groups.mac_cm2_g(COPPER) * COPPER_G_CM3 / 10
+    mean = samples.weights @ per_mm
+    return np.asarray(samples.weights * (mean[:, None] - per_mm))
 
 
 class _Samples(NamedTuple):

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from xden_builder.capture.saturation import MOST_GAIN
 from xden_builder.fit import huber
@@ -29,6 +29,8 @@ scatter, far scatter, glare."""
 NUISANCES: Final = 4
 FIXED_SD: Final = 1e-6
 NO_STRAY: Final = (0.0, FIXED_SD, 0.0, FIXED_SD)
+OFF: Final = (0.0, 1.0, -3.0, 3.0)
+"""Mean, standard deviation, least and most of how far a batch's coefficients are off."""
 MASS_SD_SHARE: Final = 0.005
 """Of a weighed mass over that of the meshes: a scale is better, volumes are not."""
 MOST_STEPS: Final = 30
@@ -56,7 +58,9 @@ class Mass:
 class Problem:
     """Everything the posterior depends on.
 
-    Unknowns: K densities, then of each view the gain and three amplitudes of stray light.
+    Unknowns: K densities; of each view the gain and three amplitudes of stray light; of each batch
+    of material how far its coefficients are off, in standard deviations. The images tell a density
+    times such a coefficient, the ranges of the materials and a scale tell densities.
 
     Parameters
     ----------
@@ -72,6 +76,8 @@ class Problem:
         Of an independent observation that a sample is worth.
     stand_ins
         What the parts are taken for.
+    batches
+        Shape (K,): which batch of material each part is of, numbered from 0.
     mass
         From a scale, if any.
     settings
@@ -84,6 +90,7 @@ class Problem:
     gains: Sequence[tuple[float, float]]
     share: float
     stand_ins: StandIns
+    batches: Int64[np.ndarray, "k"]
     mass: Mass | None
     settings: PolySettings
 
@@ -99,7 +106,9 @@ class Problem:
         each = np.array([each for gain in self.gains for each in (self._gain(*gain), *stray)]).T
         parts = self.stand_ins
         densities = (parts.mean_g_cm3, parts.sd_g_cm3, parts.low_g_cm3, parts.high_g_cm3)
-        return Box(*(np.concatenate(pair) for pair in zip(densities, each, strict=True)))
+        off = np.tile(np.array([OFF]).T, int(self.batches.max()) + 1)
+        together = zip(densities, each, off, strict=True)
+        return Box(*(np.concatenate(columns) for columns in together))
 
     def _gain(self, mean: float, sd: float) -> tuple[float, float, float, float]:
         return mean, sd if self.settings.gain else FIXED_SD, *GAIN_RANGE
@@ -109,18 +118,35 @@ class Problem:
         start = self.parts + number * NUISANCES
         return slice(start, start + NUISANCES)
 
+    @property
+    def composition_sd(self) -> Float64[np.ndarray, "k"]:
+        """Of each part's coefficients, as a share of them."""
+        return self.settings.composition * self.stand_ins.composition_sd
+
+    @property
+    def off(self) -> slice:
+        """Places of the batches' coefficients among the unknowns."""
+        return slice(self.parts + len(self.views) * NUISANCES, None)
+
+    def factors(self, unknowns: Float64[np.ndarray, "u"]) -> Float64[np.ndarray, "k"]:
+        """Return what each part's attenuation coefficients are to be multiplied by."""
+        return np.asarray(1 + self.composition_sd * unknowns[self.off][self.batches])
+
     def image(
         self, unknowns: Float64[np.ndarray, "u"], number: int
     ) -> tuple[Float64[np.ndarray, "_n"], Float64[np.ndarray, "_n u"]]:
         """Transmission of one view's samples, and its derivatives by all unknowns."""
         mine = self.nuisances(number)
         gain, *amplitudes = unknowns[mine]
-        direct, slopes = self.views[number].predict(
-            self.stand_ins.mac_cm2_g, unknowns[: self.parts]
-        )
+        density, factors = unknowns[: self.parts], self.factors(unknowns)
+        direct, slopes = self.views[number].predict(self.stand_ins.mac_cm2_g, density * factors)
         light = direct + self.strays[number] @ np.array(amplitudes)
         jacobian = np.zeros((len(direct), len(unknowns)))
-        jacobian[:, : self.parts] = gain * slopes
+        jacobian[:, : self.parts] = gain * slopes * factors
+        by_batch = np.eye(len(unknowns[self.off]))[self.batches]
+        jacobian[:, self.off] = (
+            gain * slopes @ ((density * self.composition_sd)[:, None] * by_batch)
+        )
         jacobian[:, mine] = np.column_stack([light, gain * self.strays[number]])
         return gain * light, jacobian
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from jaxtyping import Float64
 
@@ -12,10 +14,10 @@ from xden_builder.poly.model.direct import transmissions
 from xden_builder.poly.model.pixels import ViewPixels
 from xden_builder.poly.settings import PolySettings
 
-__all__ = ["sample_sd"]
+__all__ = ["USUAL_SCATTER", "sample_sd"]
 
-USUAL_STRAY = 0.08
-"""Amplitude of each part of the scatter that its error is reckoned with."""
+USUAL_SCATTER: Final = np.full(2, 0.08)
+"""Amplitudes of near and far scatter that their error is reckoned with at least."""
 
 
 def sample_sd(
@@ -26,6 +28,7 @@ def sample_sd(
     mac_cm2_g: Float64[np.ndarray, "k groups"],
     density_g_cm3: Float64[np.ndarray, "k"],
     stray: Float64[np.ndarray, "n 3"],
+    scatter: Float64[np.ndarray, "2"],
     noise_sd: float,
     settings: PolySettings,
 ) -> Float64[np.ndarray, "n"]:
@@ -47,6 +50,8 @@ def sample_sd(
         The model's.
     stray
         Shapes of the stray light, by :func:`xden_builder.poly.model.stray.stray_light`.
+    scatter
+        Amplitudes of near and far scatter: its error is in proportion to it.
     noise_sd
         Behind something opaque.
     settings
@@ -66,7 +71,7 @@ def sample_sd(
     reach_cm = pixel_cm * np.where(samples.is_block, width, 1)
     edge = settings.edge_error_cm / reach_cm * step if settings.edge_weights else 0.0
     model = -settings.model_share * transmission * np.log(transmission.clip(min=1e-4))
-    veil = settings.stray_share * USUAL_STRAY * stray[:, :2].sum(axis=1)
+    veil = settings.stray_share * (stray[:, :2] @ np.maximum(scatter, USUAL_SCATTER))
     return np.asarray(np.sqrt(edge**2 + model**2 + veil**2 + settings.floor**2 + noise_sd**2))
 
 

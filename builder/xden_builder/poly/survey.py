@@ -1,0 +1,174 @@
+"""What the labelled parts and the mass of one object say of the beam's hardness.
+
+A beam that is harder than the scanner's file says makes everything look too light, metals far more
+so than plastics. Each object is fitted by its images alone behind several extra filters; how far
+its labelled parts then lie off what they are made of is a clue (:mod:`hardness` joins those of a
+folder).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64
+
+from xden1k.values.materials import load_materials
+from xden_builder.capture import Capture
+from xden_builder.physics.groups import EnergyGroups, energy_groups
+from xden_builder.poly.diagnosis import information_shares
+from xden_builder.poly.estimate import problem_of
+from xden_builder.poly.line import sampled
+from xden_builder.poly.materials.stand_ins import StandIns, loosened, regrouped
+from xden_builder.poly.posterior.problem import Problem, solve
+from xden_builder.poly.posterior.trust import USUAL_SCATTER
+from xden_builder.poly.samples import Samples
+from xden_builder.poly.settings import PolySettings
+
+__all__ = ["FILTERS_MM_CU", "Clue", "survey"]
+
+FILTERS_MM_CU: Final = (-0.03, 0.0, 0.04, 0.1, 0.2, 0.35, 0.5)
+"""Extra copper that objects are fitted behind."""
+SURE: Final = 0.12
+"""A density that the images leave less sure than this, as a share, is no clue."""
+MOST: Final = 0.5
+"""A part known from outlines or from dark samples by more than this is no clue."""
+LABEL_SD: Final = MappingProxyType(
+    {"metal": 0.02, "liquid": 0.02, "glass": 0.03, "wood": 0.05, "mineral": 0.05, "polymer": 0.08}
+)
+UNSURE_LABEL_SD: Final = 0.12
+"""How far pigments, fillers and alloys that a label leaves unsaid change the attenuation, by family
+(assumed): aluminium says more of a beam than plastic does."""
+VOLUME_SD: Final = 0.02
+"""Of the meshes' volumes, as a share."""
+
+
+@dataclass(frozen=True, slots=True)
+class Clue:
+    """How far the density of one material, or the mass, lies off what it should be.
+
+    Parameters
+    ----------
+    name
+        Label of the parts, or ``mass``.
+    log_ratio
+        Logarithm of fitted over expected, behind each of :data:`FILTERS_MM_CU`.
+    sd
+        Its standard deviation.
+    """
+
+    name: str
+    log_ratio: tuple[float, ...]
+    sd: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """Densities by the images alone, and their covariance."""
+
+    problem: Problem
+    unknowns: Float64[np.ndarray, "u"]
+    covariance: Float64[np.ndarray, "k k"]
+
+    @property
+    def density_g_cm3(self) -> Float64[np.ndarray, "k"]:
+        return self.unknowns[: self.problem.parts]
+
+
+def survey(
+    capture: Capture,
+    order: Sequence[int],
+    volumes_cm3: Float64[np.ndarray, "k"],
+    settings: PolySettings,
+) -> tuple[Clue, ...]:
+    """Find the clues of one object.
+
+    Parameters
+    ----------
+    capture
+        With a tube.
+    order
+        Which part owns space first, see :func:`xden1k.rays.ownership_order`.
+    volumes_cm3
+        Shape (K,): of the space each part owns.
+    settings
+        What is modelled.
+
+    Raises
+    ------
+    DataError
+        As :func:`xden_builder.poly.line.fit_poly`.
+    """
+    assert capture.tube is not None
+    samples = sampled(capture, order, settings)
+    scintillator = capture.detector.scintillator
+    fits = [
+        _fitted(samples, energy_groups(capture.tube.behind("Cu", mm / 10), scintillator), settings)
+        for mm in FILTERS_MM_CU
+    ]
+    clues = list(_by_labels(capture, fits))
+    if capture.weighed_mass_g is not None:
+        clues += _by_mass(capture.weighed_mass_g, volumes_cm3, fits)
+    return tuple(clues)
+
+
+def _fitted(samples: Samples, groups: EnergyGroups, settings: PolySettings) -> _Fit:
+    """Fit densities that no material's range holds, by a beam of other groups."""
+    guess = samples.guess
+    stand_ins: StandIns = loosened(regrouped(guess.stand_ins, groups))
+    seen = []
+    for each in samples.seen:
+        beam = each.beam.regrouped(groups)
+        weights = beam.weights(each.samples.pixels)
+        seen.append(replace(each, beam=beam, samples=replace(each.samples, weights=weights)))
+    there = replace(samples, seen=tuple(seen))
+    density, scatter = guess.density_g_cm3, [USUAL_SCATTER] * len(seen)
+    problem = problem_of(there, stand_ins, density, scatter, None, settings)
+    start = problem.prior.mean.copy()
+    start[: problem.parts] = density
+    minimum = solve(problem, start)
+    covariance = np.linalg.inv(minimum.evaluation.hessian)[: problem.parts, : problem.parts]
+    return _Fit(problem, minimum.unknowns, covariance)
+
+
+def _by_labels(capture: Capture, fits: Sequence[_Fit]) -> Iterator[Clue]:
+    """Yield a clue for each material whose parts the images tell well."""
+    told = fits[FILTERS_MM_CU.index(0.0)]
+    found = np.stack([fit.density_g_cm3 for fit in fits])
+    sd = np.sqrt(told.covariance.diagonal()) / told.density_g_cm3
+    outline, dark = information_shares(told.problem, told.unknowns)
+    clear = (sd < SURE) & (outline < MOST) & (dark < MOST)
+    for label, parts in _solid_parts(capture).items():
+        mine = [part for part in parts if clear[part]]
+        if mine:
+            material = load_materials()[label]
+            nominal = material.density_nominal_g_cm3
+            log_ratio = np.log(found[:, mine] / nominal).mean(axis=1)
+            unsaid = LABEL_SD.get(material.family, UNSURE_LABEL_SD)
+            errors = material.density_sd_g_cm3 / nominal, unsaid, float(sd[mine].min())
+            yield Clue(label, tuple(log_ratio.tolist()), math.hypot(*errors))
+
+
+def _solid_parts(capture: Capture) -> Mapping[str, list[int]]:
+    """Numbers of the parts of each material that is named, hollow ones left out."""
+    found: dict[str, list[int]] = {}
+    for number, part in enumerate(capture.parts):
+        if part.material in load_materials() and not part.hollow:
+            found.setdefault(part.material, []).append(number)
+    return found
+
+
+def _by_mass(
+    mass_g: float, volumes_cm3: Float64[np.ndarray, "k"], fits: Sequence[_Fit]
+) -> Iterator[Clue]:
+    """Yield a clue if the images tell the mass well."""
+    log_ratio = [float(np.log(volumes_cm3 @ fit.density_g_cm3 / mass_g)) for fit in fits]
+    told = fits[FILTERS_MM_CU.index(0.0)]
+    sd_g = float(np.sqrt(volumes_cm3 @ told.covariance @ volumes_cm3))
+    sd = float(np.hypot(sd_g / float(volumes_cm3 @ told.density_g_cm3), VOLUME_SD))
+    if sd < SURE:
+        yield Clue("mass", tuple(log_ratio), sd)

@@ -1,0 +1,27 @@
+"""What one capture says of the beam that it shares with the others of its folder."""
+
+from __future__ import annotations
+
+from xden_builder.capture import Capture
+from xden_builder.poly.survey import Clue, survey
+from xden_builder.reconstruct.plausible import check_places, check_twins
+from xden_builder.reconstruct.settings import BuildSettings
+from xden_builder.reconstruct.space import divide
+
+__all__ = ["find_clues"]
+
+
+def find_clues(capture: Capture, settings: BuildSettings) -> tuple[Clue, ...]:
+    """Find what a capture says of its beam: nothing where no tube is known.
+
+    Raises
+    ------
+    DataError
+        As :func:`xden_builder.reconstruct.object.reconstruct`.
+    """
+    if capture.tube is None or capture.tube.kv is None:
+        return ()
+    check_places(capture.parts, capture.views)
+    check_twins(capture.parts)
+    space = divide(capture.parts)
+    return survey(capture, space.order, space.volumes_cm3, settings.poly)
