@@ -23,7 +23,7 @@ from xden_builder.poly.model.pixels import (
     ViewPixels,
     choose_pixels,
 )
-from xden_builder.poly.posterior.trust import sample_sd
+from xden_builder.poly.posterior.trust import USUAL_SCATTER, sample_sd
 from xden_builder.poly.settings import PolySettings
 
 GROUPS = energy_groups(TUBE, "CsI")
@@ -122,7 +122,7 @@ def test_the_same_numbers_choose_the_same_samples(capture):
     assert first.pixels.tolist() != other.pixels.tolist()
 
 
-def trusted(view, samples, noise_sd=0.0, stray=0.0, **choices):
+def trusted(view, samples, noise_sd=0.0, stray=0.0, scatter=None, **choices):
     lengths, blocks = lengths_of(view)
     taken = certain(tables(), [0, 0, 0])
     return sample_sd(
@@ -133,6 +133,7 @@ def trusted(view, samples, noise_sd=0.0, stray=0.0, **choices):
         taken.mac_cm2_g,
         taken.mean_g_cm3,
         np.full((len(samples.pixels), 3), stray),
+        USUAL_SCATTER if scatter is None else np.array(scatter),
         noise_sd,
         PolySettings(**choices),
     )
@@ -145,6 +146,18 @@ def test_bare_air_errs_by_the_floor_and_nothing_by_less(capture):
     air = ~samples.meets.any(axis=1)
     np.testing.assert_allclose(sd[air], PolySettings().floor, rtol=1e-9)
     assert sd.min() >= PolySettings().floor
+
+
+def test_much_scatter_errs_by_more_than_is_usual_and_little_by_no_less(capture):
+    samples = chosen(capture.views[0])
+    air = ~samples.meets.any(axis=1)
+    none, usual, much = (
+        trusted(capture.views[0], samples, stray=0.5, scatter=[amplitude] * 2)[air]
+        for amplitude in (0.0, USUAL_SCATTER[0], 5 * USUAL_SCATTER[0])
+    )
+    np.testing.assert_array_equal(none, usual)
+    floor = PolySettings().floor
+    np.testing.assert_allclose(np.sqrt(much**2 - floor**2), 5 * np.sqrt(usual**2 - floor**2))
 
 
 def test_each_error_adds_to_the_others(capture):

@@ -16,6 +16,8 @@ from xden_builder.poly.materials.evidence import MaterialPosterior
 
 __all__ = ["StandIns", "certain", "coefficients", "loosened", "mixtures", "regrouped"]
 
+CLEAR: Final = 0.5
+"""A material more probable than this is likelier than all others together."""
 NEGLIGIBLE: Final = 0.02
 """Candidates less probable than this share of the best are left out of a mixture."""
 
@@ -134,17 +136,18 @@ def _shares(posterior: MaterialPosterior) -> Float64[np.ndarray, "c"]:
 def _prior(table: CandidateTable, share: Float64[np.ndarray, "c"]) -> Float64[np.ndarray, "4"]:
     """Mean, standard deviation, least and most density of a mixture.
 
-    It stays within the range of the likeliest material: solid, or as a body with pores too where
-    that is possible.
+    A material that is likelier than all others together keeps it within its range: that of the
+    solid, or of a body with pores too where that is possible.
     """
     means, sds, lows, highs = table.priors.T
     mean = float(share @ means)
     sd = float(np.sqrt(share @ (sds**2 + (means - mean) ** 2)))
     names = np.array([each.material for each in table.candidates])
-    total = {name: share[names == name].sum() for name in dict.fromkeys(names[share > 0])}
-    likeliest = (names == max(total, key=total.__getitem__)) & (share > 0)
-    low, high = float(lows[likeliest].min()), float(highs[likeliest].max())
-    return np.array([float(np.clip(mean, low, high)), sd, low, high])
+    possible = share > 0
+    likely = possible & np.array([share[names == name].sum() > CLEAR for name in names])
+    kept = likely if likely.any() else possible
+    low, high = float(lows[kept].min()), float(highs[kept].max())
+    return np.array([min(max(mean, low), high), sd, low, high])
 
 
 def _by_material(table: CandidateTable, weight: Float64[np.ndarray, "c"]) -> dict[str, float]:
