@@ -207,13 +207,13 @@ def _weigh(
         [float(each[0]) for each in nuisances],
         settings.evidence_share * problem.share,
     )
-    density = minimum.unknowns[: problem.parts] * problem.factors(minimum.unknowns)
+    seen = minimum.unknowns[: problem.parts] * problem.factors(minimum.unknowns)
     macs = problem.stand_ins.mac_cm2_g.copy()
     found = []
     for part, table in enumerate(tables):
-        posterior = weigh_materials(scene, part, density, macs, table)
-        density[part] = posterior.probability @ posterior.density_g_cm3
-        weights = posterior.probability * posterior.density_g_cm3
+        posterior = weigh_materials(scene, part, seen, macs, table)
+        seen[part] = posterior.probability @ posterior.seen_g_cm3
+        weights = posterior.probability * posterior.seen_g_cm3
         macs[part] = weights @ table.mac_cm2_g / weights.sum()
         found.append(posterior)
-    return tuple(found), density
+    return tuple(found), seen

@@ -141,6 +141,24 @@ class CandidateTable:
     log_prior: Float64[np.ndarray, "c"]
     composition_sd: Float64[np.ndarray, "c"]
 
+    @property
+    def seen_priors(self) -> Float64[np.ndarray, "c 4"]:
+        """Shape (candidates, 4): of the density that the images see, with coefficients that err."""
+        mean, sd, low, high = self.priors.T
+        off = self.composition_sd
+        seen_sd = np.hypot(sd, off * mean)
+        return np.stack([mean, seen_sd, low * (1 - 2 * off), high * (1 + 2 * off)], axis=1)
+
+    def densities(self, seen_g_cm3: Float64[np.ndarray, "c"]) -> Float64[np.ndarray, "c"]:
+        """Return the best density of each candidate of which the images see so much.
+
+        What is seen off the usual density is shared out between density and coefficients by how
+        far either scatters.
+        """
+        mean, sd, low, high = self.priors.T
+        share = (sd / self.seen_priors[:, 1]) ** 2
+        return np.asarray((mean + share * (seen_g_cm3 - mean)).clip(low, high))
+
 
 def candidate_table(part: CapturePart, groups: EnergyGroups) -> CandidateTable:
     """Tabulate the candidates of a part; one table for all parts of the same label."""

@@ -29,12 +29,16 @@ class MaterialPosterior:
     ----------
     probability
         Shape (candidates,).
-    density_g_cm3, sd_g_cm3
-        Shape (candidates,): best density and its standard deviation, if that is the material.
+    density_g_cm3
+        Shape (candidates,): best density, if that is the material.
+    seen_g_cm3, sd_g_cm3
+        Shape (candidates,): density that the images see, were the coefficients the library's, and
+        its standard deviation.
     """
 
     probability: Float64[np.ndarray, "c"]
     density_g_cm3: Float64[np.ndarray, "c"]
+    seen_g_cm3: Float64[np.ndarray, "c"]
     sd_g_cm3: Float64[np.ndarray, "c"]
 
 
@@ -95,7 +99,8 @@ def weigh_materials(
         Its candidates. Where no ray meets the part they keep their prior probability.
     """
     rays = list(_rays(radiographs, part, density_g_cm3, mac_cm2_g))
-    found = np.stack([table.priors[:, 0], np.zeros(len(table.priors)), table.priors[:, 1] ** -2.0])
+    priors = table.seen_priors
+    found = np.stack([priors[:, 0], np.zeros(len(priors)), priors[:, 1] ** -2.0])
     found = np.ascontiguousarray(found.T)
     if rays:
         others, ways, counts, measured, at_least, inverse_sd = (
@@ -111,14 +116,17 @@ def weigh_materials(
             radiographs.share,
             HUBER,
             table.mac_cm2_g,
-            table.priors,
+            priors,
             found,
         )
-    density, cost, curvature = found.T
-    log_evidence = table.log_prior - cost - np.log(table.priors[:, 1]) - 0.5 * np.log(curvature)
+    seen, cost, curvature = found.T
+    log_evidence = table.log_prior - cost - np.log(priors[:, 1]) - 0.5 * np.log(curvature)
     relative = np.exp(log_evidence - log_evidence.max())
     return MaterialPosterior(
-        relative / relative.sum(), np.ascontiguousarray(density), curvature**-0.5
+        relative / relative.sum(),
+        table.densities(seen),
+        np.ascontiguousarray(seen),
+        curvature**-0.5,
     )
 
 
