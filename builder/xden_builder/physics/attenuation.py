@@ -18,7 +18,7 @@ from jaxtyping import Float
 from xden1k.errors import DataError, require
 from xden1k.values.materials import Composition
 
-__all__ = ["ENERGY_RANGE_KEV", "element_fractions", "mac_cm2_g"]
+__all__ = ["ENERGY_RANGE_KEV", "element_fractions", "mac_cm2_g", "scattering_cm2_g"]
 
 ENERGY_RANGE_KEV: Final = (0.1, 800.0)
 """Where the Elam tables hold."""
@@ -76,9 +76,40 @@ def mac_cm2_g(
         raise DataError(
             f"photon energies must be {low} to {high} keV, got {energies[outside].flat[0]}"
         )
-    flat_ev = 1000.0 * energies.ravel()
-    xraydb = require("xraydb", "build")
-    total = np.zeros(flat_ev.shape)
+    return _mixture(composition, energies, "total")
+
+
+def scattering_cm2_g(
+    composition: Composition, energies_kev: Float[np.ndarray, "*e"]
+) -> Float[np.ndarray, "*e"]:
+    """Coherent and incoherent part of it: photons that are turned away, not absorbed.
+
+    Examples
+    --------
+    >>> energies_kev = np.array([30.0, 100.0])
+    >>> water = (("H2O", 1.0),)
+    >>> (scattering_cm2_g(water, energies_kev) / mac_cm2_g(water, energies_kev)).round(2).tolist()
+    [0.61, 0.98]
+    """
+    return _mixture(composition, energies_kev, "coh", "incoh")
+
+
+def _mixture(
+    composition: Composition, energies_kev: Float[np.ndarray, "*e"], *kinds: str
+) -> Float[np.ndarray, "*e"]:
+    """Sum of kinds of interaction over the elements, by mass fraction."""
+    energies_ev = tuple((1000.0 * energies_kev).ravel().tolist())
+    total = np.zeros(len(energies_ev))
     for element, fraction in element_fractions(composition).items():
-        total += fraction * xraydb.mu_elam(element, flat_ev)
-    return total.reshape(energies.shape)
+        for kind in kinds:
+            total += fraction * _of_element(element, kind, energies_ev)
+    return total.reshape(energies_kev.shape)
+
+
+@lru_cache(maxsize=4096)
+def _of_element(element: str, kind: str, energies_ev: tuple[float, ...]) -> Float[np.ndarray, "e"]:
+    """Coefficient of an element, kept: a material library shares few elements and energies."""
+    xraydb = require("xraydb", "build")
+    found: Float[np.ndarray, "e"] = xraydb.mu_elam(element, np.array(energies_ev), kind=kind)
+    found.flags.writeable = False
+    return found

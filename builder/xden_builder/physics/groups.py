@@ -9,9 +9,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Float64
 
-from xden1k.errors import require
 from xden1k.values.materials import Composition
-from xden_builder.physics.attenuation import element_fractions, mac_cm2_g
+from xden_builder.physics.attenuation import mac_cm2_g, scattering_cm2_g
 from xden_builder.physics.source import Tube
 from xden_builder.physics.spectrum import Spectrum, absorbed_share, tube_fluence, tube_spectrum
 from xden_builder.physics.spectrum.tables import TABLE_SLOPES
@@ -69,13 +68,8 @@ def _group_mac(groups: EnergyGroups, composition: Composition) -> Float64[np.nda
 def _group_scattering(
     groups: EnergyGroups, composition: Composition
 ) -> Float64[np.ndarray, "groups"]:
-    xraydb = require("xraydb", "build")
-    total = np.zeros_like(groups.spectrum.energies_kev)
-    for element, fraction in element_fractions(composition).items():
-        for kind in ("coh", "incoh"):
-            energies_ev = 1000 * groups.spectrum.energies_kev
-            total += fraction * xraydb.mu_elam(element, energies_ev, kind=kind)
-    return groups.spectrum.group_means(total, groups.count)
+    scattering = scattering_cm2_g(composition, groups.spectrum.energies_kev)
+    return groups.spectrum.group_means(scattering, groups.count)
 
 
 def energy_groups(tube: Tube, scintillator: str, count: int = GROUPS) -> EnergyGroups:

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from xden1k.errors import require
 from xden1k.values.materials import Composition
-from xden_builder.physics.attenuation import element_fractions, mac_cm2_g
+from xden_builder.physics.attenuation import mac_cm2_g, scattering_cm2_g
 from xden_builder.physics.source import Tube
 from xden_builder.physics.spectrum import Spectrum, absorbed_share, tube_fluence, tube_spectrum
 from xden_builder.physics.spectrum.tables import TABLE_DISTANCE_CM
@@ -53,13 +52,9 @@ class Beam:
         return self.spectrum.group_means(mac, self.groups)
 
     def scattering_cm2_g(self, composition: Composition) -> Float[np.ndarray, "groups"]:
-        """Coherent and incoherent part of it: photons that are turned away, not absorbed."""
-        xraydb, total = require("xraydb", "build"), np.zeros_like(self.spectrum.energies_kev)
-        for element, fraction in element_fractions(composition).items():
-            for kind in ("coh", "incoh"):
-                energies_ev = 1000 * self.spectrum.energies_kev
-                total += fraction * xraydb.mu_elam(element, energies_ev, kind=kind)
-        return self.spectrum.group_means(total, self.groups)
+        """Coherent and incoherent part of it."""
+        scattering = scattering_cm2_g(composition, self.spectrum.energies_kev)
+        return self.spectrum.group_means(scattering, self.groups)
 
 
 def make_beam(
