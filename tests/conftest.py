@@ -42,10 +42,14 @@ def pytest_collection() -> Generator[None]:
 
 @pytest.hookimpl(wrapper=True, trylast=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None]:
-    """Give back what a module held before the next one takes its own."""
+    """Give back what a module held before the next one takes its own, and look but once at the rest.
+
+    What is left then was imported or is kept for the session.
+    """
     result = yield
     if nextitem is None or nextitem.path != item.path:
         gc.collect()
+        gc.freeze()
         if malloc_trim := getattr(ctypes.CDLL(None), "malloc_trim", None):  # the GNU C library's
             malloc_trim(0)
     return result
