@@ -42,7 +42,7 @@ def pytest_collection() -> Generator[None]:
 
 @pytest.hookimpl(wrapper=True, trylast=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None]:
-    """Give back what a module held before the next one takes its own, and look but once at the rest.
+    """Give back what a module held before the next one takes its own, and look at the rest but once.
 
     What is left then was imported or is kept for the session.
     """

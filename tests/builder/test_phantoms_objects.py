@@ -38,7 +38,7 @@ def sampled(count: int) -> list[object]:
     ]
 
 
-@pytest.fixture(scope="module", params=sampled(12))
+@pytest.fixture(scope="module", params=sampled(24))
 def phantom(request: pytest.FixtureRequest) -> Phantom:
     return make_phantom(Plan.of(11, f"{request.param}-0000"))
 
@@ -157,17 +157,17 @@ def test_same_object_twice_is_the_same_to_the_bit(phantom: Phantom) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("seed", range(12))
-def test_shape_stays_sound_over_many_draws(name: str, seed: int) -> None:
-    phantom = make_phantom(Plan.of(seed, f"{name}-0001"))
-    assert_closed(phantom)
-    assert_disjoint(phantom)
-    assert_nothing_floats(phantom)
-    test_object_fits_the_scanner(phantom)
-    test_object_is_of_everyday_size_and_centred(phantom)
+def test_shape_stays_sound_over_many_draws(name: str) -> None:
+    for seed in range(12):
+        phantom = make_phantom(Plan.of(seed, f"{name}-0001"))
+        assert_closed(phantom)
+        assert_disjoint(phantom)
+        assert_nothing_floats(phantom)
+        test_object_fits_the_scanner(phantom)
+        test_object_is_of_everyday_size_and_centred(phantom)
 
 
-@pytest.mark.parametrize("name", sampled(3))
+@pytest.mark.parametrize("name", sampled(6))
 def test_every_role_of_a_category_has_its_materials(name: str) -> None:
     category = CATALOGUE[NAMES.index(name)]
     archetype, roles = ARCHETYPES[category.archetype], set()
@@ -241,9 +241,9 @@ def test_objects_do_not_depend_on_count_or_selection() -> None:
     assert set(chosen) <= set(many)
 
 
-@pytest.mark.parametrize("count", range(5, 60))
-def test_every_split_has_an_object(count: int) -> None:
-    assert {plan.split for plan in plan_objects(count, 0)} == {"train", "val", "test"}
+def test_every_split_has_an_object() -> None:
+    for count in range(5, 60):
+        assert {plan.split for plan in plan_objects(count, 0)} == {"train", "val", "test"}, count
 
 
 def test_splits_are_70_10_20_and_train_knows_every_category() -> None:
@@ -322,7 +322,7 @@ def test_mug_is_open() -> None:
 
 def test_some_balls_are_hollow_and_some_are_not() -> None:
     kinds = set()
-    for number in range(8):
+    for number in range(4):
         (body,) = make_phantom(Plan.of(0, f"rubber_ball-{number:04d}")).parts
         filled = float(outer_surface([body.mesh]).volume)
         kinds.add(float(body.mesh.volume) < 0.7 * filled)
