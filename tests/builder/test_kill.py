@@ -187,8 +187,11 @@ def writer(tmp_path):
         process.kill()
 
 
-def test_what_a_killed_writer_left_is_removed_by_the_next(writer, tmp_path):
+def test_what_a_writer_left_is_removed_by_the_next_once_it_is_killed(writer, tmp_path):
     process, beside = writer
+    with staging(tmp_path / "out") as other:
+        assert beside.exists()
+        assert other != beside
     process.kill()
     process.wait()
     assert beside.exists()
@@ -205,13 +208,6 @@ def test_a_folder_that_a_killed_writer_had_put_aside_comes_back(writer, tmp_path
     process.wait()
     with staging(tmp_path / "out"):
         assert (tmp_path / "out" / "data").read_text() == "precious"
-
-
-def test_what_a_living_writer_is_at_work_in_is_left_alone(writer, tmp_path):
-    _, beside = writer
-    with staging(tmp_path / "out") as other:
-        assert beside.exists()
-        assert other != beside
 
 
 @pytest.mark.parametrize(

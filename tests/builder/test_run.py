@@ -36,7 +36,7 @@ pytestmark = pytest.mark.usefixtures("in_this_process")
 def pristine(tmp_path_factory) -> Path:
     """Captures of three phantoms, which no test may change."""
     root = tmp_path_factory.mktemp("captures") / "captures"
-    write_captures(root, 3, 5, size=128)
+    write_captures(root, 3, 5, size=128, categories=["hammer", "mug", "screwdriver"])
     return root
 
 
