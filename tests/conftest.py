@@ -42,9 +42,9 @@ def pytest_collection() -> Generator[None]:
 
 @pytest.hookimpl(wrapper=True, trylast=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None]:
-    """Give back what a module held before the next one takes its own, and look at the rest but once.
+    """Give back what a module held before the next one takes its own.
 
-    What is left then was imported or is kept for the session.
+    What is left then was imported or is kept for the session: no garbage is looked for in it again.
     """
     result = yield
     if nextitem is None or nextitem.path != item.path:

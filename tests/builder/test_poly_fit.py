@@ -32,12 +32,13 @@ from xden_builder.poly.model.frames import Pose
 from xden_builder.reconstruct.object import reconstruct
 from xden_builder.reconstruct.settings import BuildSettings
 
+SIZE_PX = 72
 TRUTH = {solid.name: solid.density_g_cm3 for solid in tool()}
 
 
 @pytest.fixture(scope="module")
 def capture() -> Capture:
-    return captured(tool(), size=96)
+    return captured(tool(), size=SIZE_PX)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +82,7 @@ def test_model_explains_its_images(rebuilt):
 
 
 def test_an_audit_repeats_the_fits_images_from_what_is_kept(capture, rebuilt):
-    oblique = radiograph(tool(), "oblique", cone(40.0, 96, 14.0))
+    oblique = radiograph(tool(), "oblique", cone(40.0, SIZE_PX, 14.0))
     audit = audit_object(rebuilt, replace(capture, audit_views=(oblique,)))
     assert audit.good
     *fitted_views, unseen = audit.views
@@ -131,15 +132,20 @@ def test_order_of_the_parts_does_not_matter(capture, rebuilt):
     "exposures", [pytest.param((1.1, 1.1), marks=pytest.mark.slow), (0.93, 1.08)]
 )
 def test_exposure_moves_the_gain_and_no_density(capture, rebuilt, exposures):
-    fit = solved(captured(tool(), size=96, exposures=exposures))
+    fit = solved(captured(tool(), size=SIZE_PX, exposures=exposures))
     assert fit.density_g_cm3 == pytest.approx(list(densities(rebuilt).values()), rel=0.01)
     gains = [float(fit.nuisances(number)[0]) for number in (0, 1)]
     assert gains == pytest.approx(exposures, rel=0.003)
 
 
-def overexposed(exposure: float, limit: float) -> Capture:
-    """The object exposed longer than the panel can tell, so that all air is saturated."""
-    bright = captured(tool(), size=96, exposures=(exposure, exposure))
+@pytest.fixture(scope="module")
+def bright() -> Capture:
+    """The object exposed longer than usual."""
+    return captured(tool(), size=SIZE_PX, exposures=(1.3, 1.3))
+
+
+def saturated(bright: Capture, limit: float) -> Capture:
+    """What a panel makes of it that can tell no more than this."""
     views, at_least = [], {}
     for view in bright.views:
         full = view.transmission >= limit
@@ -151,20 +157,21 @@ def overexposed(exposure: float, limit: float) -> Capture:
     return replace(bright, views=(pa, lat), at_least=at_least)
 
 
-def test_saturated_air_costs_no_density_and_is_no_shadow(rebuilt):
-    obj = reconstruct(overexposed(1.3, 1.1))
+def test_saturated_air_costs_no_density_and_is_no_shadow(bright, rebuilt):
+    capture = saturated(bright, 1.1)
+    obj = reconstruct(capture)
     assert densities(obj) == pytest.approx(densities(rebuilt), rel=0.03)
     gains = [view["gain"] for view in obj.meta["poly"]["views"].values()]
     assert gains == pytest.approx([1.3, 1.3], rel=0.02)
     assert obj.flags == rebuilt.flags
-    again = audit_object(obj, overexposed(1.3, 1.1))
+    again = audit_object(obj, capture)
     assert again.good
     assert all(view.background_transmission_mae < 0.01 for view in again.views)
 
 
-def test_an_object_most_of_which_is_saturated_is_refused(capture):
+def test_an_object_most_of_which_is_saturated_is_refused(bright):
     with pytest.raises(DataError, match=r"view pa: \d+% of the object's pixels are saturated or"):
-        reconstruct(overexposed(1.3, 0.2))
+        reconstruct(saturated(bright, 0.2))
 
 
 @pytest.mark.parametrize("label", ["aluminium", pytest.param("pp", marks=pytest.mark.slow)])
@@ -191,7 +198,7 @@ def test_without_a_materials_name_it_is_guessed_and_says_so(capture, rebuilt):
 
 @pytest.mark.parametrize("hollow", [False, True], ids=["foamed", "hollow"])
 def test_a_body_of_half_the_density_is_measured(hollow):
-    found = fitted(captured(tool(density_g_cm3=0.455, hollow=hollow), size=96))
+    found = fitted(captured(tool(density_g_cm3=0.455, hollow=hollow), size=SIZE_PX))
     assert found["grip"].density_g_cm3 == pytest.approx(0.455, rel=0.05)
     assert found["grip"].source == "xray"
     assert "label_doubted" not in found["grip"].flags
@@ -255,7 +262,7 @@ def test_without_a_known_source_there_is_attenuation_only(capture):
 
 def test_one_photon_energy_needs_no_spectrum():
     solids = tuple(replace(solid, density_g_cm3=0.9 * solid.density_g_cm3) for solid in tool()[1:])
-    capture = captured(solids, size=96, tube=Tube(energy_kev=100.0))
+    capture = captured(solids, size=SIZE_PX, tube=Tube(energy_kev=100.0))
     obj = reconstruct(capture)
     assert obj.meta["model"] == "mono"
     assert "poly" not in obj.meta
