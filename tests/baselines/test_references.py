@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> DatasetFolder:
     return folder_of(objects, tmp_path_factory.mktemp("references") / "dataset")
 
 
+@cache
 def fitted(kind: type, folder: DatasetFolder) -> Predictor:
     predictor: Predictor = kind()
     if predictor.trainable:
@@ -150,9 +152,7 @@ def test_the_shadow_of_a_homogeneous_body_gives_its_attenuation_off_centre_too(
 
 def test_the_rays_alone_find_a_homogeneous_body(folder: DatasetFolder) -> None:
     for kind in XRAY:
-        method = kind()
-        method.fit(Examples(folder, "train", method.reads), seed=0)
-        grid = predicted(method, folder, "cube-0002")
+        grid = predicted(fitted(kind, folder), folder, "cube-0002")
         sample = SampleView(folder, "cube-0002", Modality.GEOMETRY)
         deep = ndimage.binary_erosion(sample.envelope == 1, iterations=4)
         np.testing.assert_allclose(grid[deep], 2.0, rtol=0.06)

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.bench.sealing import Sealed, sealed_dataset, write_dataset
 from tests.phantoms import BAR, CUBE, FILLED, HOLLOW, box_object
 from xden1k.folder import DatasetFolder, open_folder, write_folder
 from xden1k.predictions import SubmissionMeta, write_predictions
+from xden_bench.methods import baseline
 from xden_bench.scoring.reference import Reference
 
 GOLDEN = Path(__file__).parents[1] / "golden"
@@ -61,6 +64,21 @@ def folder(dataset: Path) -> DatasetFolder:
 @pytest.fixture(scope="session")
 def reference(folder: DatasetFolder) -> Reference:
     return Reference(folder, "test")
+
+
+@pytest.fixture(scope="session")
+def sealed(tmp_path_factory: pytest.TempPathFactory) -> Sealed:
+    """A dataset with answers to hide, and its sealed form."""
+    root = tmp_path_factory.mktemp("sealed")
+    return sealed_dataset(write_dataset(root / "whole"), root / "out")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def methods_looked_for_once() -> Iterator[None]:
+    """Search what is installed for methods once: each command would, and nothing changes."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(baseline, "entry_points", cache(baseline.entry_points))
+        yield
 
 
 Submit = Callable[..., Path]

@@ -48,12 +48,6 @@ keys = st.binary(min_size=32, max_size=32).map(Key)
 
 
 @pytest.fixture(scope="module")
-def sealed(tmp_path_factory: pytest.TempPathFactory) -> Sealed:
-    root = tmp_path_factory.mktemp("sealed")
-    return sealed_dataset(write_dataset(root / "whole"), root / "out")
-
-
-@pytest.fixture(scope="module")
 def reference(sealed: Sealed) -> SealedReference:
     return SealedReference(sealed.public, PRIVATE, sealed.truth())
 
@@ -114,7 +108,7 @@ def test_secrets_are_the_hmac_they_are_said_to_be() -> None:
 # The division
 
 
-@settings(max_examples=200)
+@settings(max_examples=60)
 @given(
     st.dictionaries(st.text("abc", min_size=1), st.sampled_from("ABCDE"), min_size=2, max_size=40),
     st.floats(0.01, 0.99),

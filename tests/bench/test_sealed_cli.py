@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from tests.bench.sealing import write_dataset
+from tests.bench.sealing import Sealed
 from xden1k.folder import open_folder
 from xden_bench.cli import cli
 from xden_bench.entries.result import read_entry
@@ -25,10 +25,10 @@ def run(*words: object) -> Result:
 
 
 @pytest.fixture(scope="module")
-def challenge(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def challenge(tmp_path_factory: pytest.TempPathFactory, sealed: Sealed) -> Path:
     """A sealed dataset and a submission for its private split."""
     folder = tmp_path_factory.mktemp("challenge")
-    write_dataset(folder / "whole")
+    (folder / "whole").symlink_to(sealed.whole.root)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         assert run("keygen", "organiser.key").exit_code == 0

@@ -24,12 +24,6 @@ FIGURES = [
 ]
 
 
-@pytest.fixture(scope="module")
-def sealed(tmp_path_factory: pytest.TempPathFactory) -> Sealed:
-    root = tmp_path_factory.mktemp("sealed")
-    return sealed_dataset(write_dataset(root / "whole"), root / "out")
-
-
 def contents(root: Path) -> dict[str, bytes]:
     return {
         path.relative_to(root).as_posix(): path.read_bytes()
