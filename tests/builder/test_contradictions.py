@@ -105,7 +105,7 @@ def test_a_part_annotated_twice_is_named() -> None:
         reconstruct(replace(capture, parts=(*capture.parts, twice)))
 
 
-@pytest.mark.parametrize("factor", [0.1, pytest.param(0.01, marks=SLOW), 2.54])
+@pytest.mark.parametrize("factor", [0.1, *(pytest.param(one, marks=SLOW) for one in (0.01, 2.54))])
 def test_units_are_doubted_whatever_else_fits(factor: float) -> None:
     capture = captured(tool(), size=64)
     parts = []

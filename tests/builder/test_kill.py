@@ -46,7 +46,7 @@ for number in range(40):
         publish(beside / "folder", out)
 """
 
-CATEGORIES = ["bolt", "hammer", "mug", "rubber_ball"]
+CATEGORIES = ["bolt", "hammer", "mug"]
 """The first two have the smaller files."""
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
@@ -54,7 +54,7 @@ pytestmark = pytest.mark.usefixtures("in_this_process")
 @pytest.fixture(scope="module")
 def captures(tmp_path_factory) -> Path:
     root = tmp_path_factory.mktemp("captures") / "captures"
-    write_captures(root, 4, 3, size=64, ideal=True, categories=CATEGORIES)
+    write_captures(root, len(CATEGORIES), 3, size=64, ideal=True, categories=CATEGORIES)
     return root
 
 
@@ -159,7 +159,8 @@ def test_a_full_disk_is_one_line_and_a_rerun_completes(
     assert " MB are free; make room and run again, finished objects are kept" in line
     assert not out.exists()
     kept = len(list(work_folder(out).glob("*.seal")))
-    assert 0 < kept < 4 if what == "a_work_file" else kept == 4
+    most = len(CATEGORIES)
+    assert 0 < kept < most if what == "a_work_file" else kept == most
     report = build(captures, out, BuildSettings(), workers=2)
     assert (report.count("kept"), report.count("failed")) == (kept, 0)
     assert contents(out) == contents(built)

@@ -173,7 +173,7 @@ def test_every_subray_is_the_ray_of_the_refined_detector():
     np.testing.assert_array_equal(lengths.pixels, np.flatnonzero(by_pixel.any(axis=1)))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10)
 @given(seed=seeds, beam=beams, order=st.permutations(range(4)))
 def test_nested_and_crossing_parts_belong_to_the_strongest(seed, beam, order):
     geometry = view(beam, size=24)

@@ -135,7 +135,7 @@ def test_volumes_of_cut_parts_sum_to_the_union(seed):
     assert all(region.is_watertight for region in regions)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8)
 @given(seed=seeds)
 def test_parts_that_only_touch_are_left_as_they_are(seed):
     for meshes in (
@@ -233,7 +233,7 @@ def test_the_outer_surface_of_an_open_cup_is_the_cup():
     assert outer_surface([cup(), spoon]).volume == pytest.approx(expected, rel=1e-4)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8)
 @given(seed=seeds)
 def test_parts_that_meet_only_up_to_rounding_close_a_cavity(seed):
     for top in (lid(), lid(48)):
