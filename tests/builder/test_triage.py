@@ -26,6 +26,7 @@ from xden_builder.triage import report as triage_report
 from xden_builder.triage.card import Card, make_card
 from xden_builder.triage.findings import find
 from xden_builder.triage.flags import flag_kinds
+from xden_builder.triage.page import render
 from xden_builder.triage.pictures import draw
 
 
@@ -256,6 +257,16 @@ def test_a_weighed_object_is_on_the_chart_at_the_ratio_of_its_masses(report: Pat
     (circle,) = Page((report / "index.html").read_text()).all("circle")
     assert circle["class"] == "needs_you"
     assert float(circle["cy"] or 0) == pytest.approx(186, abs=1)  # a half: at the lower edge
+
+
+def test_parts_without_density_show_their_attenuation(dataset: Path, tmp_path: Path) -> None:
+    card = make_card(dataset, open_folder(dataset).ids()[0])
+    unknown = {"density_g_cm3": math.nan, "density_sd_g_cm3": math.nan, "lac_per_cm": 0.321}
+    parts = tuple(replace(part, **unknown) for part in card.parts)
+    render([replace(card, parts=parts)], [], "dataset", tmp_path / "index.html")
+    text = (tmp_path / "index.html").read_text()
+    assert text.count(">0.321<") == len(parts)
+    assert "density, g/cm³" not in text
 
 
 def test_a_frame_encloses_the_box_and_the_picture_reaches_as_far(dataset: Path) -> None:

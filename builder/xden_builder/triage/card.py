@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -39,12 +40,13 @@ class ViewCard:
 
 @dataclass(frozen=True, slots=True)
 class PartCard:
-    """One part: its figures in g/cm³, nan where unknown."""
+    """One part: its figures, nan where unknown."""
 
     name: str
     material: str
     density_g_cm3: float
     density_sd_g_cm3: float
+    lac_per_cm: float
     source: str
     flags: tuple[str, ...]
 
@@ -70,6 +72,11 @@ class Card:
     notes: str
     views: tuple[ViewCard, ...]
     parts: tuple[PartCard, ...]
+
+    @property
+    def has_no_density(self) -> bool:
+        """Whether no part has one, so that its attenuation is what is known of it."""
+        return all(math.isnan(part.density_g_cm3) for part in self.parts)
 
 
 def make_card(root: Path, object_id: str) -> Card:
@@ -115,6 +122,7 @@ def _part_card(part: Part) -> PartCard:
         part.material,
         part.density_g_cm3,
         part.density_sd_g_cm3,
+        part.lac_per_cm,
         part.density_source,
         part.flags,
     )

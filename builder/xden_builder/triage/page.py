@@ -95,7 +95,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(figure=_figure, code=_code)
+    environment.filters.update(figure=_figure, fixed=_fixed, code=_code)
     environment.globals.update(source_words=SOURCES, mass=_mass, few=FEW)
     return environment
 
@@ -132,6 +132,17 @@ def _figure(value: Any, digits: int = 4) -> str:
     if value is None or math.isnan(value):
         return "-"
     return f"{float(f'{value:.{digits}g}'):g}"
+
+
+def _fixed(value: float | None, decimals: int) -> str:
+    """Format a figure near 1; what is not known is a dash.
+
+    Examples
+    --------
+    >>> _fixed(0.99997, 4), _fixed(-0.08963, 4), _fixed(None, 4)
+    ('1.0000', '-0.0896', '-')
+    """
+    return "-" if value is None or math.isnan(value) else f"{value:.{decimals}f}"
 
 
 def _mass(findings: Findings) -> str:
