@@ -52,7 +52,7 @@ def density_range_g_cm3(material: str) -> tuple[float, float]:
     if material in library:
         known = [library[material]]
     else:
-        known = [each for each in library.values() if each.family == material]
+        known = [each for each in library.bases.values() if each.family == material]
     if not known:
         raise DataError(f"the material library has no {material!r}")
     lows = [each.density_low_g_cm3 for each in known]

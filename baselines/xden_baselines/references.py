@@ -130,7 +130,8 @@ def _nominal_g_cm3(label: str) -> float:
     library = load_materials()
     if label in library.labels:
         return library[label].density_nominal_g_cm3
-    return median(one.density_nominal_g_cm3 for one in library.values() if one.family == label)
+    bases = library.bases.values()
+    return median(one.density_nominal_g_cm3 for one in bases if one.family == label)
 
 
 class _Calibrated(ABC):

@@ -15,10 +15,12 @@ from tests.phantoms import APPARENT, BAR, CUBE, FILLED, HOLLOW, Box, box_object
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder, open_folder, write_folder
 from xden1k.predictor import Examples, Prediction, Predictor, SampleView, Storable
-from xden1k.values.materials import load_materials
+from xden1k.values.materials import MaterialLibrary, families, load_materials
 from xden1k.values.modality import Modality, ModalityError
 from xden1k.values.physics import PAPER_MAC_CM2_G
 from xden1k.values.types import DensityField, DensityObject
+from xden_baselines import materials
+from xden_baselines.materials import density_range_g_cm3
 from xden_baselines.references import (
     LabelNominal,
     PartOracle,
@@ -118,12 +120,19 @@ def test_a_label_stands_for_what_the_table_calls_usual(folder: DatasetFolder) ->
 
 def test_the_label_of_a_family_is_remarked(tmp_path: Path) -> None:
     boxes = (replace(BAR[0], material="metal"), BAR[1])
-    metals = [one for one in load_materials().values() if one.family == "metal"]
+    metals = [one for one in load_materials().bases.values() if one.family == "metal"]
     folder = folder_of([box_object("x", boxes)], tmp_path / "d")
     found = LabelNominal().predict(SampleView(folder, "x", LabelNominal.reads))
     expected = np.median([one.density_nominal_g_cm3 for one in metals])
     assert found.density_g_cm3[1] == pytest.approx(expected)
     assert found.remark == "the median of a family stands for its members"
+
+
+def test_grades_in_the_library_widen_no_familys_range(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = {family: density_range_g_cm3(family) for family in families()}
+    bases = MaterialLibrary(tuple(load_materials().bases.values()))
+    monkeypatch.setattr(materials, "load_materials", lambda: bases)
+    assert found == {family: density_range_g_cm3(family) for family in families()}
 
 
 def test_a_part_without_label_is_named(folder: DatasetFolder) -> None:

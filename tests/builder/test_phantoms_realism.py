@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from xden1k.errors import DataError
-from xden1k.values.materials import load_materials
-from xden_builder.phantoms import Plan, make_phantom
+from xden1k.values.materials import MaterialLibrary, load_materials
+from xden_builder.phantoms import CATALOGUE, Plan, make_phantom, realism
 from xden_builder.phantoms.realism import (
     LIFELIKE,
     TIDY,
@@ -16,6 +16,7 @@ from xden_builder.phantoms.realism import (
     draw_solid_share,
 )
 
+WRONG = Realism(wrong_label_share=1.0)
 PLAN = Plan.of(3, "screwdriver-0002")
 
 
@@ -63,6 +64,18 @@ def test_labels_err_as_often_as_said_and_stay_in_the_family() -> None:
     assert len(wrong) / 4000 == pytest.approx(0.05, abs=0.015)
     assert {known[label].family for label in wrong} == {"polymer"}
     assert {draw_label(rng, "abs", TIDY) for _ in range(50)} == {"abs"}
+
+
+def test_grades_in_the_library_change_no_label_that_is_drawn(monkeypatch) -> None:
+    bases = load_materials().bases
+    drawn = [draw_label(np.random.default_rng(3), name, WRONG) for name in bases]
+    monkeypatch.setattr(realism, "load_materials", lambda: MaterialLibrary(tuple(bases.values())))
+    assert drawn == [draw_label(np.random.default_rng(3), name, WRONG) for name in bases]
+
+
+def test_phantoms_are_made_of_bases_alone() -> None:
+    used = {name for each in CATALOGUE for row in each.materials.values() for name in row.split()}
+    assert used <= set(load_materials().bases)
 
 
 @pytest.mark.parametrize(

@@ -56,8 +56,36 @@ def test_label_is_a_name_an_alias_a_family_or_empty():
         check_label("xqzk")
 
 
-def _material(name: str, family: str = "metal", aliases: tuple[str, ...] = ()) -> Material:
-    return Material(name, family, (("Fe", 1.0),), 7.0, 7.5, 8.0, "element", "assumed", aliases)
+def _material(
+    name: str, family: str = "metal", aliases: tuple[str, ...] = (), grade_of: str = ""
+) -> Material:
+    figures = ((("Fe", 1.0),), 7.0, 7.5, 8.0, "element", "assumed")
+    return Material(name, family, *figures, aliases, grade_of)
+
+
+def test_a_grade_is_called_by_its_base_and_a_base_not_by_its_grades():
+    grade, base = LIBRARY["brass_leaded"], LIBRARY["brass"]
+    assert (grade.base, base.base) == ("brass", "brass")
+    assert grade.called("brass")
+    assert grade.called("brass_leaded")
+    assert not base.called("brass_leaded")
+    assert grade.called("")
+    assert base.called("")
+    assert "brass_leaded" in LIBRARY
+    assert "brass_leaded" not in LIBRARY.bases
+
+
+@pytest.mark.parametrize("grade_of", ["c", "b"])
+def test_a_grade_of_nothing_or_of_a_grade_is_refused(grade_of):
+    known = _material("a"), _material("b", grade_of="a"), _material("x", grade_of=grade_of)
+    with pytest.raises(DataError, match=f"x: expected grade_of .* family metal, got '{grade_of}'"):
+        MaterialLibrary(known)
+
+
+def test_grades_differ_from_their_bases():
+    for each in LIBRARY.values():
+        base = LIBRARY[each.base]
+        assert each is base or each.composition != base.composition
 
 
 def test_one_name_never_means_two_things():

@@ -2,7 +2,9 @@
 
 One file, ``materials.csv``, each row with the source of its figures. Names are lower case with
 underscores. A label of a part is a name, an alias, a family (``metal``) or empty; names, aliases
-and families never coincide, and only upper and lower case are forgiven.
+and families never coincide, and only upper and lower case are forgiven. A grade
+(``abs_brominated``) is a material of its own, and names the base that an annotator would rather
+write (``abs``).
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from types import MappingProxyType
 
 from xden1k.errors import DataError
 
@@ -50,6 +53,8 @@ class Material:
         Where the figures are from; ``assumed`` is said where it is so.
     aliases
         Other names.
+    grade_of
+        The base that this is a grade of; empty for a base.
 
     Raises
     ------
@@ -66,6 +71,7 @@ class Material:
     composition_source: str
     density_source: str
     aliases: tuple[str, ...] = ()
+    grade_of: str = ""
 
     def __post_init__(self) -> None:
         low, nominal, high = (
@@ -84,6 +90,22 @@ class Material:
         """Standard deviation when nothing but the material is known: its range taken as uniform."""
         return (self.density_high_g_cm3 - self.density_low_g_cm3) / math.sqrt(12)
 
+    @property
+    def base(self) -> str:
+        """What an annotator would rather write: the base of a grade, else the own name."""
+        return self.grade_of or self.name
+
+    def called(self, label: str) -> bool:
+        """Whether a label may mean this: nothing, its family, its own name or its base's.
+
+        Examples
+        --------
+        >>> leaded = load_materials()["brass_leaded"]
+        >>> leaded.called("brass"), leaded.called("metal"), leaded.called("bronze")
+        (True, True, False)
+        """
+        return label in ("", self.family, self.name, self.base)
+
 
 class MaterialLibrary(Mapping[str, Material]):
     """Materials by name; looked up by name or alias, in any case.
@@ -91,7 +113,8 @@ class MaterialLibrary(Mapping[str, Material]):
     Raises
     ------
     DataError
-        If two materials share a name or an alias, or one is called like a family.
+        If two materials share a name or an alias, or one is called like a family, or a grade is not
+        one of a base of its own family.
     """
 
     def __init__(self, materials: tuple[Material, ...]) -> None:
@@ -101,6 +124,9 @@ class MaterialLibrary(Mapping[str, Material]):
         if twice := sorted({label for label in labels if labels.count(label) > 1}):
             raise DataError(f"material library: used more than once: {twice}")
         self._by_label = {label: each for each in materials for label in (each.name, *each.aliases)}
+        self._bases = {each.name: each for each in materials if not each.grade_of}
+        for each in materials:
+            _check_grade(each, self._bases.get(each.base))
 
     def __getitem__(self, name: str) -> Material:
         return self._by_label[name.lower()]
@@ -115,6 +141,19 @@ class MaterialLibrary(Mapping[str, Material]):
     def labels(self) -> tuple[str, ...]:
         """Every name and alias."""
         return tuple(self._by_label)
+
+    @property
+    def bases(self) -> Mapping[str, Material]:
+        """Materials that are no grade of another, by name."""
+        return MappingProxyType(self._bases)
+
+
+def _check_grade(material: Material, base: Material | None) -> None:
+    if base is None or base.family != material.family:
+        raise DataError(
+            f"material {material.name}: expected grade_of to be a base of the family "
+            f"{material.family}, got {material.grade_of!r}"
+        )
 
 
 @cache
@@ -220,4 +259,5 @@ def _material(row: Mapping[str, str]) -> Material:
         composition_source=row["composition_source"],
         density_source=row["density_source"],
         aliases=tuple(row["aliases"].split()),
+        grade_of=row["grade_of"],
     )

@@ -71,13 +71,17 @@ def draw_solid_share(rng: np.random.Generator, material: str, porous_share: floa
 
 
 def draw_label(rng: np.random.Generator, material: str, realism: Realism) -> str:
-    """Draw what an annotator takes a part's material for; empty when it is left out."""
+    """Draw what an annotator takes a part's material for; empty when it is left out.
+
+    Annotators err among the bases of the library; none writes a grade.
+    """
     chance, pick = rng.random(), rng.random()
     if chance < realism.missing_label_share:
         return ""
     if chance >= realism.missing_label_share + realism.wrong_label_share:
         return material
-    known = load_materials()
-    alike = [m for m in known if known[m].family == known[material].family and m != material]
-    others = alike or [m for m in known if m != material]
-    return others[int(pick * len(others))]
+    bases, family = load_materials().bases, load_materials()[material].family
+    others = [name for name in bases if name != material]
+    alike = [name for name in others if bases[name].family == family]
+    wrong = alike or others
+    return wrong[int(pick * len(wrong))]
