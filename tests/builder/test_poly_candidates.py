@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from tests.builder.poly_scenes import TUBE, box
-from xden1k.values.materials import families, load_materials
+from xden1k.values.materials import MaterialLibrary, families, load_materials
 from xden_builder.capture import CapturePart
 from xden_builder.physics.groups import energy_groups
+from xden_builder.poly.materials import shares
 from xden_builder.poly.materials.candidates import Candidate, candidate_table, candidates
+from xden_builder.poly.materials.shares import grade_shares
 
 LIBRARY = load_materials()
 FEW = 8
@@ -46,13 +48,53 @@ def test_probabilities_add_up_to_one_and_the_likeliest_comes_first(label, hollow
     assert chance(found) == pytest.approx(1)
     priors = [each.log_prior for each in found]
     assert priors == sorted(priors, reverse=True)
-    assert {each.material for each in found} == set(LIBRARY), "a label rules nothing out"
+    assert {each.material for each in found} >= set(LIBRARY.bases), "a label rules nothing out"
 
 
 @pytest.mark.parametrize("label", mostly_slow(sorted(LIBRARY)))
-def test_a_label_is_the_first_candidate(label):
-    assert candidates(label)[0].material == label
-    assert candidates(label, hollow=True)[0].material == label
+def test_a_label_or_a_grade_of_it_is_the_first_candidate(label):
+    assert LIBRARY[candidates(label)[0].material].called(label)
+    assert LIBRARY[candidates(label, hollow=True)[0].material].called(label)
+
+
+@pytest.mark.parametrize("label", ["", "polymer", "abs", "steel", "glass_lead"])
+def test_grades_share_what_their_base_has_and_take_nothing_from_others(label):
+    bases = MaterialLibrary(tuple(LIBRARY.bases.values()))
+    found, alone = candidates(label), material_shares_of(bases, label)
+    for name in LIBRARY.bases:
+        grades = sum(chance(found, material=each) for each in grade_shares()[name])
+        assert grades == pytest.approx(alone[name])
+
+
+def material_shares_of(library: MaterialLibrary, label: str) -> dict[str, float]:
+    """Shares as they are without any grade."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(shares, "load_materials", lambda: library)
+        patch.setattr(shares, "grade_shares", lambda: {name: {name: 1.0} for name in library})
+        return dict(shares.material_shares.__wrapped__(label))
+
+
+def test_every_grade_has_a_share_and_every_base_keeps_one():
+    table = grade_shares()
+    grades = {name for name, each in LIBRARY.items() if each.grade_of}
+    assert {name for shared in table.values() for name in shared} == grades | set(LIBRARY.bases)
+    for shared in table.values():
+        assert sum(shared.values()) == pytest.approx(1)
+        assert all(share > 0 for share in shared.values())
+
+
+def test_grades_are_told_apart_within_the_labels_family_alone():
+    materials = {each.material for each in candidates("abs")}
+    assert {"abs_brominated", "pp_white"} <= materials
+    assert not {"brass_leaded", "stoneware"} & materials
+    assert {name for name, each in LIBRARY.items() if each.grade_of} <= {
+        each.material for each in candidates("")
+    }
+
+
+def test_who_writes_a_grade_is_believed_as_who_writes_a_base():
+    for grade in ("abs_brominated", "za_8", "nimh_cell"):
+        assert 0.75 < chance(candidates(grade), material=grade) < 1
 
 
 @pytest.mark.parametrize("label", sorted({*families()} - {"gas", "tissue"}))  # rare ones only

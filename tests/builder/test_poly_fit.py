@@ -204,6 +204,15 @@ def test_a_body_of_half_the_density_is_measured(hollow):
     assert "label_doubted" not in found["grip"].flags
 
 
+def test_a_label_means_its_grades_and_which_one_is_told():
+    flame_retarded = tool(material="abs_brominated", density_g_cm3=1.19, label="abs")
+    found = fitted(captured(flame_retarded, size=96))
+    grip = found["grip"]
+    assert grip.density_g_cm3 == pytest.approx(1.19, rel=0.05)
+    assert grip.materials[0][0] == "abs_brominated"
+    assert "label_doubted" not in grip.flags
+
+
 def test_parts_that_no_ray_meets_are_hidden_and_of_their_materials_density(capture, rebuilt):
     lost = beside_the_panels("lost", "brass"), beside_the_panels("unknown", "")
     found = fitted(with_parts(capture, *lost))

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from xden1k.values.materials import families
+from xden1k.values.materials import families, load_materials
 from xden1k.values.types import DensitySource
 from xden_builder.fit.density import PartDensity
 from xden_builder.poly.diagnosis import Diagnosis, diagnose
@@ -190,8 +190,10 @@ def _probabilities(solution: Solution, number: int) -> tuple[dict[str, float], d
 
 
 def _material_flags(label: str, before: dict[str, float], after: dict[str, float]) -> set[str]:
-    """``material_guessed`` without a material's name, ``label_doubted`` if it does not fit."""
+    """``material_guessed`` without a material's name, ``label_doubted`` if no grade of it fits."""
     if not label or label in families():
         return {"material_guessed"}
-    doubted = after[label] < DOUBTED and after[label] < LOWERED * before[label]
+    meant = [name for name in after if load_materials()[name].called(label)]
+    likely, was_likely = (sum(chance[name] for name in meant) for chance in (after, before))
+    doubted = likely < DOUBTED and likely < LOWERED * was_likely
     return {"label_doubted"} if doubted else set()

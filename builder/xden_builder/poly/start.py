@@ -22,7 +22,7 @@ from xden_builder.poly.scene import Scene
 __all__ = ["Guess", "first_guess"]
 
 CLEAR: Final = 0.5
-"""A candidate more probable than this before any X-ray is started with."""
+"""A base whose grades together are more probable than this before any X-ray is started with."""
 UNKNOWN_PER_CM: Final = 0.2
 """Attenuation of a part that no ray meets."""
 SPREAD: Final = 0.3
@@ -55,7 +55,8 @@ class Guess:
 def first_guess(scene: Scene) -> Guess:
     """Take each part for its label's material, at the density that usually has.
 
-    A part without a telling label is taken for what attenuates as a coarse monochromatic fit says.
+    Which grade of it, or which material at all where no label tells, a coarse monochromatic fit
+    says: the one that attenuates so.
     """
     attenuation = _attenuation_per_cm(scene)
     open_field = scene.light.groups.weights.mean(axis=0)
@@ -64,8 +65,9 @@ def first_guess(scene: Scene) -> Guess:
         expected = (table.mac_cm2_g @ open_field) * table.priors[:, 0]
         misfit = np.log(expected / max(seen_per_cm, 1e-3)) / SPREAD
         score = table.log_prior - 0.5 * misfit**2
-        clear = table.log_prior[0] > np.log(CLEAR)
-        choice.append(0 if clear else int(np.argmax(score)))
+        leading = table.leading
+        clear = np.exp(table.log_prior[leading]).sum() > CLEAR
+        choice.append(int(np.argmax(np.where(leading | (not clear), score, -np.inf))))
     taken_for, for_outlines = (
         certain(light.tables, choice) for light in (scene.light, scene.outlines)
     )

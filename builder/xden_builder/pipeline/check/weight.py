@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from xden1k.values.materials import families, load_materials
+from xden1k.values.materials import load_materials
 from xden_builder.capture import CapturePart
 from xden_builder.poly.materials.candidates import candidates
 
@@ -23,20 +23,14 @@ def possible_density_g_cm3(part: CapturePart) -> tuple[float, float]:
     >>> import trimesh
     >>> block = CapturePart("block", trimesh.creation.box(), "aluminium")
     >>> [round(each, 2) for each in possible_density_g_cm3(block)]
-    [2.64, 2.75]
+    [2.64, 2.77]
     """
     named = [
         each
         for each in candidates(part.material, hollow=part.hollow)
-        if _named(part.material, each.material) and (each.solid or part.hollow)
+        if load_materials()[each.material].called(part.material) and (each.solid or part.hollow)
     ]
     return min(each.low_g_cm3 for each in named), max(each.high_g_cm3 for each in named)
-
-
-def _named(label: str, material: str) -> bool:
-    if label in families():
-        return load_materials()[material].family == label
-    return label in ("", material)
 
 
 def weight_contradiction(

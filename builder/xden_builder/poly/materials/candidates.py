@@ -3,27 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
-from xden1k.values.materials import Material, families, load_materials
+from xden1k.values.materials import Material, load_materials
 from xden_builder.capture import CapturePart
 from xden_builder.physics.groups import EnergyGroups
 from xden_builder.poly.materials.composition import composition_sd
+from xden_builder.poly.materials.shares import material_shares
 
 __all__ = ["Candidate", "CandidateTable", "candidate_table", "candidates"]
 
-LABEL_RIGHT: Final = 0.92
-SAME_FAMILY: Final = 0.06
-"""Share of labels that name the material, and another one of its family: annotators err in about
-one of twenty. The rest is spread over all."""
 POROUS_SHARE: Final = 0.15
 """Of mouldings, castings and other bodies that are foamed or have pores."""
 POROUS_MEAN: Final = 0.68
@@ -38,57 +32,6 @@ LEAST_SD_SHARE: Final = 0.01
 """The densities of no material are known better."""
 NEVER_POROUS: Final = frozenset({"metal", "glass", "liquid", "foam", "gas", "composite", "textile"})
 """Families whose range covers their pores already, or that have none."""
-RARE: Final = MappingProxyType(
-    dict.fromkeys(
-        [
-            "antimony",
-            "bismuth",
-            "cobalt",
-            "gold",
-            "indium",
-            "lithium",
-            "manganese",
-            "mercury",
-            "molybdenum",
-            "platinum",
-            "tantalum",
-            "tungsten",
-            "chromium",
-            "air",
-            "bone_cortical",
-            "soft_tissue",
-            "dentine",
-            "enamel",
-        ],
-        0.01,
-    )
-    | dict.fromkeys(
-        [
-            "silver",
-            "lead",
-            "tin",
-            "magnesium",
-            "nickel",
-            "zinc",
-            "tungsten_carbide",
-            "solder_sac305",
-            "solder_tin_lead",
-            "magnet_ndfeb",
-            "ferrite",
-            "glass_lead",
-            "zirconia",
-            "titanium",
-            "titanium_6al_4v",
-            "magnesium_az91",
-            "silicon",
-            "peek",
-            "alumina",
-            "glass_quartz",
-        ],
-        0.1,
-    )
-)
-"""Materials that everyday things are seldom made of, and their weight beside the usual 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +102,18 @@ class CandidateTable:
         share = (sd / self.seen_priors[:, 1]) ** 2
         return np.asarray((mean + share * (seen_g_cm3 - mean)).clip(low, high))
 
+    @property
+    def leading(self) -> Bool[np.ndarray, "c"]:
+        """Which candidates are grades of the first one's base, solid or not as it is."""
+        library, first = load_materials(), self.candidates[0]
+        base = library[first.material].base
+        return np.array(
+            [
+                library[each.material].base == base and each.solid == first.solid
+                for each in self.candidates
+            ]
+        )
+
 
 def candidate_table(part: CapturePart, groups: EnergyGroups) -> CandidateTable:
     """Tabulate the candidates of a part; one table for all parts of the same label."""
@@ -195,14 +150,14 @@ def candidates(label: str, *, hollow: bool = False) -> tuple[Candidate, ...]:
 
     Examples
     --------
-    >>> first, second = candidates("abs")[:2]
+    >>> first, second = candidates("peek")[:2]
     >>> first.material, first.solid, second.material, second.solid
-    ('abs', True, 'abs', False)
+    ('peek', True, 'peek', False)
     >>> round(sum(math.exp(each.log_prior) for each in candidates("metal")), 6)
     1.0
     """
     found = []
-    for name, share in _shares(label).items():
+    for name, share in material_shares(label).items():
         material = load_materials()[name]
         if hollow:
             found.append(_hollow(material, share))
@@ -212,33 +167,6 @@ def candidates(label: str, *, hollow: bool = False) -> tuple[Candidate, ...]:
             found.append(_solid(material, share * (1 - POROUS_SHARE)))
             found.append(_porous(material, share * POROUS_SHARE))
     return tuple(sorted(found, key=lambda each: -each.log_prior))
-
-
-def _shares(label: str) -> Mapping[str, float]:
-    """Share of each material before any X-ray, by Bayes' rule; they add up to 1."""
-    library = load_materials()
-    usual = {name: RARE.get(name, 1.0) for name in library}
-    weights = {name: usual[name] * _said(label, library[name]) for name in library}
-    total = sum(weights.values())
-    return {name: weight / total for name, weight in weights.items()}
-
-
-@lru_cache(maxsize=1)
-def _family_sizes() -> Mapping[str, int]:
-    return Counter(material.family for material in load_materials().values())
-
-
-def _said(label: str, material: Material) -> float:
-    """Probability that an annotator says this label of this material."""
-    if not label:
-        return 1.0
-    astray = (1 - LABEL_RIGHT - SAME_FAMILY) / len(load_materials())
-    if label in families():
-        return (LABEL_RIGHT + SAME_FAMILY) * (label == material.family) + astray
-    if label == material.name:
-        return LABEL_RIGHT
-    alike = load_materials()[label].family == material.family
-    return astray + alike * SAME_FAMILY / max(_family_sizes()[material.family] - 1, 1)
 
 
 def _solid(material: Material, share: float) -> Candidate:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -16,6 +17,9 @@ from xden_builder.poly.model.pixels import ViewPixels
 
 __all__ = ["MaterialPosterior", "Radiographs", "weigh_materials"]
 
+NEGLIGIBLE: Final = 1e-3
+"""Candidates that cannot be as probable as this share of the best, whatever they looked like, are
+not tried."""
 MOST_PIXELS: Final = 60
 MOST_BLOCKS: Final = 6
 """Compared in each view; those left out lend their weight to these."""
@@ -96,38 +100,62 @@ def weigh_materials(
     density_g_cm3, mac_cm2_g
         Of all parts; the part's own are not used.
     table
-        Its candidates. Where no ray meets the part they keep their prior probability.
+        Its candidates. Where no ray meets the part they keep their prior probability; what cannot
+        reach :data:`NEGLIGIBLE` has none.
     """
     rays = list(_rays(radiographs, part, density_g_cm3, mac_cm2_g))
-    priors = table.seen_priors
-    found = np.stack([priors[:, 0], np.zeros(len(priors)), priors[:, 1] ** -2.0])
-    found = np.ascontiguousarray(found.T)
-    if rays:
-        others, ways, counts, measured, at_least, inverse_sd = (
-            np.concatenate(column) for column in zip(*rays, strict=True)
-        )
-        kernels.scan(
-            others,
-            ways,
-            np.cumsum(counts),
-            measured,
-            at_least,
-            inverse_sd,
-            radiographs.share,
-            HUBER,
-            table.mac_cm2_g,
-            priors,
-            found,
-        )
-    seen, cost, curvature = found.T
-    log_evidence = table.log_prior - cost - np.log(priors[:, 1]) - 0.5 * np.log(curvature)
-    relative = np.exp(log_evidence - log_evidence.max())
-    return MaterialPosterior(
-        relative / relative.sum(),
-        table.densities(seen),
-        np.ascontiguousarray(seen),
-        curvature**-0.5,
+    if not rays:
+        mean, sd = table.seen_priors[:, 0], table.seen_priors[:, 1]
+        return _posterior(table, np.column_stack([mean, table.log_prior, sd**-2.0]))
+    seen = _Rays(*(np.concatenate(column) for column in zip(*rays, strict=True)))
+    return _posterior(table, _weighed(seen, radiographs.share, table))
+
+
+def _weighed(seen: _Rays, share: float, table: CandidateTable) -> Float64[np.ndarray, "c 3"]:
+    """Best density of each candidate, logarithm of its evidence, and curvature.
+
+    Evidence is prior probability times at most 1, so that what cannot come near the best any more
+    is not tried: first those with a chance before the images, then those with one beside the best.
+    """
+    mean, sd, _, _ = table.seen_priors.T
+    found = np.column_stack([mean, np.full(len(mean), -np.inf), sd**-2.0])
+    best = table.log_prior.max()
+    for _ in range(2):
+        possible = table.log_prior > best + math.log(NEGLIGIBLE)
+        untried = possible & np.isneginf(found[:, 1])
+        found[untried] = _scanned(seen, share, table, untried)
+        best = found[:, 1].max()
+    return found
+
+
+def _scanned(
+    seen: _Rays, share: float, table: CandidateTable, which: Bool[np.ndarray, "c"]
+) -> Float64[np.ndarray, "n 3"]:
+    """Do so for some of the candidates, by Laplace's approximation."""
+    priors, found = table.seen_priors[which], np.empty((int(which.sum()), 3))
+    kernels.scan(
+        seen.others,
+        seen.ways,
+        np.cumsum(seen.counts),
+        seen.measured,
+        seen.at_least,
+        seen.inverse_sd,
+        share,
+        HUBER,
+        table.mac_cm2_g[which],
+        priors,
+        found,
     )
+    _, cost, curvature = found.T
+    found[:, 1] = table.log_prior[which] - cost - np.log(priors[:, 1]) - 0.5 * np.log(curvature)
+    return found
+
+
+def _posterior(table: CandidateTable, found: Float64[np.ndarray, "c 3"]) -> MaterialPosterior:
+    seen, log_evidence, curvature = (np.ascontiguousarray(column) for column in found.T)
+    relative = np.exp(log_evidence - log_evidence.max())
+    chance = relative / relative.sum()
+    return MaterialPosterior(chance, table.densities(seen), seen, curvature**-0.5)
 
 
 def _rays(
