@@ -202,6 +202,8 @@ def test_a_body_of_half_the_density_is_measured(hollow):
     assert found["grip"].density_g_cm3 == pytest.approx(0.455, rel=0.05)
     assert found["grip"].source == "xray"
     assert "label_doubted" not in found["grip"].flags
+    assert ("porous" in found["grip"].flags) == (not hollow), "a hollow part was annotated so"
+    assert not {"porous", "at_bound"} & set(found["blade"].flags)
 
 
 def test_a_label_means_its_grades_and_which_one_is_told():
@@ -211,6 +213,12 @@ def test_a_label_means_its_grades_and_which_one_is_told():
     assert grip.density_g_cm3 == pytest.approx(1.19, rel=0.05)
     assert grip.materials[0][0] == "abs_brominated"
     assert "label_doubted" not in grip.flags
+
+
+def test_an_exposure_that_no_gain_makes_up_for_is_at_its_bound(capture, rebuilt):
+    exposed = reconstruct(captured(tool(), size=96, exposures=(1.0, 2.6)))
+    assert "lat:at_bound" in exposed.flags
+    assert not [flag for flag in (*exposed.flags, *rebuilt.flags) if flag == "pa:at_bound"]
 
 
 def test_parts_that_no_ray_meets_are_hidden_and_of_their_materials_density(capture, rebuilt):

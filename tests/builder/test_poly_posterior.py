@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from tests.builder.poly_scenes import captured, owned_volumes_cm3, solved, tool, true_mass_g
 from xden_builder.capture import Capture
 from xden_builder.poly.estimate import Solution
+from xden_builder.poly.judgement import PolyFit, judge
 from xden_builder.poly.posterior.problem import NUISANCES, Mass, solve
 from xden_builder.poly.settings import PolySettings
 
@@ -28,6 +29,46 @@ def capture() -> Capture:
 def solution(capture) -> Solution:
     """What the fit finds where its place is known."""
     return solved(capture, pose=False)
+
+
+def ended_at(solution: Solution, place: int, value: float) -> PolyFit:
+    """Judge a solution one of whose unknowns is another."""
+    unknowns = solution.minimum.unknowns.copy()
+    unknowns[place] = value
+    return judge(replace(solution, minimum=replace(solution.minimum, unknowns=unknowns)))
+
+
+@pytest.mark.parametrize("end", ["low", "high"])
+def test_a_density_at_the_end_of_its_range_is_flagged_and_no_other(solution, end):
+    for part in (1, 2):
+        fit = ended_at(solution, part, getattr(solution.problem.prior, end)[part])
+        flagged = ["at_bound" in each.flags for each in fit.parts]
+        assert flagged == [number == part for number in range(3)]
+        assert fit.views_at_bound == ()
+
+
+def test_what_is_lighter_than_its_material_can_be_is_porous(solution):
+    blade, level = 0, 2
+    assert not any("porous" in part.flags for part in judge(solution).parts)
+    for light in (blade, level):
+        fit = ended_at(solution, light, 0.5 * solution.density_g_cm3[light])
+        assert ["porous" in part.flags for part in fit.parts] == [
+            number == light for number in range(3)
+        ]
+
+
+def test_a_gain_or_stray_light_at_the_end_of_its_range_is_told_by_its_view(solution):
+    prior, lat = solution.problem.prior, solution.problem.nuisances(1)
+    for place in range(lat.start, lat.stop):
+        assert ended_at(solution, place, prior.high[place]).views_at_bound == ("lat",)
+    assert ended_at(solution, lat.start, prior.low[lat.start]).views_at_bound == ("lat",)
+
+
+def test_no_stray_light_at_all_is_no_bound(solution):
+    for place in range(NUISANCES - 1):
+        assert ended_at(solution, -1 - place, 0.0).views_at_bound == ()
+    without = solved(captured(tool(), size=SIZE), pose=False, stray=False)
+    assert judge(without).views_at_bound == ()
 
 
 def between_bounds(solution: Solution, rng: np.random.Generator) -> np.ndarray:

@@ -19,6 +19,7 @@ from xden_builder.fit.density import PartDensity
 from xden_builder.poly.diagnosis import Diagnosis, diagnose
 from xden_builder.poly.estimate import Solution
 from xden_builder.poly.model.radiograph import TERMS
+from xden_builder.poly.posterior.problem import NUISANCES
 from xden_builder.poly.scale import Weighing
 
 __all__ = ["PolyFit", "PolyPart", "judge"]
@@ -77,6 +78,16 @@ class PolyFit:
     covariance: Float64[np.ndarray, "k k"]
     weighing: Weighing | None = None
 
+    @property
+    def views_at_bound(self) -> tuple[str, ...]:
+        """Names of the views whose gain or stray light ended at the end of its range."""
+        found = _at_bound(self.solution)
+        return tuple(
+            seen.view.name
+            for number, seen in enumerate(self.solution.seen)
+            if found[self.solution.problem.nuisances(number)].any()
+        )
+
     def report(self, names: Sequence[str]) -> dict[str, Any]:
         """Give what ``meta`` keeps, parts by their names, in JSON's types."""
         solution, pose = self.solution, self.solution.samples.pose
@@ -123,12 +134,15 @@ def judge(solution: Solution) -> PolyFit:
     by_filter = np.outer(known.by_filter_g_cm3, known.by_filter_g_cm3)
     covariance = POSTERIOR_SCALE**2 * known.covariance + np.diag(extra) + by_filter
     sd = np.sqrt(covariance.diagonal())
-    raised = _raised(known, density, sd, solution.minimum.converged)
+    at_bound = _at_bound(solution)[: len(parts)]
+    raised = _raised(known, density, sd, at_bound, solution.minimum.converged)
     found = []
     for number, (part, source) in enumerate(zip(parts, _sources(known), strict=True)):
         materials = _materials(solution, number)
         flags = {name for name, which in raised.items() if which[number]}
         flags |= _material_flags(part.material, *_probabilities(solution, number))
+        if not part.hollow and _porous(solution, number, density[number] + sd[number]):
+            flags |= {"porous"}
         found.append(
             PolyPart(
                 float(density[number]), float(sd[number]), source, tuple(sorted(flags)), materials
@@ -141,6 +155,7 @@ def _raised(
     known: Diagnosis,
     density: Float64[np.ndarray, "k"],
     sd: Float64[np.ndarray, "k"],
+    at_bound: Bool[np.ndarray, "k"],
     converged: bool,
 ) -> dict[str, Bool[np.ndarray, "k"]]:
     """Which parts each flag is raised for."""
@@ -153,8 +168,41 @@ def _raised(
         "starved": known.dark_share > MOST,
         "unstable": (apart > UNSTABLE_SHARE * density)
         & (apart > UNSTABLE_SDS * known.apart_sd_g_cm3),
+        "at_bound": at_bound & (np.maximum(known.outline_share, known.dark_share) <= MOST),
         "not_converged": np.full(len(density), not converged),
     }
+
+
+def _at_bound(solution: Solution) -> Bool[np.ndarray, "u"]:
+    """Which unknowns ended at the end of their range; no stray light at all is no such end."""
+    problem, unknowns = solution.problem, solution.minimum.unknowns
+    found = (unknowns <= problem.prior.low) | (unknowns >= problem.prior.high)
+    for number in range(len(problem.views)):
+        stray = problem.nuisances(number).start + 1 + np.arange(NUISANCES - 1)
+        found[stray] &= problem.settings.stray & (unknowns[stray] > 0)
+    return found
+
+
+def _porous(solution: Solution, number: int, most_g_cm3: float) -> bool:
+    """Whether a part is foamed or hollow: more likely than not, or too light for its material.
+
+    Parameters
+    ----------
+    solution, number
+        Of the part.
+    most_g_cm3
+        Its density may be this.
+    """
+    table, chance = solution.scene.light.tables[number], solution.posteriors[number].probability
+    pores = sum(
+        share
+        for each, share in zip(table.candidates, chance.tolist(), strict=True)
+        if not each.solid
+    )
+    _, after = _probabilities(solution, number)
+    likeliest = max(after, key=after.__getitem__)
+    low_g_cm3 = load_materials()[likeliest].density_low_g_cm3
+    return pores > MOST or (after[likeliest] > MOST and most_g_cm3 < low_g_cm3)
 
 
 def _sources(known: Diagnosis) -> Iterator[DensitySource]:

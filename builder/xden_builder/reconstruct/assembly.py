@@ -132,4 +132,5 @@ def _object_flags(explained: Explained) -> tuple[str, ...]:
         "attenuation_only": capture.tube is None,
         "weighed_disagrees": poly and poly.weighing and poly.weighing.disagrees,
     }
-    return (*capture.flags, *(flag for flag, is_raised in raised.items() if is_raised))
+    views = () if poly is None else tuple(f"{view}:at_bound" for view in poly.views_at_bound)
+    return (*capture.flags, *(flag for flag, is_raised in raised.items() if is_raised), *views)
