@@ -58,13 +58,13 @@ class EnergyGroups:
         return np.asarray((1 - share) * self.weights[below] + share * self.weights[above])
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=1024)
 def _group_mac(groups: EnergyGroups, composition: Composition) -> Float64[np.ndarray, "groups"]:
     mac = mac_cm2_g(composition, groups.spectrum.energies_kev)
     return groups.spectrum.group_means(mac, groups.count)
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=1024)
 def _group_scattering(
     groups: EnergyGroups, composition: Composition
 ) -> Float64[np.ndarray, "groups"]:
