@@ -16,7 +16,7 @@ from xden1k.folder import verify, write_folder
 from xden1k.format.manifest import Manifest
 from xden_builder.cli import cli
 from xden_builder.phantoms.realism import LIFELIKE
-from xden_builder.publish.parcel import read_folder
+from xden_builder.pipeline.publish.parcel import read_folder
 
 
 @pytest.fixture

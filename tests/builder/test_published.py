@@ -15,7 +15,7 @@ from xden1k.access.hub import ROOT_VARIABLE, download
 from xden1k.folder import open_folder, verify, write_folder
 from xden1k.format import remote
 from xden1k.format.schema import ARRAY_COLUMNS
-from xden_builder.publish import push
+from xden_builder.pipeline.publish import push
 
 REPO = "owner/name"
 TAG = "v1.2.0"

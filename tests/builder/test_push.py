@@ -25,7 +25,7 @@ from xden1k.format.checksums import CHECKSUMS_NAME, file_sha256, listed_sums
 from xden1k.format.manifest import Manifest
 from xden1k.format.records import object_row
 from xden_builder.cli import cli
-from xden_builder.publish import parcel, push, repository
+from xden_builder.pipeline.publish import parcel, push, repository
 
 pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning")  # the client's
 ROOT = Path(__file__).parents[2]
@@ -300,7 +300,7 @@ def test_a_repository_that_changed_meanwhile_is_left_alone(
         repo.commit("main", Commit(head.oid, "someone else's", head.tree))
 
     hub.make(REPO)
-    monkeypatch.setattr("xden_builder.publish.run.refuse_unsound", someone_else)
+    monkeypatch.setattr("xden_builder.pipeline.publish.run.refuse_unsound", someone_else)
     assert "main has changed meanwhile" in refusal(run(root, "--repo-id", REPO))
     assert hub.repos[REPO].tags == {}
 
@@ -311,7 +311,7 @@ def test_a_file_that_changes_while_it_is_pushed_is_not_committed(
     def change(*_: object) -> None:
         damage(root)
 
-    monkeypatch.setattr("xden_builder.publish.run.refuse_unsound", change)
+    monkeypatch.setattr("xden_builder.pipeline.publish.run.refuse_unsound", change)
     assert "changed while it was pushed" in refusal(run(root, "--repo-id", REPO))
     assert len(hub.repos[REPO].commits) == 1
 

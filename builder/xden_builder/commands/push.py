@@ -12,7 +12,7 @@ from xden1k.commands import LOCAL_ROOT, json_option, print_json
 from xden_builder.commands.shared import progress_bar
 
 if TYPE_CHECKING:
-    from xden_builder.publish import Pushed
+    from xden_builder.pipeline.publish import Pushed
 
 __all__ = ["push"]
 
@@ -49,7 +49,7 @@ def push(
     from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
     from xden1k.format.manifest import Manifest
-    from xden_builder.publish import push as push_folder
+    from xden_builder.pipeline.publish import push as push_folder
 
     if not sys.stderr.isatty():
         disable_progress_bars()

@@ -26,8 +26,8 @@ from xden1k.errors import DataError
 from xden1k.folder.verify import refuse_unsound
 from xden1k.format.checksums import CHECKSUMS_NAME
 from xden1k.format.manifest import MANIFEST_NAME, Manifest
-from xden_builder.publish.parcel import CROISSANT_NAME, Parcel, published_on, read_folder
-from xden_builder.publish.repository import (
+from xden_builder.pipeline.publish.parcel import CROISSANT_NAME, Parcel, published_on, read_folder
+from xden_builder.pipeline.publish.repository import (
     BRANCH,
     HubError,
     Repository,
