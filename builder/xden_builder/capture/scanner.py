@@ -6,6 +6,7 @@ share one definition of the file.
 
 from __future__ import annotations
 
+import datetime
 import json
 import re
 from collections.abc import Mapping
@@ -18,6 +19,7 @@ from xden1k.errors import DataError, require
 from xden1k.values.materials import load_materials
 from xden1k.values.settings import read_toml
 from xden1k.values.views import ViewGeometry
+from xden_builder.capture.calibrated import ScannerCalibration, is_date, read_calibration
 from xden_builder.capture.dicom import spacing_note
 from xden_builder.capture.images import Polarity
 from xden_builder.capture.tables import TomlTable, is_number, is_positive, is_vector
@@ -38,6 +40,7 @@ Quantity = Literal["counts", "transmission", "attenuation"]
 KV_RANGE: Final = (20.0, 500.0)
 """Mammography to the strongest tubes of industry; beyond it the unit is not kV."""
 
+_A_DATE = "a date, such as 2026-03-14"
 _POSITIONS = ("pixel00_cm", "column_step_cm", "row_step_cm")
 _ABSENT: tuple[object, ...] = (None, "", {})
 _EMITTERS = {"cone": "source_cm", "parallel": "direction"}
@@ -95,11 +98,17 @@ class ScannerFile:
         None where the source is not known: attenuation only, no density.
     detector
         All unknown by default.
+    taken
+        Day of the captures; None where it is not told.
+    calibration
+        Where the numbers come from; None where the scanner was not calibrated.
     """
 
     views: Mapping[str, ViewFile]
     tube: Tube | None = None
     detector: Detector = field(default_factory=Detector)
+    taken: datetime.date | None = None
+    calibration: ScannerCalibration | None = None
 
 
 def read_scanner(path: Path, object_folder: Path | None = None) -> ScannerFile:
@@ -122,25 +131,28 @@ def read_scanner(path: Path, object_folder: Path | None = None) -> ScannerFile:
     if not path.is_file():
         raise DataError(f"{path}: no such file")
     table = TomlTable(path, "", read_toml(path))
-    table.refuse_unknown(("schema", "frame", "tube", "detector", "views"))
+    table.refuse_unknown(("schema", "frame", "date", "tube", "detector", "calibration", "views"))
     table.choice("schema", (SCHEMA,))
     table.choice("frame", ("object",))
     views = table.table("views")
     if not views.values:
         raise table.error("views", "is missing, expected a table for each view")
+    tube, taken = _read_tube(table.table("tube")), table.get_or_none("date", is_date, _A_DATE)
     return ScannerFile(
         views={name: _read_view(views.table(name), object_folder) for name in views.values},
-        tube=_read_tube(table.table("tube")),
+        tube=tube,
         detector=_read_detector(table.table("detector")),
+        taken=taken,
+        calibration=read_calibration(table.table("calibration"), tube, taken),
     )
 
 
 def _read_tube(table: TomlTable) -> Tube | None:
-    table.refuse_unknown(("energy_kev", "kv", "mas", "filtration"))
+    table.refuse_unknown(("energy_kev", "kv", "mas", "filtration", "name"))
     if not table.values:
         return None
     if "energy_kev" in table and len(table.values) > 1:
-        raise table.error("energy_kev", "is a monochromatic source: no kv, mas or filtration")
+        raise table.error("energy_kev", "is a monochromatic source: no kv, mas, filtration or name")
     if "energy_kev" in table:
         return Tube(energy_kev=_within(table, "energy_kev", ENERGY_RANGE_KEV, "keV"))
     mas = table.get_or_none("mas", is_positive, "a positive number")
@@ -148,6 +160,7 @@ def _read_tube(table: TomlTable) -> Tube | None:
         kv=_within(table, "kv", KV_RANGE, "kV", " (or energy_kev instead)"),
         mas=None if mas is None else float(mas),
         filtration_cm=_read_filters(table.table("filtration")),
+        name=table.get_or_none("name", _is_text, "a name") or "",
     )
 
 
@@ -274,17 +287,32 @@ def _is_inner_path(value: object) -> bool:
 
 def write_scanner(scanner: ScannerFile, path: Path) -> None:
     """Write a ``scanner.toml`` that :func:`read_scanner` reads back unchanged."""
-    blocks = [_block("", {"schema": SCHEMA, "frame": "object"})]
+    blocks = [_block("", {"schema": SCHEMA, "frame": "object", "date": scanner.taken})]
     if scanner.tube is not None:
         blocks.append(_block("tube", _tube_values(scanner.tube)))
     blocks.append(_block("detector", vars(scanner.detector)))
+    if scanner.calibration is not None:
+        blocks.append(_block("calibration", _calibration_values(scanner.calibration)))
     blocks += [_block(f"views.{_key(name)}", _view_values(v)) for name, v in scanner.views.items()]
     path.write_text("\n".join(blocks), encoding="utf-8")
 
 
 def _tube_values(tube: Tube) -> dict[str, Any]:
-    named = {"energy_kev": tube.energy_kev, "kv": tube.kv, "mas": tube.mas}
+    named = {"name": tube.name, "energy_kev": tube.energy_kev, "kv": tube.kv, "mas": tube.mas}
     return {**named, "filtration": dict(tube.filtration_cm)}
+
+
+def _calibration_values(calibration: ScannerCalibration) -> dict[str, Any]:
+    tube = calibration.tube or Tube()
+    return {
+        "date": calibration.date,
+        "valid_until": calibration.valid_until,
+        "tube": tube.name,
+        "kv": tube.kv,
+        "filtration": dict(tube.filtration_cm),
+        "made_from": list(calibration.made_from),
+        "found": dict(calibration.found),
+    }
 
 
 def _view_values(view: ViewFile) -> dict[str, Any]:
@@ -309,11 +337,13 @@ def _block(name: str, values: Mapping[str, Any]) -> str:
 
 
 def _toml(value: object) -> str:
-    """One TOML value: text, a number, a list or an inline table."""
+    """One TOML value: text, a number, a day, a list or an inline table."""
     if isinstance(value, Mapping):
         return (
             "{ " + ", ".join(f"{_key(key)} = {_toml(item)}" for key, item in value.items()) + " }"
         )
+    if isinstance(value, datetime.date):
+        return value.isoformat()
     if isinstance(value, list):
         return "[" + ", ".join(map(_toml, value)) + "]"
     # JSON's text and numbers are TOML's, but for DEL, which TOML wants escaped

@@ -20,12 +20,15 @@ class Tube:
         Voltage and charge of a polychromatic tube.
     filtration_cm
         Thickness of each filter, by the symbol of an element or a name of the material library.
+    name
+        Which tube it is, such as its serial number; empty where nothing is told.
     """
 
     energy_kev: float | None = None
     kv: float | None = None
     mas: float | None = None
     filtration_cm: Mapping[str, float] = field(default_factory=dict)
+    name: str = ""
 
     def behind(self, name: str, thickness_cm: float) -> Tube:
         """Return the tube with one more filter; a negative thickness takes some away.

@@ -1,0 +1,114 @@
+"""What ``scanner.toml`` says of its calibration, and whether that holds for these captures."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from xden_builder.capture.tables import TomlTable
+from xden_builder.physics.source import Tube
+
+__all__ = ["ScannerCalibration", "is_date", "read_calibration"]
+
+
+@dataclass(frozen=True, eq=False)
+class ScannerCalibration:
+    """Where the numbers of a ``scanner.toml`` come from.
+
+    Parameters
+    ----------
+    date
+        Of the scans of phantoms.
+    valid_until
+        Last day it holds for; None where no day is set.
+    tube
+        For which it holds: name, voltage and filters; None where only the geometry was found.
+    made_from
+        The images.
+    found
+        Further numbers, for people.
+    """
+
+    date: datetime.date
+    valid_until: datetime.date | None
+    tube: Tube | None
+    made_from: tuple[str, ...]
+    found: Mapping[str, Any]
+
+
+def read_calibration(
+    table: TomlTable, tube: Tube | None, taken: datetime.date | None
+) -> ScannerCalibration | None:
+    """Read ``[calibration]``; None where the file has none.
+
+    Parameters
+    ----------
+    table
+        That table.
+    tube
+        Of the same file.
+    taken
+        When the captures were taken, as far as the file tells.
+
+    Raises
+    ------
+    DataError
+        If it is of another tube, voltage or filter, or of another time.
+    """
+    if not table.values:
+        return None
+    table.refuse_unknown(("date", "valid_until", "tube", "kv", "filtration", "made_from", "found"))
+    calibration = ScannerCalibration(
+        date=table.get("date", is_date, "a date, such as 2026-03-14"),
+        valid_until=table.get_or_none("valid_until", is_date, "a date, such as 2027-03-14"),
+        tube=_read_tube(table),
+        made_from=tuple(table.get_or_none("made_from", _is_names, "a list of names") or ()),
+        found=table.table("found").values,
+    )
+    _refuse_other_tube(table, calibration.tube, tube)
+    _refuse_other_time(table, calibration, taken)
+    return calibration
+
+
+def _read_tube(table: TomlTable) -> Tube | None:
+    name = table.get_or_none("tube", lambda value: isinstance(value, str), "a name") or ""
+    if "kv" not in table:
+        return Tube(name=name) if name else None
+    filters = table.table("filtration").values
+    return Tube(kv=float(table.values["kv"]), filtration_cm=dict(filters), name=name)
+
+
+def _refuse_other_tube(table: TomlTable, calibrated: Tube | None, tube: Tube | None) -> None:
+    if calibrated is None or tube is None:
+        return
+    if calibrated.name and tube.name and calibrated.name != tube.name:
+        raise table.error("tube", f"is {calibrated.name!r}, but tube.name is {tube.name!r}")
+    if calibrated.kv is None:
+        return
+    if calibrated.kv != tube.kv:
+        raise table.error("kv", f"is {calibrated.kv:g}, but tube.kv is {tube.kv}: calibrate anew")
+    if calibrated.filtration_cm != tube.filtration_cm:
+        raise table.error("filtration", "differs from tube.filtration: calibrate anew")
+
+
+def _refuse_other_time(
+    table: TomlTable, calibration: ScannerCalibration, taken: datetime.date | None
+) -> None:
+    if taken is None:
+        return
+    last = calibration.valid_until
+    if taken < calibration.date:
+        raise table.error("date", f"is {calibration.date}, after that of the captures, {taken}")
+    if last is not None and taken > last:
+        raise table.error("valid_until", f"is {last}, before the date of the captures, {taken}")
+
+
+def is_date(value: object) -> bool:
+    """Whether a TOML value is a day without a time."""
+    return isinstance(value, datetime.date) and not isinstance(value, datetime.datetime)
+
+
+def _is_names(value: object) -> bool:
+    return isinstance(value, list) and all(isinstance(each, str) for each in value)
