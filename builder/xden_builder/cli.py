@@ -9,6 +9,7 @@ import click
 from xden1k.commands import Group
 from xden_builder.commands.audit import audit
 from xden_builder.commands.bench_scanner import bench_scanner
+from xden_builder.commands.calibrate import calibrate
 from xden_builder.commands.check import check
 from xden_builder.commands.datasheet import datasheet
 from xden_builder.commands.evaluate import evaluate
@@ -30,7 +31,7 @@ def cli() -> None:
 
 
 _COMMANDS = (
-    *(init, check, phantoms, run, report, audit, datasheet, push),
+    *(init, calibrate, check, phantoms, run, report, audit, datasheet, push),
     *(evaluate, bench_scanner, gallery, speed),
 )
 for _command in _COMMANDS:

@@ -1,0 +1,74 @@
+"""Residuals of a calibration, to be looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from xden1k.errors import require
+from xden_builder.calibrate.geometry import GeometryFit, ViewFit
+from xden_builder.calibrate.readings import ImageReadings
+from xden_builder.calibrate.spectrum import SpectrumFit
+
+__all__ = ["draw_balls", "draw_steps"]
+
+INCHES: Final = (6.0, 4.0)
+DPI: Final = 120
+ARROW_PX: Final = 100.0
+"""Of the image, for each pixel of residual."""
+
+
+def draw_steps(images: Sequence[ImageReadings], fit: SpectrumFit, path: Path) -> None:
+    """Draw what is read behind each step over what the fit expects, against the thickness.
+
+    Raises
+    ------
+    MissingExtraError
+        If matplotlib is not installed.
+    """
+    figure, axes = _figure(len(images))
+    for axis, image, expected in zip(axes, images, fit.expected, strict=True):
+        for place, wedge in enumerate(image.wedges):
+            mine = [at for at, each in enumerate(image.readings) if each.wedge == place]
+            read = np.array([image.readings[at].transmission for at in mine])
+            paths = [10 * image.readings[at].path_cm for at in mine]
+            percent = 100 * (read / expected[mine] - 1)
+            axis.plot(paths, percent, "o-", ms=3, label=wedge.material.name)
+        axis.axhline(0.0, color="0.7", lw=0.8)
+        axis.set(xlabel="thickness, mm", ylabel="read over expected, %", title=image.name)
+        axis.set_xscale("log")
+        axis.legend(fontsize="small")
+    figure.savefig(path, dpi=DPI)
+
+
+def draw_balls(fit: GeometryFit, path: Path) -> None:
+    """Draw by how much each shadow lies off, a hundred times as long.
+
+    Raises
+    ------
+    MissingExtraError
+        If matplotlib is not installed.
+    """
+    figure, axes = _figure(len(fit.views))
+    for axis, (name, view) in zip(axes, fit.views.items(), strict=True):
+        _draw_view(axis, name, view)
+    figure.savefig(path, dpi=DPI)
+
+
+def _draw_view(axis: Any, name: str, view: ViewFit) -> None:
+    off = ARROW_PX * (view.seen - view.expected)
+    axis.plot(*view.seen.T, "o", ms=3, color="0.6")
+    axis.quiver(*view.seen.T, *off.T, angles="xy", scale_units="xy", scale=1, width=0.004)
+    rows, columns = view.geometry.shape
+    axis.set(xlim=(0, columns), ylim=(rows, 0), xlabel="column", ylabel="row", aspect="equal")
+    axis.set_title(f"{name}: {view.rms_px:.3f} px rms, arrows {ARROW_PX:g} times")
+
+
+def _figure(count: int) -> tuple[Any, Sequence[Any]]:
+    """Return a figure and its axes, one below the other; its canvas is its own."""
+    figures = require("matplotlib.figure", "view")
+    figure = figures.Figure(figsize=(INCHES[0], INCHES[1] * count), layout="constrained")
+    return figure, figure.subplots(count, 1, squeeze=False)[:, 0]

@@ -1,0 +1,126 @@
+"""What a panel reads behind a step: the direct beam, and light that comes from elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from xden1k.rays import PathLengths
+from xden1k.values.materials import Composition
+from xden_builder.calibrate.readings import ImageReadings
+from xden_builder.physics.attenuation import mac_cm2_g
+from xden_builder.physics.groups import energy_groups
+from xden_builder.physics.source import Tube
+from xden_builder.physics.spectrum import absorbed_share, tube_fluence
+from xden_builder.poly.model.beam import Heel, ViewBeam, find_heel
+from xden_builder.poly.model.stray import coarse_binning, stray_light
+
+__all__ = ["STRAY_TERMS", "LitImage", "light_up"]
+
+STRAY_TERMS: Final = ("near_scatter", "far_scatter", "glare", "even")
+"""Light that is not the direct beam's: the fit's three shapes, and a constant."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LitImage:
+    """Readings, and the beam as it meets them.
+
+    Parameters
+    ----------
+    image
+        The readings.
+    scintillator
+        As of :func:`xden_builder.physics.spectrum.absorbed_share`.
+    heel
+        Which way the cathode lies.
+    """
+
+    image: ImageReadings
+    scintillator: str
+    heel: Heel
+
+    @property
+    def transmission(self) -> Float64[np.ndarray, "n"]:
+        """What was read."""
+        return np.array([reading.transmission for reading in self.image.readings])
+
+    @property
+    def pixels(self) -> Int64[np.ndarray, "n"]:
+        """Flat index of each reading."""
+        return np.array([reading.pixel for reading in self.image.readings])
+
+    def direct(self, tube: Tube) -> Float64[np.ndarray, "n"]:
+        """Transmission of the direct beam at each reading, by the whole spectrum of a tube."""
+        slopes, place = np.unique(self._slopes(), return_inverse=True)
+        energies_kev, fluence = tube_fluence(tube, slopes)
+        signal = fluence * absorbed_share(energies_kev, self.scintillator) * energies_kev
+        weights = signal / signal.sum(axis=1, keepdims=True)
+        ways = self._areal_g_cm2() @ self._mac_cm2_g(energies_kev)
+        return np.asarray((weights[place] * np.exp(-ways)).sum(axis=1))
+
+    def stray(self, tube: Tube) -> Float64[np.ndarray, "n terms"]:
+        """Stray light at each reading by :data:`STRAY_TERMS`, in shares of the open field.
+
+        Scatter and glare as the fit of objects has them, so that their amplitudes can be compared.
+        """
+        groups, compositions = energy_groups(tube, self.scintillator), self._compositions()
+        found = stray_light(
+            self.image.view,
+            ViewBeam(groups, self.image.view.geometry, self.heel),
+            _coarse(self.image.lengths),
+            np.stack([groups.mac_cm2_g(each) for each in compositions]),
+            np.stack([groups.scattering_cm2_g(each) for each in compositions]),
+            np.array([wedge.density_g_cm3 for wedge in self.image.wedges]),
+            self.pixels,
+            self.transmission,
+        )
+        return np.column_stack([found, np.ones(len(found))])
+
+    def _slopes(self) -> Float64[np.ndarray, "n"]:
+        geometry = self.image.view.geometry
+        rows, columns = (each.astype(float) for each in np.divmod(self.pixels, geometry.shape[1]))
+        return self.heel.slopes(geometry, rows, columns)
+
+    def _compositions(self) -> list[Composition]:
+        return [wedge.material.composition for wedge in self.image.wedges]
+
+    def _mac_cm2_g(self, energies_kev: Float64[np.ndarray, "e"]) -> Float64[np.ndarray, "w e"]:
+        return np.stack([_mac(each, tuple(energies_kev.tolist())) for each in self._compositions()])
+
+    def _areal_g_cm2(self) -> Float64[np.ndarray, "n w"]:
+        """Mass per area of each wedge before each reading."""
+        areal = np.zeros((len(self.image.readings), len(self.image.wedges)))
+        for row, reading in zip(areal, self.image.readings, strict=True):
+            if reading.wedge >= 0:
+                density = self.image.wedges[reading.wedge].density_g_cm3
+                row[reading.wedge] = density * reading.path_cm
+        return areal
+
+
+@lru_cache(maxsize=64)
+def _mac(composition: Composition, energies_kev: tuple[float, ...]) -> Float64[np.ndarray, "e"]:
+    return mac_cm2_g(composition, np.array(energies_kev))
+
+
+def light_up(image: ImageReadings, tube: Tube, scintillator: str) -> LitImage:
+    """Find out which way the heel of a tube lies in an image."""
+    heel = find_heel(image.open_field, image.view.geometry, tube, scintillator)
+    return LitImage(image, scintillator, heel)
+
+
+def _coarse(lengths: PathLengths) -> PathLengths:
+    """Take one pixel for each block: stray light is smooth."""
+    binning = coarse_binning(lengths.shape)
+    rows, columns = np.divmod(lengths.pixels, lengths.shape[1])
+    shape = (lengths.shape[0] // binning, lengths.shape[1] // binning)
+    middle = binning // 2
+    kept = (rows % binning == middle) & (columns % binning == middle)
+    kept &= (rows // binning < shape[0]) & (columns // binning < shape[1])
+    pixels = np.ravel_multi_index((rows[kept] // binning, columns[kept] // binning), shape)
+    return PathLengths(
+        pixels, lengths.lengths_cm[kept], lengths.shared_cm[kept], lengths.broken[kept], shape
+    )

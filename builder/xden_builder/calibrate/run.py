@@ -1,0 +1,241 @@
+"""Calibrate a scanner: a folder of phantoms' radiographs into a ``scanner.toml``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+from xden1k.errors import DataError
+from xden1k.folder.place import publish, staging
+from xden_builder.calibrate.figures import draw_balls, draw_steps
+from xden_builder.calibrate.geometry import GeometryFit, ViewFit, fit_geometry
+from xden_builder.calibrate.readings import ImageReadings, read_image_steps
+from xden_builder.calibrate.spectrum import PRIOR_SD, SPECTRUM_TERMS, SpectrumFit, fit_spectrum
+from xden_builder.calibrate.told import CalibrationFolder, read_folder
+from xden_builder.capture import ScannerFile, write_scanner
+from xden_builder.capture.calibrated import ScannerCalibration
+from xden_builder.capture.calibration import CalibratedView, calibrate
+from xden_builder.capture.writing import write_json
+from xden_builder.physics.source import Tube
+
+__all__ = ["Calibration", "calibrate_scanner"]
+
+DIGITS: Final = 6
+"""Of numbers for people."""
+HINTS: Final = {
+    "kv": "thick steps of steel or copper would tell it",
+    "Al": "the steps tell what it does together with copper, not which of both does it",
+    "Cu": "the steps tell what it does together with aluminium, not which of both does it",
+}
+"""Why an unknown of the spectrum was not measured."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """What came out of a folder.
+
+    Parameters
+    ----------
+    folder
+        What was told.
+    images
+        Readings of the wedges.
+    spectrum
+        None where there is no wedge.
+    geometry
+        None where there are no balls.
+    """
+
+    folder: CalibrationFolder
+    images: tuple[ImageReadings, ...]
+    spectrum: SpectrumFit | None
+    geometry: GeometryFit | None
+
+    @property
+    def scanner(self) -> ScannerFile:
+        """What was told, corrected by what was found."""
+        told = self.folder.scanner
+        tube = told.tube
+        if self.spectrum is not None:
+            tube = replace(_rounded(self.spectrum.tube), name=self.folder.tube)
+        elif tube is not None and self.folder.tube:
+            tube = replace(tube, name=self.folder.tube)
+        found = {} if self.geometry is None else self.geometry.views
+        views = {
+            name: replace(view, geometry=found[name].geometry) if name in found else view
+            for name, view in told.views.items()
+        }
+        return replace(told, views=views, tube=tube, calibration=self._note(tube))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values for JSON."""
+        return {
+            "schema": "xden-calibration-report/1",
+            "date": self.folder.date.isoformat(),
+            "tube": self.folder.tube,
+            "made_from": list(self._made_from()),
+            **self._found(),
+            "sentences": list(self.sentences()),
+        }
+
+    def sentences(self) -> tuple[str, ...]:
+        """Say in words what was found and what was not."""
+        spectrum = () if self.spectrum is None else _of_spectrum(self.spectrum)
+        geometry = () if self.geometry is None else _of_geometry(self.geometry.views)
+        missing = [
+            text
+            for is_missing, text in (
+                (self.spectrum is None, "no wedge was scanned: tube and filters are as told"),
+                (self.geometry is None, "no balls were scanned: the geometry is as told"),
+            )
+            if is_missing
+        ]
+        return (*spectrum, *geometry, *missing)
+
+    def _note(self, tube: Tube | None) -> ScannerCalibration:
+        told = self.folder
+        return ScannerCalibration(
+            told.date,
+            told.valid_until,
+            tube if self.spectrum is not None else Tube(name=told.tube),
+            self._made_from(),
+            self._found(),
+        )
+
+    def _made_from(self) -> tuple[str, ...]:
+        balls = self.folder.balls
+        views = () if self.geometry is None else self.geometry.views
+        seen = () if balls is None else tuple(f"{balls.scan}/{view}" for view in views)
+        return (*(image.name for image in self.images), *seen)
+
+    def _found(self) -> dict[str, Any]:
+        spectrum = {} if self.spectrum is None else _spectrum_values(self.spectrum)
+        geometry = {} if self.geometry is None else _geometry_values(self.geometry)
+        return spectrum | geometry
+
+
+def calibrate_scanner(root: Path, out: Path) -> Calibration:
+    """Read a folder, fit what its phantoms tell, and write a ``scanner.toml`` with its evidence.
+
+    Parameters
+    ----------
+    root
+        Holds ``scanner.toml``, ``calibration.toml`` and the scans.
+    out
+        A folder that does not exist; it appears complete or not at all.
+
+    Raises
+    ------
+    DataError
+        If ``out`` is there, or anything of the folder is wrong; nothing is written then.
+    """
+    if out.exists():
+        raise DataError(f"{out}: is there already; nothing is overwritten")
+    found = _fit(read_folder(root))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with staging(out) as beside:
+        made = beside / "made"
+        made.mkdir()
+        _write(found, made)
+        publish(made, out)
+    return found
+
+
+def _fit(folder: CalibrationFolder) -> Calibration:
+    images = _read_images(folder)
+    spectrum, geometry = None, None
+    if images:
+        if folder.scanner.tube is None:
+            raise DataError(f"{folder.root / 'scanner.toml'}: tube is missing, wedges need its kv")
+        spectrum = fit_spectrum(images, folder.scanner.tube, folder.scanner.detector.scintillator)
+    if folder.balls is not None:
+        seen = {view: _seen(folder, folder.balls.scan, view).view for view in folder.scanner.views}
+        geometry = fit_geometry(folder.balls, seen)
+    return Calibration(folder, images, spectrum, geometry)
+
+
+def _read_images(folder: CalibrationFolder) -> tuple[ImageReadings, ...]:
+    names = dict.fromkeys((wedge.scan, wedge.view) for wedge in folder.wedges)
+    return tuple(
+        read_image_steps(
+            _seen(folder, scan, view),
+            [wedge for wedge in folder.wedges if (wedge.scan, wedge.view) == (scan, view)],
+        )
+        for scan, view in names
+    )
+
+
+def _seen(folder: CalibrationFolder, scan: str, view: str) -> CalibratedView:
+    stored = folder.scanner.views[view]
+    return calibrate(view, stored, folder.root / scan, folder.root, folder.scanner.detector)
+
+
+def _write(found: Calibration, out: Path) -> None:
+    write_scanner(found.scanner, out / "scanner.toml")
+    write_json(out / "calibration.json", found.to_dict())
+    if found.spectrum is not None:
+        draw_steps(found.images, found.spectrum, out / "steps.png")
+    if found.geometry is not None:
+        draw_balls(found.geometry, out / "balls.png")
+
+
+def _rounded(tube: Tube) -> Tube:
+    """Leave out digits that mean nothing, so that a file says what a person can compare."""
+    assert tube.kv is not None
+    filters = {name: round(cm, DIGITS) for name, cm in tube.filtration_cm.items()}
+    return replace(tube, kv=round(tube.kv, 3), filtration_cm=filters)
+
+
+def _spectrum_values(fit: SpectrumFit) -> dict[str, Any]:
+    return {
+        "spectrum_sd": dict(zip(SPECTRUM_TERMS, _digits(fit.sd), strict=True)),
+        "at_prior": list(fit.at_prior),
+        "steps_rms_sd": round(fit.rms, 3),
+        "stray_light": {each.name: round(each.mean_share, DIGITS) for each in fit.stray},
+        "gain": {each.name: round(each.gain, DIGITS) for each in fit.stray},
+    }
+
+
+def _geometry_values(fit: GeometryFit) -> dict[str, Any]:
+    return {
+        "source_sd_cm": {name: _digits(view.source_sd_cm) for name, view in fit.views.items()},
+        "panel_sd_cm": {name: _digits(view.panel_sd_cm) for name, view in fit.views.items()},
+        "panel_sd_deg": {name: _digits(view.panel_sd_deg) for name, view in fit.views.items()},
+        "balls_rms_px": {name: round(view.rms_px, 4) for name, view in fit.views.items()},
+        "phantom_shift_cm": _digits(fit.shift_cm),
+        "phantom_rotation_deg": _digits(fit.rotation_deg),
+    }
+
+
+def _digits(values: tuple[float, ...]) -> list[float]:
+    return [round(value, DIGITS) for value in values]
+
+
+def _of_spectrum(fit: SpectrumFit) -> list[str]:
+    tube = fit.tube
+    values = (tube.kv, *(10 * tube.filtration_cm.get(name, 0.0) for name in SPECTRUM_TERMS[1:]))
+    sds = (fit.sd[0], *(10 * sd for sd in fit.sd[1:]))
+    units = ("kV", "mm Al", "mm Cu")
+    said = ", ".join(
+        f"{value:.2f} ± {sd:.2f} {unit}" for value, sd, unit in zip(values, sds, units, strict=True)
+    )
+    stays = [
+        f"{name} stays at what was told, within {prior:g} {unit}: {HINTS[name]}"
+        for name, prior, unit in zip(SPECTRUM_TERMS, PRIOR_SD, ("kV", "cm", "cm"), strict=True)
+        if name in fit.at_prior
+    ]
+    stray = [
+        f"{each.name}: stray light behind the steps is {each.mean_share:.2%} of the open field"
+        for each in fit.stray
+    ]
+    return [f"spectrum: {said}; steps lie within {fit.rms:.2f} sd", *stays, *stray]
+
+
+def _of_geometry(views: Mapping[str, ViewFit]) -> list[str]:
+    return [
+        f"{name}: balls lie within {view.rms_px:.3f} pixels; source ± "
+        f"{10 * max(view.source_sd_cm):.2f} mm in the phantom's frame"
+        for name, view in views.items()
+    ]
