@@ -168,7 +168,8 @@ def test_a_mass_is_impossible_only_beyond_half_and_twice_of_what_labels_allow() 
 
 def test_the_command_tells_all_and_exits_with_1(captures: Path) -> None:
     clean = CliRunner().invoke(cli, ["check", str(captures), "--workers", "1"])
-    assert (clean.exit_code, clean.output.split(": ", 1)[1]) == (
+    assert "scanner.toml: the scanner was not calibrated" in clean.stderr
+    assert (clean.exit_code, clean.stdout.split(": ", 1)[1]) == (
         0,
         "2 objects, 2 sound, 0 refused, 0 contradicting themselves\n",
     )

@@ -174,9 +174,10 @@ def test_a_bad_object_is_listed_and_the_others_are_built(captures, tmp_path):
     out = tmp_path / "out"
     ran = CliRunner().invoke(cli, ["run", str(captures), "--out", str(out), "--workers", "2"])
     assert ran.exit_code == 3
-    (line,) = [text for text in ran.stderr.splitlines() if text]
+    line, remark = [text for text in ran.stderr.splitlines() if text]
     assert line.startswith(f"failed: {bad}: ")
     assert "lat.tif" in line
+    assert "scanner.toml: the scanner was not calibrated" in remark
     assert sorted(open_folder(out).ids()) == sorted(good)
     report = json.loads((work_folder(out) / "build_report.json").read_text())
     assert (report["built"], report["failed"]) == (2, 1)

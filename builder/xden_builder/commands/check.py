@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from xden1k.commands import json_option, print_json
-from xden_builder.commands.shared import FOLDER, progress_bar, workers_option
+from xden_builder.commands.shared import FOLDER, echo_calibration, progress_bar, workers_option
 
 if TYPE_CHECKING:
     from xden_builder.pipeline.check.run import FolderCheck
@@ -32,6 +32,7 @@ def check(captures: Path, workers: int, as_json: bool) -> None:
 
     with progress_bar(len(CaptureFolder(captures).object_ids)) as bar:
         report = check_folder(captures, workers=workers, on_done=lambda _: bar.update())
+    echo_calibration(str(captures))
     if as_json:
         print_json(report.to_dict())
     else:

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-__all__ = ["FOLDER", "progress_bar", "workers_option"]
+__all__ = ["FOLDER", "echo_calibration", "progress_bar", "workers_option"]
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 
@@ -31,3 +31,12 @@ def progress_bar(total: int | None = None, unit: str = "object") -> Iterator[Any
     told = "{l_bar}{bar}| {n_fmt} of {total_fmt}, {rate_noinv_fmt}, {remaining} left{postfix}"
     with tqdm(total=total, unit=f" {unit}s", bar_format=told, smoothing=0.1, disable=None) as bar:
         yield bar
+
+
+def echo_calibration(captures: str) -> None:
+    """Say once, beside the output, that the scanner of a capture folder was not calibrated."""
+    from xden_builder.pipeline.remarks import calibration_remark
+    from xden_builder.pipeline.storage import place
+
+    if said := calibration_remark(place(captures)):
+        click.echo(said, err=True)

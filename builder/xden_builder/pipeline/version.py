@@ -16,7 +16,7 @@ from xden_builder.reconstruct.settings import BuildSettings
 __all__ = ["BUILDER", "OtherVersionError", "made_by_checksum", "refuse_other_code"]
 
 BUILDER: Final = f"xden-build {__version__}"
-NOT_IN_ROWS: Final = frozenset({"phantoms", "triage"})
+NOT_IN_ROWS: Final = frozenset({"calibrate", "phantoms", "triage"})
 """Rooms that rows do not depend on: a change there makes no object anew."""
 
 
