@@ -17,8 +17,8 @@ __all__ = ["draw_balls", "draw_steps"]
 
 INCHES: Final = (6.0, 4.0)
 DPI: Final = 120
-ARROW_PX: Final = 100.0
-"""Of the image, for each pixel of residual."""
+LONGEST_ARROW: Final = 0.05
+"""Of the image's height."""
 
 
 def draw_steps(images: Sequence[ImageReadings], fit: SpectrumFit, path: Path) -> None:
@@ -45,7 +45,7 @@ def draw_steps(images: Sequence[ImageReadings], fit: SpectrumFit, path: Path) ->
 
 
 def draw_balls(fit: GeometryFit, path: Path) -> None:
-    """Draw by how much each shadow lies off, a hundred times as long.
+    """Draw by how much each shadow lies off, as many times as long as can be seen.
 
     Raises
     ------
@@ -59,12 +59,14 @@ def draw_balls(fit: GeometryFit, path: Path) -> None:
 
 
 def _draw_view(axis: Any, name: str, view: ViewFit) -> None:
-    off = ARROW_PX * (view.seen - view.expected)
+    off = view.seen - view.expected
+    longest = max(float(np.linalg.norm(off, axis=1).max()), 1e-9)
+    times = LONGEST_ARROW * view.geometry.shape[0] / longest
     axis.plot(*view.seen.T, "o", ms=3, color="0.6")
-    axis.quiver(*view.seen.T, *off.T, angles="xy", scale_units="xy", scale=1, width=0.004)
+    axis.quiver(*view.seen.T, *(times * off).T, angles="xy", scale_units="xy", scale=1, width=0.004)
     rows, columns = view.geometry.shape
     axis.set(xlim=(0, columns), ylim=(rows, 0), xlabel="column", ylabel="row", aspect="equal")
-    axis.set_title(f"{name}: {view.rms_px:.3f} px rms, arrows {ARROW_PX:g} times")
+    axis.set_title(f"{name}: {view.rms_px:.4f} px rms; the longest arrow is {longest:.3f} px")
 
 
 def _figure(count: int) -> tuple[Any, Sequence[Any]]:

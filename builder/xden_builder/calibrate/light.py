@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -89,7 +88,7 @@ class LitImage:
         return [wedge.material.composition for wedge in self.image.wedges]
 
     def _mac_cm2_g(self, energies_kev: Float64[np.ndarray, "e"]) -> Float64[np.ndarray, "w e"]:
-        return np.stack([_mac(each, tuple(energies_kev.tolist())) for each in self._compositions()])
+        return np.stack([mac_cm2_g(each, energies_kev) for each in self._compositions()])
 
     def _areal_g_cm2(self) -> Float64[np.ndarray, "n w"]:
         """Mass per area of each wedge before each reading."""
@@ -99,11 +98,6 @@ class LitImage:
                 density = self.image.wedges[reading.wedge].density_g_cm3
                 row[reading.wedge] = density * reading.path_cm
         return areal
-
-
-@lru_cache(maxsize=64)
-def _mac(composition: Composition, energies_kev: tuple[float, ...]) -> Float64[np.ndarray, "e"]:
-    return mac_cm2_g(composition, np.array(energies_kev))
 
 
 def light_up(image: ImageReadings, tube: Tube, scintillator: str) -> LitImage:

@@ -27,6 +27,8 @@ AIR_CELLS: Final = 16
 """Along each side of the image; those without any wedge near are read as air."""
 AIR_MARGIN_CM: Final = 1.5
 """On the panel, from wedges to what is read as air."""
+AIR_LEVEL: Final = 0.97
+"""Of the median cell: what is darker is something that nobody told of."""
 LEAST_SHADOW: Final = 0.02
 """By which a wedge's darkest step is below air at least."""
 UNEVEN: Final = 0.1
@@ -131,7 +133,7 @@ def _read_wedge(view: XRayView, place: int, wedge: Wedge) -> list[Reading]:
             )
         pixel = int(np.ravel_multi_index((round(row), round(column)), view.geometry.shape))
         path_cm = thickness_cm * float(_obliquity(view.geometry, np.array([pixel]))[0])
-        found.append(Reading(place, step, path_cm, pixel, mean, sd / np.sqrt(len(values))))
+        found.append(Reading(place, step, path_cm, pixel, mean, _sd_of_mean(values)))
     return found
 
 
@@ -226,7 +228,9 @@ def _read_air(view: XRayView, lengths: PathLengths) -> list[Reading]:
     bare.flat[lengths.pixels] = False
     margin_px = AIR_MARGIN_CM / _pixel_cm(view.geometry)
     air = view.valid & (distance_transform_edt(bare) > margin_px)
-    return [_air(view, cell, air) for cell in _cells(air)]
+    cells = [_air(view, cell, air) for cell in _cells(air)]
+    level = AIR_LEVEL * np.median([each.transmission for each in cells]) if cells else 0.0
+    return [each for each in cells if each.transmission > level]
 
 
 def _cells(air: Mask) -> Iterator[tuple[slice, slice]]:

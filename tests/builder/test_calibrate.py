@@ -1,0 +1,327 @@
+"""Calibration: what painted wedges and balls at known places must give back, and bad folders."""
+
+import datetime
+import json
+import tomllib
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import trimesh
+from builder.calibration_scenes import (
+    TOLD,
+    TRUE,
+    geometry,
+    painted,
+    seen,
+    wedges,
+    write_folder,
+)
+from click.testing import CliRunner
+
+from xden1k.errors import DataError
+from xden1k.values.views import XRayView
+from xden_builder.calibrate import geometry as bundle
+from xden_builder.calibrate import run as calibration
+from xden_builder.calibrate.balls import shadow_centres
+from xden_builder.calibrate.designs import BALLS, PLATES
+from xden_builder.calibrate.readings import read_image_steps
+from xden_builder.calibrate.run import calibrate_scanner
+from xden_builder.calibrate.spectrum import fit_spectrum
+from xden_builder.calibrate.told import ToldBalls, read_folder
+from xden_builder.capture import read_scanner, write_scanner
+from xden_builder.cli import cli
+from xden_builder.physics.attenuation import mac_cm2_g
+from xden_builder.physics.spectrum import tube_spectrum
+
+
+def transmissions(tube, formula="Fe", density=7.85, thickness=(0.05, 0.1, 0.3, 0.5, 1.0)):
+    spectrum = tube_spectrum(tube)
+    lac = density * mac_cm2_g(((formula, 1.0),), spectrum.energies_kev)
+    return spectrum.transmission(np.array(thickness)[:, None] * lac)
+
+
+@pytest.fixture(scope="module")
+def fit():
+    image = read_image_steps(seen(painted(even=0.004, gain=1.03)), wedges())
+    return fit_spectrum([image], TOLD, "CsI")
+
+
+def test_a_spectrum_that_was_told_wrong_is_found_through_gain_and_stray_light(fit):
+    assert transmissions(fit.tube) == pytest.approx(transmissions(TRUE), rel=0.01)
+    aluminium = {"formula": "Al", "density": 2.70, "thickness": (0.1, 1.0, 4.0)}
+    assert transmissions(fit.tube, **aluminium) == pytest.approx(
+        transmissions(TRUE, **aluminium), rel=0.005
+    )
+    assert abs(transmissions(TOLD) / transmissions(TRUE) - 1).max() > 0.1
+
+
+def test_gain_and_stray_light_are_told_apart(fit):
+    (stray,) = fit.stray
+    assert stray.gain == pytest.approx(1.03, abs=0.002)
+    assert stray.mean_share == pytest.approx(0.004, abs=4e-4)
+
+
+def test_filters_that_trade_for_each_other_are_said_to_stay_at_their_prior(fit):
+    assert fit.at_prior == ("Al",)
+    assert fit.sd[0] < 0.5
+
+
+def test_too_few_steps_leave_the_voltage_at_its_prior():
+    aluminium = replace(wedges()[0], thickness_cm=(0.1, 0.2), last_px=(21.0, 24.0))
+    fit = fit_spectrum([read_image_steps(seen(painted()), [aluminium])], TOLD, "CsI")
+    assert "kv" in fit.at_prior
+    assert fit.tube.kv == pytest.approx(TOLD.kv, abs=1.5)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"first_px": (40.0, 4.0), "last_px": (93.0, 4.0)}, "lies outside of the image"),
+        ({"first_px": (80.0, 80.0), "last_px": (86.0, 80.0)}, "no shadow where the wedge"),
+        ({"first_px": (66.0, 24.0), "last_px": (12.0, 24.0)}, "stand in another order"),
+        ({"first_px": (16.0, 24.0), "last_px": (70.0, 24.0)}, "is not even"),
+        ({"step_cm": 0.1}, "valid pixels, expected 9 or more"),
+    ],
+)
+def test_a_wedge_that_is_not_as_told_is_refused_by_name(change, said):
+    aluminium = replace(wedges()[0], **change)
+    with pytest.raises(DataError, match=f"plate/pa: aluminium.*{said}"):
+        read_image_steps(seen(painted()), [aluminium])
+
+
+def disc(column, row, radius, side=64, subrays=8):
+    at = (np.arange(side * subrays) + 0.5) / subrays - 0.5
+    inside = (at[:, None] - row) ** 2 + (at - column) ** 2 < radius**2
+    light = np.where(inside, 0.02, 0.7 + 0.004 * at)
+    return light.reshape(side, subrays, side, subrays).mean(axis=(1, 3)).astype(np.float32)
+
+
+@pytest.mark.parametrize("place", [(31.0, 31.0), (30.37, 33.81)])
+def test_the_centre_of_a_shadow_is_found_to_a_hundredth_of_a_pixel(place):
+    image = disc(*place, radius=4.3)
+    view = XRayView("pa", image, np.ones(image.shape, dtype=np.bool_), geometry(side=64))
+    (found,) = shadow_centres(view, 8.6)
+    assert found == pytest.approx(place, abs=0.01)
+
+
+def test_shadows_too_small_to_be_measured_are_refused():
+    blank = np.ones((8, 8), dtype=np.float32)
+    view = XRayView("pa", blank, blank > 0, geometry(side=8))
+    with pytest.raises(DataError, match=r"2\.0 pixels wide, expected 4 or more"):
+        shadow_centres(view, 2.0)
+
+
+def test_the_middle_of_a_balls_shadow_lies_between_the_rays_that_touch_it():
+    view = geometry()
+    centre, radius = np.array([[6.0, -9.0, 4.0]]), 2.0
+    # rays in the plane of source, centre and panel's normal touch at the angle asin(r / distance)
+    away = centre[0] - view.source_cm
+    distance, along = np.linalg.norm(away), np.array([0.0, 1.0, 0.0])
+    across = away - (away @ along) * along
+    across /= np.linalg.norm(across)
+    angles = np.arctan2(away @ across, away @ along) + np.arcsin(radius / distance) * np.array(
+        [1, -1]
+    )
+    ends = view.source_cm + np.cos(angles)[:, None] * along + np.sin(angles)[:, None] * across
+    expected = view.project(ends)[:, :2].mean(axis=0)
+    assert bundle._shadow_middles(view, centre, radius)[0] == pytest.approx(expected, abs=1e-9)
+
+
+def moved(view, source_cm, panel_cm, turn_rad):
+    return bundle._moved(view, np.array([*source_cm, *panel_cm, *turn_rad]))
+
+
+TRUE_VIEWS = {
+    "pa": moved(geometry("pa", 512), (0.1, -0.2, 0.05), (-0.1, 0.1, 0.0), (0.002, 0.001, -0.003)),
+    "lat": moved(geometry("lat", 512), (0.2, 0.1, 0.0), (0.0, -0.1, 0.1), (0.001, -0.002, 0.002)),
+}
+BALLS_TOLD = ToldBalls("balls", BALLS.centres_cm, BALLS.ball_cm, 0.001, 0.01)
+
+
+def bundled(monkeypatch, shadows, balls=BALLS_TOLD):
+    monkeypatch.setattr(bundle, "shadow_centres", lambda view, _: shadows[view.name])
+    blank = np.ones((512, 512), dtype=np.float32)
+    views = {name: XRayView(name, blank, blank > 0, geometry(name, 512)) for name in ("pa", "lat")}
+    return bundle.fit_geometry(balls, views)
+
+
+def shadows_of(points):
+    rng = np.random.default_rng(0)
+    return {
+        name: rng.permutation(bundle._shadow_middles(view, points, BALLS.ball_cm / 2))
+        for name, view in TRUE_VIEWS.items()
+    }
+
+
+def test_sources_and_panels_are_found_from_shadows_in_any_order(monkeypatch):
+    fit = bundled(monkeypatch, shadows_of(BALLS.centres_cm))
+    for name, view in fit.views.items():
+        true = TRUE_VIEWS[name]
+        assert view.geometry.source_cm == pytest.approx(true.source_cm, abs=0.02)
+        for step in ("column_step_cm", "row_step_cm"):
+            off = np.linalg.norm(getattr(view.geometry, step) - getattr(true, step))
+            assert off < 3e-4 * np.linalg.norm(getattr(true, step))
+        assert view.rms_px < 1e-3
+
+
+def test_balls_elsewhere_than_told_and_balls_too_few_are_refused(monkeypatch):
+    stretched = BALLS.centres_cm * (1.0, 1.0, 1.1)
+    stretched[::2, 0] += 0.3
+    with pytest.raises(DataError, match=r"balls/pa: shadows lie .* pixels from where the table"):
+        bundled(monkeypatch, shadows_of(stretched))
+    with pytest.raises(DataError, match="balls/pa: 23 shadows of balls found, expected 24"):
+        bundled(monkeypatch, shadows_of(BALLS.centres_cm[1:]))
+
+
+def test_no_two_shadows_of_the_ball_phantom_meet_from_any_usual_distance():
+    for distance_cm in (90.0, 120.0, 150.0):
+        for across, along in ((0, 1), (1, 0)):
+            centres = BALLS.centres_cm
+            scale = distance_cm / (distance_cm + centres[:, along])
+            at = centres[:, [across, 2]] * scale[:, None]
+            gaps = np.linalg.norm(at[:, None] - at, axis=2)[np.triu_indices(len(at), 1)]
+            assert gaps.min() > 2.5
+
+
+def test_the_steps_of_a_plate_share_no_space_and_lie_on_one_plane():
+    for stairs in PLATES.values():
+        boxes = [stair.mesh.bounds for stair in stairs]
+        for box, other in pairwise(boxes):
+            assert box[1, 0] < other[0, 0]
+        assert all(box[1, 1] == pytest.approx(0.0) for box in boxes)
+
+
+@pytest.mark.parametrize(
+    ("entries", "said"),
+    [
+        (
+            {"steel": {"material": "adamantium"}},
+            "wedges.2..material 'adamantium' is no name",
+        ),
+        ({"steel": {"last_px": [12.0, 48.0]}}, "wedges.2..last_px must differ from first_px"),
+        (
+            {"steel": {"thickness_cm": [0.1, -1.0]}},
+            "wedges.2..thickness_cm must be positive",
+        ),
+        ({"lead": {"view": "top"}}, "wedges.3..view must be pa or lat"),
+        ({"lead": {"colour": "grey"}}, "wedges.3..colour is not a known key"),
+    ],
+)
+def test_a_wrong_key_of_a_wedge_is_named(tmp_path, entries, said):
+    with pytest.raises(DataError, match=f"calibration.toml: {said}"):
+        read_folder(write_folder(tmp_path / "scans", entries=entries))
+
+
+def test_a_folder_without_any_phantom_is_refused(tmp_path):
+    folder = write_folder(tmp_path / "scans")
+    (folder / "calibration.toml").write_text('schema = "xden-calibration/1"\ndate = 2026-03-14\n')
+    with pytest.raises(DataError, match="expected at least one phantom"):
+        read_folder(folder)
+
+
+@pytest.fixture
+def quick(monkeypatch, fit):
+    """The fit of the module, so that only files are looked at."""
+    monkeypatch.setattr(calibration, "fit_spectrum", lambda *_: fit)
+
+
+@pytest.mark.usefixtures("quick")
+def test_what_is_written_reads_back_and_nothing_is_overwritten(tmp_path):
+    folder, out = write_folder(tmp_path / "scans", tube="no. 4711"), tmp_path / "out"
+    found = calibrate_scanner(folder, out)
+    scanner = read_scanner(out / "scanner.toml")
+    assert scanner.tube.name == "no. 4711"
+    assert scanner.tube == found.scanner.tube
+    assert scanner.calibration.made_from == ("plate/pa",)
+    assert json.loads((out / "calibration.json").read_text())["spectrum_sd"]["kv"] > 0
+    assert (out / "steps.png").stat().st_size > 1000
+    assert not (out / "balls.png").exists()
+    before = {path: path.read_bytes() for path in out.iterdir()}
+    with pytest.raises(DataError, match="is there already; nothing is overwritten"):
+        calibrate_scanner(folder, out)
+    assert {path: path.read_bytes() for path in out.iterdir()} == before
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            {"name": "B"},
+            "tube is 'A', but tube.name",
+        ),
+        (
+            {"kv": 90.0},
+            "kv is .* but tube.kv is 90",
+        ),
+        (
+            {"filtration_cm": {}},
+            "filtration differs",
+        ),
+        (datetime.date(2026, 3, 1), "date is 2026-03-14, after"),
+        (datetime.date(2027, 5, 1), "valid_until is 2027-03-14"),
+    ],
+)
+def test_a_calibration_of_another_tube_setting_or_time_is_refused(tmp_path, change, said):
+    folder = write_folder(tmp_path / "scans", tube="A")
+    text = (folder / "calibration.toml").read_text()
+    (folder / "calibration.toml").write_text(
+        text.replace("date = 2026-03-14", "date = 2026-03-14\nvalid_until = 2027-03-14")
+    )
+    calibrate_scanner(folder, tmp_path / "out")
+    path = tmp_path / "out" / "scanner.toml"
+    file = read_scanner(path)
+    of_tube = isinstance(change, dict)
+    changed = {"tube": replace(file.tube, **change)} if of_tube else {"taken": change}
+    write_scanner(replace(file, **changed), path)
+    with pytest.raises(DataError, match=rf"scanner.toml: calibration.{said}"):
+        read_scanner(path)
+
+
+def test_a_folder_that_cannot_be_fitted_is_one_line_and_leaves_nothing(tmp_path):
+    folder, out = write_folder(tmp_path / "scans", image=np.ones((96, 96)) * 0.9), tmp_path / "out"
+    answer = CliRunner().invoke(cli, ["calibrate", str(folder), "--out", str(out)])
+    assert answer.exit_code == 1
+    assert len(answer.output.strip().splitlines()) == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("arguments", [(), ("scans",), ("scans", "--phantoms", "a", "--out", "b")])
+def test_arguments_that_do_not_go_together_are_a_matter_of_usage(arguments):
+    assert CliRunner().invoke(cli, ["calibrate", *arguments]).exit_code == 2
+
+
+def test_the_phantoms_are_written_as_they_are_to_be_made(tmp_path):
+    out = tmp_path / "designs"
+    answer = CliRunner().invoke(cli, ["calibrate", "--phantoms", str(out)])
+    assert answer.exit_code == 0
+    mesh = trimesh.load_mesh(out / "light_aluminium.stl")
+    thickness = PLATES["light"][0].thickness_cm
+    assert mesh.volume == pytest.approx(1000 * 2.5 * 2.0 * sum(thickness), rel=1e-6)
+    assert mesh.is_watertight
+    assert trimesh.load_mesh(out / "balls_tube.stl").is_watertight
+    assert len((out / "balls.csv").read_text().splitlines()) == 1 + BALLS.count
+    assert {path.name for path in out.glob("*.svg")} == {"light.svg", "heavy.svg", "balls.svg"}
+    again = CliRunner().invoke(cli, ["calibrate", "--phantoms", str(out)])
+    assert (again.exit_code, "nothing is overwritten" in again.output) == (1, True)
+
+
+@pytest.mark.slow
+def test_simulated_scans_give_back_the_scanner(tmp_path):
+    scans, out = tmp_path / "scans", tmp_path / "out"
+    made = CliRunner().invoke(cli, ["calibrate", "--example", str(scans), "--seed", "5"])
+    assert made.exit_code == 0, made.output
+    answer = CliRunner().invoke(cli, ["calibrate", str(scans), "--out", str(out), "--json"])
+    assert answer.exit_code == 0, answer.output
+    truth = json.loads((scans / "truth.json").read_text())
+    scanner = read_scanner(out / "scanner.toml")
+    true = replace(scanner.tube, kv=truth["kv"], filtration_cm=truth["filtration_cm"])
+    assert transmissions(scanner.tube) == pytest.approx(transmissions(true), rel=0.02)
+    for name, view in tomllib.loads((out / "scanner.toml").read_text())["views"].items():
+        far = np.subtract(view["source_cm"], truth["views"][name]["source_cm"])
+        assert np.linalg.norm(far) < 0.1
+        for step in ("column_step_cm", "row_step_cm"):
+            right = np.array(truth["views"][name][step])
+            assert np.linalg.norm(view[step] - right) < 1e-3 * np.linalg.norm(right)
