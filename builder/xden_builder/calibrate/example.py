@@ -23,14 +23,14 @@ from xden_builder.capture.writing import write_image, write_json
 from xden_builder.phantoms.phantom import Phantom, PhantomPart, Plan, random_numbers
 from xden_builder.phantoms.scanner import VIEWS, Scanner, panel_name, scanner_file
 
-__all__ = ["draw_scanner", "wedge_entries", "write_example"]
+__all__ = ["QUARTER", "calibration_toml", "draw_scanner", "wedge_entries", "write_example"]
 
 OFF_CM: Final = 0.1
 """How far sources and panels may be from where they are told."""
 TOLD_KV: Final = 100.0
 TOLD_AL_CM: Final = 0.25
 DATE: Final = "2026-03-14"
-_QUARTER: Final = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+QUARTER: Final = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """From how a plate stands for ``pa`` to how it stands for ``lat``."""
 
 
@@ -77,7 +77,7 @@ def write_example(out: Path, seed: int, size_px: int) -> None:
         _write_image(out / "balls", scanner, _balls(seed), view)
     write_ball_table(out / BALL_TABLE)
     _write_told(out, scanner, seed)
-    (out / "calibration.toml").write_text(_calibration_toml(entries), encoding="utf-8")
+    (out / "calibration.toml").write_text(calibration_toml(entries), encoding="utf-8")
     truth = {"kv": scanner.kv, "filtration_cm": dict(scanner.filtration_cm)}
     geometry = {view: scanner.geometry(view).to_dict() for view in VIEWS}
     write_json(out / "truth.json", truth | {"views": geometry})
@@ -88,7 +88,7 @@ def wedge_entries(
 ) -> Iterator[dict[str, Any]]:
     """Give the entries of ``calibration.toml`` that a person reads off an image."""
     for stair in stairs:
-        centres = stair.centres_cm if view == "pa" else stair.centres_cm @ _QUARTER.T
+        centres = stair.centres_cm if view == "pa" else stair.centres_cm @ QUARTER.T
         places = np.round(geometry.project(centres)[:, [1, 0]]).tolist()
         yield {
             "scan": scan,
@@ -113,7 +113,7 @@ def _write_panels(out: Path, scanner: Scanner, seed: int) -> None:
 def _write_plate(
     out: Path, scanner: Scanner, seed: int, name: str, stairs: Sequence[Stair], view: str
 ) -> Iterator[dict[str, Any]]:
-    turn = np.eye(3) if view == "pa" else _QUARTER
+    turn = np.eye(3) if view == "pa" else QUARTER
     parts = [_part(stair.name, stair.mesh, stair.material, turn) for stair in stairs]
     _write_image(out / name, scanner, _phantom(seed, list(PLATES).index(name), parts), view)
     return wedge_entries(name, stairs, view, scanner.geometry(view))
@@ -165,7 +165,8 @@ def _told_geometry(geometry: ViewGeometry, rng: np.random.Generator) -> ViewGeom
     )
 
 
-def _calibration_toml(entries: Sequence[Mapping[str, Any]]) -> str:
+def calibration_toml(entries: Sequence[Mapping[str, Any]]) -> str:
+    """Write ``calibration.toml`` with these wedges and the designed balls."""
     blocks = [f'schema = "{SCHEMA}"\ndate = {DATE}\ntube = "simulated"\n']
     for entry in entries:
         lines = [f"{key} = {json.dumps(value)}" for key, value in entry.items()]
