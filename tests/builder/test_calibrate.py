@@ -18,6 +18,7 @@ from builder.calibration_scenes import (
     wedges,
     write_folder,
 )
+from builder.folders import contents
 from click.testing import CliRunner
 
 from xden1k.errors import DataError
@@ -89,6 +90,13 @@ def test_a_wedge_that_is_not_as_told_is_refused_by_name(change, said):
     aluminium = replace(wedges()[0], **change)
     with pytest.raises(DataError, match=f"plate/pa: aluminium.*{said}"):
         read_image_steps(seen(painted()), [aluminium])
+
+
+def test_stops_of_one_thickness_may_differ_by_their_stray_light():
+    lead, image = wedges()[2], painted()
+    row, column = (round(place) for place in lead.centres_px[1])
+    image[row - 4 : row + 5, column - 6 : column + 7] += 0.01
+    assert read_image_steps(seen(image), [lead]).readings
 
 
 def disc(column, row, radius, side=64, subrays=8):
@@ -221,58 +229,54 @@ def test_a_folder_without_any_phantom_is_refused(tmp_path):
         read_folder(folder)
 
 
-@pytest.fixture
-def quick(monkeypatch, fit):
-    """The fit of the module, so that only files are looked at."""
-    monkeypatch.setattr(calibration, "fit_spectrum", lambda *_: fit)
+@pytest.fixture(scope="module")
+def made(tmp_path_factory, fit):
+    """A calibrated folder; the fit is the module's, so that only files are looked at."""
+    root = tmp_path_factory.mktemp("calibrated")
+    folder = write_folder(root / "scans", tube="A")
+    text = (folder / "calibration.toml").read_text()
+    until = "date = 2026-03-14\nvalid_until = 2027-03-14"
+    (folder / "calibration.toml").write_text(text.replace("date = 2026-03-14", until))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibration, "fit_spectrum", lambda *_: fit)
+        return folder, root / "out", calibrate_scanner(folder, root / "out")
 
 
-@pytest.mark.usefixtures("quick")
-def test_what_is_written_reads_back_and_nothing_is_overwritten(tmp_path):
-    folder, out = write_folder(tmp_path / "scans", tube="no. 4711"), tmp_path / "out"
-    found = calibrate_scanner(folder, out)
+def test_what_is_written_reads_back_and_nothing_is_overwritten(made):
+    folder, out, found = made
     scanner = read_scanner(out / "scanner.toml")
-    assert scanner.tube.name == "no. 4711"
+    assert scanner.tube.name == "A"
     assert scanner.tube == found.scanner.tube
     assert scanner.calibration.made_from == ("plate/pa",)
     assert json.loads((out / "calibration.json").read_text())["spectrum_sd"]["kv"] > 0
     assert (out / "steps.png").stat().st_size > 1000
     assert not (out / "balls.png").exists()
-    before = {path: path.read_bytes() for path in out.iterdir()}
+    before = contents(out)
     with pytest.raises(DataError, match="is there already; nothing is overwritten"):
         calibrate_scanner(folder, out)
-    assert {path: path.read_bytes() for path in out.iterdir()} == before
+    assert contents(out) == before
 
 
-@pytest.mark.usefixtures("quick")
+def test_what_was_not_measured_is_said_in_a_sentence(made):
+    _, _, found = made
+    said = "\n".join(found.sentences())
+    assert "Al stays at what was told, within 0.3 cm" in said
+    assert "no balls were scanned: the geometry is as told" in said
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (
-            {"name": "B"},
-            "tube is 'A', but tube.name",
-        ),
-        (
-            {"kv": 90.0},
-            "kv is .* but tube.kv is 90",
-        ),
-        (
-            {"filtration_cm": {}},
-            "filtration differs",
-        ),
+        ({"name": "B"}, "tube is 'A', but tube.name is 'B'"),
+        ({"kv": 90.0}, "kv is .* but tube.kv is 90"),
+        ({"filtration_cm": {}}, "filtration differs"),
         (datetime.date(2026, 3, 1), "date is 2026-03-14, after"),
         (datetime.date(2027, 5, 1), "valid_until is 2027-03-14"),
     ],
 )
-def test_a_calibration_of_another_tube_setting_or_time_is_refused(tmp_path, change, said):
-    folder = write_folder(tmp_path / "scans", tube="A")
-    text = (folder / "calibration.toml").read_text()
-    (folder / "calibration.toml").write_text(
-        text.replace("date = 2026-03-14", "date = 2026-03-14\nvalid_until = 2027-03-14")
-    )
-    calibrate_scanner(folder, tmp_path / "out")
-    path = tmp_path / "out" / "scanner.toml"
-    file = read_scanner(path)
+def test_a_calibration_of_another_tube_setting_or_time_is_refused(tmp_path, made, change, said):
+    _, out, _ = made
+    file, path = read_scanner(out / "scanner.toml"), tmp_path / "scanner.toml"
     of_tube = isinstance(change, dict)
     changed = {"tube": replace(file.tube, **change)} if of_tube else {"taken": change}
     write_scanner(replace(file, **changed), path)

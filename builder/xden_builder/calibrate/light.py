@@ -48,6 +48,11 @@ class LitImage:
         return np.array([reading.transmission for reading in self.image.readings])
 
     @property
+    def sd(self) -> Float64[np.ndarray, "n"]:
+        """Its standard deviation by noise."""
+        return np.array([reading.sd for reading in self.image.readings])
+
+    @property
     def pixels(self) -> Int64[np.ndarray, "n"]:
         """Flat index of each reading."""
         return np.array([reading.pixel for reading in self.image.readings])

@@ -145,12 +145,13 @@ def _refuse_implausible(wedge: Wedge, readings: Sequence[Reading]) -> None:
             f"{wedge.name}: no shadow where the wedge should be, its darkest step lets "
             f"{darkest:.3f} pass: expected other first_px and last_px, or another image"
         )
-    ordered = sorted(readings, key=lambda reading: reading.path_cm)
-    for thin, thick in pairwise(ordered):
-        if thick.transmission > (1 + OUT_OF_ORDER) * thin.transmission + _FAINT:
+    cm = wedge.thickness_cm
+    for thin, thick in pairwise(sorted(readings, key=lambda reading: cm[reading.step])):
+        brighter = thick.transmission > (1 + OUT_OF_ORDER) * thin.transmission + _FAINT
+        if brighter and cm[thick.step] > cm[thin.step]:
             raise DataError(
-                f"{wedge.name}: step {thick.step + 1} ({wedge.thickness_cm[thick.step]:g} cm) is "
-                f"brighter than step {thin.step + 1} ({wedge.thickness_cm[thin.step]:g} cm): the "
+                f"{wedge.name}: step {thick.step + 1} ({cm[thick.step]:g} cm) is "
+                f"brighter than step {thin.step + 1} ({cm[thin.step]:g} cm): the "
                 "steps stand in another order than thickness_cm, or first_px and last_px are "
                 "exchanged"
             )

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from xden1k.errors import DataError
 from xden1k.folder.place import publish, staging
+from xden1k.values.views import XRayView
 from xden_builder.calibrate.figures import draw_balls, draw_steps
 from xden_builder.calibrate.geometry import GeometryFit, ViewFit, fit_geometry
 from xden_builder.calibrate.readings import ImageReadings, read_image_steps
@@ -17,6 +18,7 @@ from xden_builder.calibrate.told import CalibrationFolder, read_folder
 from xden_builder.capture import ScannerFile, write_scanner
 from xden_builder.capture.calibrated import ScannerCalibration
 from xden_builder.capture.calibration import CalibratedView, calibrate
+from xden_builder.capture.folder import FITTED_VIEWS
 from xden_builder.capture.writing import write_json
 from xden_builder.physics.source import Tube
 
@@ -151,8 +153,7 @@ def _fit(folder: CalibrationFolder) -> Calibration:
             raise DataError(f"{folder.root / 'scanner.toml'}: tube is missing, wedges need its kv")
         spectrum = fit_spectrum(images, folder.scanner.tube, folder.scanner.detector.scintillator)
     if folder.balls is not None:
-        seen = {view: _seen(folder, folder.balls.scan, view).view for view in folder.scanner.views}
-        geometry = fit_geometry(folder.balls, seen)
+        geometry = fit_geometry(folder.balls, _ball_views(folder, folder.balls.scan))
     return Calibration(folder, images, spectrum, geometry)
 
 
@@ -165,6 +166,16 @@ def _read_images(folder: CalibrationFolder) -> tuple[ImageReadings, ...]:
         )
         for scan, view in names
     )
+
+
+def _ball_views(folder: CalibrationFolder, scan: str) -> dict[str, XRayView]:
+    """Read both views, and further ones that were scanned."""
+    names = [
+        name
+        for name, stored in folder.scanner.views.items()
+        if name in FITTED_VIEWS or (folder.root / scan / stored.image).is_file()
+    ]
+    return {name: _seen(folder, scan, name).view for name in names}
 
 
 def _seen(folder: CalibrationFolder, scan: str, view: str) -> CalibratedView:

@@ -117,7 +117,8 @@ def fit_spectrum(images: Sequence[ImageReadings], told: Tube, scintillator: str)
     if told.kv is None:
         raise DataError("scanner.toml: tube.kv is missing: wedges calibrate a tube's spectrum")
     if not TABLE_KV[0] <= told.kv <= TABLE_KV[-1]:
-        raise DataError(f"tube spectra are tabulated from 80 to 120 kV, got {told.kv:g}")
+        low, high = TABLE_KV[0], TABLE_KV[-1]
+        raise DataError(f"scanner.toml: tube.kv must be {low:g} to {high:g}, got {told.kv:g}")
     lit = tuple(light_up(image, told, scintillator or "CsI") for image in images)
     tube, stray = told, tuple(np.full(len(image.readings), FIRST_STRAY) for image in images)
     for _ in range(PASSES):
@@ -211,6 +212,7 @@ class _Problem:
                 (RELATIVE_SD * image.transmission) ** 2
                 + ABSOLUTE_SD**2
                 + (STRAY_SHAPE_SD * stray) ** 2
+                + image.sd**2
             )
             for image, stray in zip(self.images, self.stray_before, strict=True)
         ]
