@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 import trimesh
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from xden1k.errors import DataError
 from xden1k.values.materials import load_materials
@@ -30,6 +31,9 @@ OFF_CM: Final = 0.1
 TOLD_KV: Final = 100.0
 TOLD_AL_CM: Final = 0.25
 DATE: Final = "2026-03-14"
+PLACED_CM: Final = 0.02
+PLACED_DEG: Final = 0.05
+"""Standard deviations of where a pin holds the balls, along each axis and about it."""
 QUARTER: Final = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """From how a plate stands for ``pa`` to how it stands for ``lat``."""
 
@@ -78,9 +82,17 @@ def write_example(out: Path, seed: int, size_px: int) -> None:
     write_ball_table(out / BALL_TABLE)
     _write_told(out, scanner, seed)
     (out / "calibration.toml").write_text(calibration_toml(entries), encoding="utf-8")
-    truth = {"kv": scanner.kv, "filtration_cm": dict(scanner.filtration_cm)}
-    geometry = {view: scanner.geometry(view).to_dict() for view in VIEWS}
-    write_json(out / "truth.json", truth | {"views": geometry})
+    write_json(out / "truth.json", _truth(scanner, seed))
+
+
+def _truth(scanner: Scanner, seed: int) -> dict[str, Any]:
+    """Give the tube, the views in the object frame, and where the balls stand in it."""
+    return {
+        "kv": scanner.kv,
+        "filtration_cm": dict(scanner.filtration_cm),
+        "views": {view: scanner.geometry(view).to_dict() for view in VIEWS},
+        "balls_matrix": _balls_matrix(seed).tolist(),
+    }
 
 
 def wedge_entries(
@@ -113,26 +125,35 @@ def _write_panels(out: Path, scanner: Scanner, seed: int) -> None:
 def _write_plate(
     out: Path, scanner: Scanner, seed: int, name: str, stairs: Sequence[Stair], view: str
 ) -> Iterator[dict[str, Any]]:
-    turn = np.eye(3) if view == "pa" else QUARTER
-    parts = [_part(stair.name, stair.mesh, stair.material, turn) for stair in stairs]
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.eye(3) if view == "pa" else QUARTER
+    parts = [_part(stair.name, stair.mesh, stair.material, matrix) for stair in stairs]
     _write_image(out / name, scanner, _phantom(seed, list(PLATES).index(name), parts), view)
     return wedge_entries(name, stairs, view, scanner.geometry(view))
 
 
 def _balls(seed: int) -> Phantom:
     meshes = (("balls", BALLS.balls_mesh, "steel"), ("tube", BALLS.tube_mesh, "pmma"))
-    return _phantom(seed, len(PLATES), [_part(*each, np.eye(3)) for each in meshes])
+    matrix = _balls_matrix(seed)
+    return _phantom(seed, len(PLATES), [_part(*each, matrix) for each in meshes])
+
+
+def _balls_matrix(seed: int) -> Float[np.ndarray, "4 4"]:
+    """Draw where the ball phantom stands."""
+    rng = random_numbers(seed, "calibrate/pin")
+    turn_deg, shift_cm = rng.normal(size=(2, 3)) * np.array([[PLACED_DEG], [PLACED_CM]])
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_rotvec(turn_deg, degrees=True).as_matrix()
+    matrix[:3, 3] = shift_cm
+    return matrix
 
 
 def _part(
-    name: str, mesh: trimesh.Trimesh, material: str, turn: Float[np.ndarray, "3 3"]
+    name: str, mesh: trimesh.Trimesh, material: str, matrix: Float[np.ndarray, "4 4"]
 ) -> PhantomPart:
-    matrix = np.eye(4)
-    matrix[:3, :3] = turn
-    density = load_materials()[material].density_nominal_g_cm3
-    return PhantomPart(
-        name, name, mesh.copy().apply_transform(matrix), material, density, (0.5, 0.5, 0.5)
-    )
+    density, there = load_materials()[material].density_nominal_g_cm3, mesh.copy()
+    there.apply_transform(matrix)
+    return PhantomPart(name, name, there, material, density, (0.5, 0.5, 0.5))
 
 
 def _phantom(seed: int, ordinal: int, parts: Sequence[PhantomPart]) -> Phantom:
@@ -173,5 +194,6 @@ def calibration_toml(entries: Sequence[Mapping[str, Any]]) -> str:
         blocks.append("\n".join(["[[wedges]]", *lines, ""]))
     blocks.append(
         f'[balls]\nscan = "balls"\ntable = "{BALL_TABLE}"\ndiameter_cm = {BALLS.ball_cm:g}\n'
+        f"placed_within_cm = {PLACED_CM}\nplaced_within_deg = {PLACED_DEG}\n"
     )
     return "\n".join(blocks)
