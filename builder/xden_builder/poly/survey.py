@@ -41,6 +41,7 @@ LABEL_SD: Final = MappingProxyType(
     {"metal": 0.02, "liquid": 0.02, "glass": 0.03, "wood": 0.05, "mineral": 0.05, "polymer": 0.08}
 )
 UNSURE_LABEL_SD: Final = 0.12
+NO_LABEL_SD: Final = 0.3
 """How far pigments, fillers and alloys that a label leaves unsaid change the attenuation, by family
 (assumed): aluminium says more of a beam than plastic does."""
 VOLUME_SD: Final = 0.02
@@ -85,7 +86,7 @@ def survey(
     volumes_cm3: Float64[np.ndarray, "k"],
     settings: PolySettings,
 ) -> tuple[Clue, ...]:
-    """Find the clues of one object.
+    """Find the clues of one object; its labelled parts are taken at their word.
 
     Parameters
     ----------
@@ -104,7 +105,7 @@ def survey(
         As :func:`xden_builder.poly.line.fit_poly`.
     """
     assert capture.tube is not None
-    samples = sampled(capture, order, settings)
+    samples = _as_labelled(sampled(capture, order, settings))
     scintillator = capture.detector.scintillator
     fits = [
         _fitted(samples, energy_groups(capture.tube.behind("Cu", mm / 10), scintillator), settings)
@@ -112,8 +113,18 @@ def survey(
     ]
     clues = list(_by_labels(capture, fits))
     if capture.weighed_mass_g is not None:
-        clues += _by_mass(capture.weighed_mass_g, volumes_cm3, fits)
+        clues += _by_mass(capture, volumes_cm3, fits)
     return tuple(clues)
+
+
+def _as_labelled(samples: Samples) -> Samples:
+    """Take each labelled part for its label's material, whatever it looks like."""
+    guess = samples.guess
+    shares = [
+        {part.material: 1.0} if part.material in load_materials() else share
+        for part, share in zip(guess.scene.parts, guess.stand_ins.shares, strict=True)
+    ]
+    return replace(samples, guess=replace(guess, stand_ins=replace(guess.stand_ins, shares=shares)))
 
 
 def _fitted(samples: Samples, groups: EnergyGroups, settings: PolySettings) -> _Fit:
@@ -148,8 +159,7 @@ def _by_labels(capture: Capture, fits: Sequence[_Fit]) -> Iterator[Clue]:
             material = load_materials()[label]
             nominal = material.density_nominal_g_cm3
             log_ratio = np.log(found[:, mine] / nominal).mean(axis=1)
-            unsaid = LABEL_SD.get(material.family, UNSURE_LABEL_SD)
-            errors = material.density_sd_g_cm3 / nominal, unsaid, float(sd[mine].min())
+            errors = material.density_sd_g_cm3 / nominal, _unsaid(label), float(sd[mine].min())
             yield Clue(label, tuple(log_ratio.tolist()), math.hypot(*errors))
 
 
@@ -162,13 +172,26 @@ def _solid_parts(capture: Capture) -> Mapping[str, list[int]]:
     return found
 
 
+def _unsaid(label: str) -> float:
+    """How far the attenuation behind a label may be off, as a share of it."""
+    if label not in load_materials():
+        return NO_LABEL_SD
+    return LABEL_SD.get(load_materials()[label].family, UNSURE_LABEL_SD)
+
+
 def _by_mass(
-    mass_g: float, volumes_cm3: Float64[np.ndarray, "k"], fits: Sequence[_Fit]
+    capture: Capture, volumes_cm3: Float64[np.ndarray, "k"], fits: Sequence[_Fit]
 ) -> Iterator[Clue]:
-    """Yield a clue if the images tell the mass well."""
-    log_ratio = [float(np.log(volumes_cm3 @ fit.density_g_cm3 / mass_g)) for fit in fits]
-    told = fits[FILTERS_MM_CU.index(0.0)]
-    sd_g = float(np.sqrt(volumes_cm3 @ told.covariance @ volumes_cm3))
-    sd = float(np.hypot(sd_g / float(volumes_cm3 @ told.density_g_cm3), VOLUME_SD))
+    """Yield a clue if images and labels tell the mass well."""
+    told, weighed_g = fits[FILTERS_MM_CU.index(0.0)], capture.weighed_mass_g
+    log_ratio = [float(np.log(volumes_cm3 @ fit.density_g_cm3 / weighed_g)) for fit in fits]
+    masses_g = volumes_cm3 * told.density_g_cm3
+    by_label: dict[str, float] = {}
+    for part, mass_g in zip(capture.parts, masses_g.tolist(), strict=True):
+        by_label[part.material] = by_label.get(part.material, 0.0) + _unsaid(part.material) * mass_g
+    sd_g = math.hypot(
+        float(np.sqrt(volumes_cm3 @ told.covariance @ volumes_cm3)), *by_label.values()
+    )
+    sd = math.hypot(sd_g / float(masses_g.sum()), VOLUME_SD)
     if sd < SURE:
         yield Clue("mass", tuple(log_ratio), sd)
