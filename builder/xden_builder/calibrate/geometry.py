@@ -137,12 +137,15 @@ def _matched(
     seen: Mapping[str, Columns],
     unknowns: Unknowns,
 ) -> dict[str, Columns]:
-    """Put the shadows of each view in the order of the balls: the least distances in all."""
+    """Put the shadows of each view in the order of the balls: the least distances in all.
+
+    What all shadows are off by together does not count.
+    """
     expected = _Problem(balls, told, seen).expected(unknowns)
     ordered = {}
     for name, centres in seen.items():
-        away = centres[:, None] - expected[name]
-        away -= np.median(away.min(axis=0), axis=0)
+        places = expected[name] - expected[name].mean(axis=0)
+        away = (centres - centres.mean(axis=0))[:, None] - places
         shadow, ball = linear_sum_assignment((away**2).sum(axis=2))
         ordered[name] = centres[shadow[np.argsort(ball)]]
     return ordered
@@ -195,6 +198,8 @@ class _Problem:
     def solve(self, start: Unknowns) -> tuple[Unknowns, Float64[np.ndarray, "v v"]]:
         """Find the most likely unknowns, and the views' covariance, scaled by the residuals."""
         found = least_squares(self.residuals, start, x_scale=self.prior_sd)
+        if not found.success:
+            raise DataError(f"{self.balls.scan}: the fit of the geometry did not settle")
         shadows = found.fun[: -len(start)]
         scale = max(float((shadows**2).sum()) / (len(shadows) - len(start) + 6), 1.0)
         information = found.jac.T @ found.jac

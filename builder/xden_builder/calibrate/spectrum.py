@@ -112,7 +112,7 @@ def fit_spectrum(images: Sequence[ImageReadings], told: Tube, scintillator: str)
     Raises
     ------
     DataError
-        If the tube is not polychromatic, or its voltage outside the tables.
+        If the tube is not polychromatic, its voltage outside the tables, or no fit is found.
     """
     if told.kv is None:
         raise DataError("scanner.toml: tube.kv is missing: wedges calibrate a tube's spectrum")
@@ -226,6 +226,8 @@ class _Problem:
         found = least_squares(
             self.residuals, inner, self.jacobian, bounds=(low, high), x_scale=sd, max_nfev=60
         )
+        if not found.success:
+            raise DataError("the fit of the spectrum did not settle: look at the steps' places")
         return found.x, np.linalg.inv(found.jac.T @ found.jac)
 
     def jacobian(self, unknowns: Unknowns) -> Float64[np.ndarray, "m u"]:
