@@ -40,6 +40,9 @@ PASSES: Final = 2
 """Shapes and weights depend on the spectrum a little; later passes change nothing."""
 AT_PRIOR: Final = 0.7
 """An unknown whose standard deviation is above this share of its prior's was not measured."""
+SMALL_GAIN: Final = 1e-5
+"""Relative, of the sum of squares: far below what a standard deviation changes."""
+MOST_STEPS: Final = 300
 _STEP: Final = 1e-2
 """Of differences, in standard deviations of the prior."""
 
@@ -224,7 +227,13 @@ class _Problem:
         low, high = self.bounds
         inner = np.clip(first, low + 1e-6, high - 1e-6)
         found = least_squares(
-            self.residuals, inner, self.jacobian, bounds=(low, high), x_scale=sd, max_nfev=60
+            self.residuals,
+            inner,
+            self.jacobian,
+            bounds=(low, high),
+            x_scale=sd,
+            ftol=SMALL_GAIN,
+            max_nfev=MOST_STEPS,
         )
         if not found.success:
             raise DataError("the fit of the spectrum did not settle: look at the steps' places")
