@@ -205,7 +205,7 @@ ROW = "mug,kitchenware,mug,8,11,shell=porcelain"
     [
         (ROW.replace("mug,8", "cup,8"), "table.csv:2, mug: unknown archetype 'cup'"),
         (ROW.replace("shell", "shaft"), r"mug: unknown roles \['shaft'\]; mug has \['shell'\]"),
-        (ROW.replace("porcelain", "bone_china"), "role shell needs known materials, got 'bone_ch"),
+        (ROW.replace("porcelain", "bone_chyna"), "role shell needs known materials, got 'bone_ch"),
         (ROW.replace("=porcelain", "="), "role shell needs known materials, got ''"),
         (ROW.replace("8,11", "11,8"), "must be positive and ascending, got 11 and 8 cm"),
         (ROW.replace("8,11", "8,tall"), "table.csv:2, mug: expected numbers and role=materials"),
