@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 from tests.builder.poly_scenes import Solid, box, captured, cylinder, relabelled, tool
 from xden1k.errors import DataError
-from xden_builder.capture import Capture
+from xden_builder.capture import Capture, CapturePart
 from xden_builder.reconstruct.object import reconstruct
+from xden_builder.reconstruct.plausible import check_twins
 
 SIZE_PX = 96
 SLOW = pytest.mark.slow
@@ -103,6 +105,31 @@ def test_a_part_annotated_twice_is_named() -> None:
     twice = replace(capture.parts[1], name="grip_again")
     with pytest.raises(DataError, match="grip and grip_again are the same mesh"):
         reconstruct(replace(capture, parts=(*capture.parts, twice)))
+
+
+def pair_of_tiles(turn_deg: float) -> trimesh.Trimesh:
+    """Two plates on opposite faces of a cube, as one part."""
+    plates = [
+        trimesh.creation.box(
+            (3, 3, 0.2), trimesh.transformations.translation_matrix((0, 0, height))
+        )
+        for height in (-2.0, 2.0)
+    ]
+    turned = trimesh.transformations.rotation_matrix(np.radians(turn_deg), (1, 0, 0))
+    return trimesh.util.concatenate(plates).apply_transform(turned)
+
+
+def test_parts_of_one_size_and_centre_in_different_places_are_no_twins() -> None:
+    x, y = (CapturePart(f"turned by {turn}", pair_of_tiles(turn), "abs") for turn in (45, -45))
+    np.testing.assert_allclose(x.mesh.bounds, y.mesh.bounds, atol=1e-9)
+    check_twins([x, y])
+
+
+def test_twins_of_other_triangles_are_twins() -> None:
+    one = trimesh.creation.icosphere(subdivisions=4)
+    parts = [CapturePart("one", one, "abs"), CapturePart("two", one.subdivide(), "abs")]
+    with pytest.raises(DataError, match="one and two are the same mesh"):
+        check_twins(parts)
 
 
 @pytest.mark.parametrize("factor", [0.1, *(pytest.param(one, marks=SLOW) for one in (0.01, 2.54))])
