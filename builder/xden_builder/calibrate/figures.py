@@ -36,10 +36,12 @@ def draw_steps(images: Sequence[ImageReadings], fit: SpectrumFit, path: Path) ->
             read = np.array([image.readings[at].transmission for at in mine])
             paths = [10 * image.readings[at].path_cm for at in mine]
             percent = 100 * (read / expected[mine] - 1)
-            axis.plot(paths, percent, "o-", ms=3, label=wedge.material.name)
+            line = "o-" if max(paths) > 1.01 * min(paths) else "o"  # a staircase, or stops
+            axis.plot(paths, percent, line, ms=3, label=wedge.material.name)
         axis.axhline(0.0, color="0.7", lw=0.8)
         axis.set(xlabel="thickness, mm", ylabel="read over expected, %", title=image.name)
         axis.set_xscale("log")
+        axis.xaxis.set_major_formatter("{x:g}")
         axis.legend(fontsize="small")
     figure.savefig(path, dpi=DPI)
 
