@@ -91,10 +91,10 @@ def _draw_balls(path: Path) -> None:
     axis.add_patch(Rectangle((-outer, -half), 2 * outer, 2 * half, fill=False))
     for number, (x, y, z) in enumerate((MM * BALLS.centres_cm).tolist(), start=1):
         axis.add_patch(Circle((x, z), MM * BALLS.ball_cm / 2, fill=y < 0))
-        axis.annotate(
-            f"{number}: {x:.1f}, {y:.1f}, {z:.1f}", (x - 5, z), ha="right", va="center", fontsize=5
-        )
-    axis.set(xlim=(-outer - 10, outer + 35), ylim=(-half - 10, half + 10))
+        side, inward = ("right", -1) if x > 0 else ("left", 1)
+        words = f"{number}: {x:.1f}, {y:.1f}, {z:.1f}"
+        axis.annotate(words, (x + 5 * inward, z), ha=side, va="center", fontsize=5)
+    axis.set(xlim=(-outer - 10, outer + 10), ylim=(-half - 10, half + 10))
     figure.savefig(path, metadata={"Date": None})
 
 
