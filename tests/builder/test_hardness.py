@@ -53,6 +53,13 @@ def test_without_a_clue_the_told_filter_is_believed():
     assert found.sd_mm_cu > 0
 
 
+def test_a_filter_that_was_measured_is_left_by_clues_that_clearly_tell_another_only():
+    few, many = ([clue(0.2, sd=0.08)] * count for count in (2, 200))
+    assert join(folder(*few)).filter_mm_cu > 0.1
+    assert join(folder(*few), calibrated=True).filter_mm_cu < 0.03
+    assert join(folder(*many), calibrated=True).filter_mm_cu > 0.1
+
+
 def test_two_tubes_in_one_folder_are_told():
     found = join(folder(*[clue(0.0)] * 6, *[clue(0.2)] * 6))
     assert found.two_tubes_mm_cu == pytest.approx((0.0, 0.2), abs=0.02)

@@ -38,6 +38,8 @@ class Tube:
         >>> Tube(kv=100.0, filtration_cm={"Al": 0.25}).behind("Cu", 0.01).filtration_cm
         {'Al': 0.25, 'Cu': 0.01}
         """
+        if not thickness_cm:
+            return self
         before = self.filtration_cm.get(name, 0.0)
         return replace(self, filtration_cm={**self.filtration_cm, name: before + thickness_cm})
 

@@ -16,6 +16,7 @@ from functools import partial
 from typing import Any, Final, NamedTuple
 
 from xden_builder.capture import ObjectRow
+from xden_builder.pipeline.remarks import is_calibrated
 from xden_builder.pipeline.storage import (
     FULL,
     Place,
@@ -100,7 +101,8 @@ def shared_beam(
             return kept.found
     task = partial(_ask, settings, made_by, captures, parts)
     said = sorted(_answers(run(task, [rows[name] for name in _pilots(rows)])))
-    found = join({each.object_id: each.clues for each in said})
+    clues = {each.object_id: each.clues for each in said}
+    found = join(clues, calibrated=is_calibrated(captures))
     write_bytes(inside(work, BEAM_NAME), _text(found, said).encode())
     return found
 

@@ -59,7 +59,7 @@ class Hardness:
         return abs(self.filter_mm_cu) > least
 
 
-def join(clues: Mapping[str, Sequence[Clue]]) -> Hardness:
+def join(clues: Mapping[str, Sequence[Clue]], *, calibrated: bool = False) -> Hardness:
     """Weigh all clues together, by Bayes' rule on a grid.
 
     Each clue is normally distributed about 0 at the right filter, or one of those that lead
@@ -69,6 +69,8 @@ def join(clues: Mapping[str, Sequence[Clue]]) -> Hardness:
     ----------
     clues
         By object; without any, the told filter is believed.
+    calibrated
+        Whether the told filter was measured, so that none can have been left out.
     """
     count, used = sum(map(len, clues.values())), sum(map(bool, clues.values()))
     if not count:
@@ -79,7 +81,7 @@ def join(clues: Mapping[str, Sequence[Clue]]) -> Hardness:
             for mine in clues.values()
         ]
     )
-    log_posterior = curves.sum(axis=0) + _log_prior()
+    log_posterior = curves.sum(axis=0) + _log_prior(TOLD_RIGHT[:1] if calibrated else TOLD_RIGHT)
     chance = np.exp(log_posterior - log_posterior.max())
     chance /= chance.sum()
     mean = float(chance @ GRID_MM)
@@ -95,8 +97,9 @@ def _log_likelihood(clue: Clue) -> Float64[np.ndarray, "filters"]:
     )
 
 
-def _log_prior() -> Float64[np.ndarray, "filters"]:
-    return np.asarray(np.log(sum(share * _normal(GRID_MM, sd) for share, sd in TOLD_RIGHT)))
+def _log_prior(shares: Sequence[tuple[float, float]]) -> Float64[np.ndarray, "filters"]:
+    chance = sum(share * _normal(GRID_MM, sd) for share, sd in shares)
+    return np.asarray(np.log(np.maximum(chance, np.finfo(float).tiny)))
 
 
 def _normal(off: Float64[np.ndarray, "n"], sd: float) -> Float64[np.ndarray, "n"]:
