@@ -104,6 +104,7 @@ def test_the_mass_by_its_own_rule_is_printed(run: Run) -> None:
     assert set(found["mass_native_g"].values()) == {7.0}
 
 
+@pytest.mark.slow
 def test_an_oracle_is_entered_without_a_rank_and_the_row_says_why(run: Run, tmp_path: Path) -> None:
     for name in ("water", "part-oracle"):
         assert run(name).exit_code == 0

@@ -61,7 +61,7 @@ def truth_as_part_density(reference: Reference, out: Path, target: str) -> Path:
     ("split", "target"),
     [
         ("val", "density"),
-        ("test", "apparent_density"),
+        pytest.param("test", "apparent_density", marks=pytest.mark.slow),
         pytest.param("train", "density", marks=pytest.mark.slow),
         pytest.param("train", "apparent_density", marks=pytest.mark.slow),
     ],

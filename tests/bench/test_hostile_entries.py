@@ -115,15 +115,25 @@ def test_objects_that_are_no_table_are_told(entry: Path, tmp_path: Path, data: b
         read_entries(tmp_path / "results")
 
 
+def filled(table: pa.Table, column: Any) -> pa.Table:
+    """A table of the same columns, each of these values."""
+    return pa.table(dict.fromkeys(table.column_names, column))
+
+
 @pytest.mark.parametrize(
     "change",
     [
-        lambda table: table.slice(0, 0),
         lambda table: table.select(table.column_names[:3]),
-        lambda table: pa.table({name: ["x"] * table.num_rows for name in table.column_names}),
-        lambda table: pa.table({name: [[[1.0]]] * table.num_rows for name in table.column_names}),
-        lambda table: pa.table({name: pa.nulls(table.num_rows) for name in table.column_names}),
         lambda table: pa.concat_tables([table, table]),
+        *(
+            pytest.param(change, marks=pytest.mark.slow)
+            for change in (
+                lambda table: table.slice(0, 0),
+                lambda table: filled(table, ["x"] * table.num_rows),
+                lambda table: filled(table, [[[1.0]]] * table.num_rows),
+                lambda table: filled(table, pa.nulls(table.num_rows)),
+            )
+        ),
     ],
 )
 def test_objects_of_another_kind_are_told(

@@ -74,11 +74,11 @@ def test_the_ratio_is_the_median_of_the_rounds_ratios() -> None:
 def test_a_large_folder_has_the_directory_of_its_objects_in_four_shards_a_split(
     dataset: Path, tmp_path: Path
 ) -> None:
-    write_many(dataset, tmp_path / "many", 60)
+    write_many(dataset, tmp_path / "many", 40)
     folder = open_folder(tmp_path / "many")
-    assert folder.manifest.splits == {"train": 42, "val": 6, "test": 12}
+    assert folder.manifest.splits == {"train": 28, "val": 4, "test": 8}
     measured = opening(tmp_path / "many", rounds=1)
-    assert (measured["objects"], measured["shards"]) == (60, 12)
+    assert (measured["objects"], measured["shards"]) == (40, 12)
 
 
 def test_memory_of_a_process_that_is_not_there_is_one_line() -> None:

@@ -52,6 +52,7 @@ def test_an_interrupted_run_goes_on_where_it_stopped(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.npz", "whole.npz"]
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_where_it_stopped(folder: DatasetFolder, tmp_path: Path) -> None:
     out = tmp_path / "out.npz"
     call = f"interrupted.run_and_die({str(folder.root)!r}, {str(out)!r})"

@@ -42,7 +42,9 @@ def test_zero_has_a_mape_of_one(submission: Submit, reference: Reference) -> Non
     assert found["mass_mnre"] == 0.0
 
 
-@pytest.mark.parametrize("scale", [0.5, 1.25, 2.0])
+@pytest.mark.parametrize(
+    "scale", [0.5, *(pytest.param(one, marks=pytest.mark.slow) for one in (1.25, 2.0))]
+)
 def test_k_times_the_truth_is_wrong_by_k_minus_1(
     submission: Submit, reference: Reference, scale: float
 ) -> None:

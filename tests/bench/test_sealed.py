@@ -304,6 +304,7 @@ def test_another_key_under_the_same_name_opens_nothing(sealed: Sealed, tmp_path:
     assert len(check_sealed(truth)) == len(sealed.made.private_ids)
 
 
+@pytest.mark.slow
 def test_the_seal_of_another_dataset_is_refused(sealed: Sealed, tmp_path: Path) -> None:
     write_dataset(tmp_path / "whole", 1, frozenset(sealed.made.test_ids))
     other = sealed_dataset(tmp_path / "whole", tmp_path / "out")

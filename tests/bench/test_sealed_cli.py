@@ -116,6 +116,7 @@ def test_the_organiser_verifies_an_entry(entered: str) -> None:
     assert "the answers of the split private are sealed" in done.stderr
 
 
+@pytest.mark.slow
 def test_the_organiser_compares_and_no_object_is_listed(entered: str) -> None:
     words = ("compare", "preds.npz", entered, *OPEN, "--json")
     for one in json.loads(run(*words).stdout)["metrics"].values():

@@ -116,6 +116,7 @@ def test_the_public_folder_is_sound(sealed: Sealed) -> None:
     assert verify_folder(sealed.out / "public") == []
 
 
+@pytest.mark.slow
 def test_the_same_folder_and_key_give_the_same_bytes(sealed: Sealed, tmp_path: Path) -> None:
     again = sealed_dataset(sealed.whole.root, tmp_path / "out", KEY)
     assert contents(again.out) == contents(sealed.out)

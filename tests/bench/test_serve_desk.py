@@ -224,6 +224,7 @@ def test_a_file_that_takes_too_long_is_given_up(open_desk: Open, submission: Sub
     assert status.message == "checking and scoring it takes more than 1 s"
 
 
+@pytest.mark.slow
 def test_a_process_that_cannot_even_load_is_a_failure_and_enters_nothing(
     open_desk: Open, submission: Submit, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -345,6 +346,7 @@ def test_a_file_whose_desk_was_killed_after_it_was_entered_is_entered_once(
     assert {one: one.read_bytes() for one in results.rglob("*.*") if one.is_file()} == before
 
 
+@pytest.mark.slow
 def test_the_scoring_process_ends_when_the_desk_is_gone(dataset: Path, tmp_path: Path) -> None:
     setting = Setting(str(dataset), "test", RULES.name, str(tmp_path), memory_bytes=10**9)
     with started("-m", "xden_bench.serve.worker", setting=setting) as process:

@@ -172,7 +172,10 @@ def test_an_object_without_density_is_compared_by_attenuation(
         explorer.fields("bare", entry(reference))
 
 
-@pytest.mark.parametrize("colour", ["density", "density sd", "error"])
+@pytest.mark.parametrize(
+    "colour",
+    ["density", *(pytest.param(one, marks=pytest.mark.slow) for one in ("density sd", "error"))],
+)
 def test_models_are_made_whole_and_cut(
     reference: Reference, tmp_path: Path, submission: Submit, colour: Any
 ) -> None:

@@ -72,11 +72,16 @@ def edit(entry: dict[str, Any], *path: str | int, to: Any) -> dict[str, Any]:
     ("path", "to", "where"),
     [
         (("metrics", "com_l1_cm", "ci95", 1), 9.0, "metrics.com_l1_cm.ci95[1]"),
-        (("by_size", "under 8 cm", "n_objects"), 5, "by_size.under 8 cm.n_objects"),
-        (("object_scores", "mass_mape", 2), 0.1, "object_scores.mass_mape[2]"),
         (("object_scores", "object_id", 0), "x", "object_scores.object_id[0]"),
         (("metrics", "better"), {"mean": 0.0}, "metrics.better.mean"),
-        (("track",), "xray", "track"),
+        *(
+            pytest.param(*one, marks=pytest.mark.slow)
+            for one in (
+                (("by_size", "under 8 cm", "n_objects"), 5, "by_size.under 8 cm.n_objects"),
+                (("object_scores", "mass_mape", 2), 0.1, "object_scores.mass_mape[2]"),
+                (("track",), "xray", "track"),
+            )
+        ),
     ],
 )
 def test_each_number_and_text_is_compared(
