@@ -26,8 +26,11 @@ DRAWS = pytest.mark.parametrize("draws", [60, pytest.param(200, marks=pytest.mar
 
 @pytest.mark.parametrize(
     "choice",
-    [PURE_NOISE, FitSettings(), FitSettings(weights="none")],
-    ids=["noise", "edge", "none"],
+    [
+        pytest.param(PURE_NOISE, id="noise", marks=pytest.mark.slow),
+        pytest.param(FitSettings(), id="edge"),
+        pytest.param(FitSettings(weights="none"), id="none", marks=pytest.mark.slow),
+    ],
 )
 @DRAWS
 def test_reported_deviation_matches_the_spread_over_noise_draws(choice, draws):

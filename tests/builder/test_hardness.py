@@ -87,7 +87,7 @@ def clues_of(copper_mm, *, weighed=False):
     return survey(told, ownership_order(meshes), volumes_cm3, PolySettings(pose=False))
 
 
-@pytest.mark.parametrize("copper_mm", [0.0, 0.1])
+@pytest.mark.parametrize("copper_mm", [pytest.param(0.0, marks=pytest.mark.slow), 0.1])
 def test_the_copper_that_was_not_told_is_found_in_the_images(copper_mm):
     found = join({"tool": clues_of(copper_mm)})
     assert {each.name for each in clues_of(copper_mm)} == {"aluminium", "pom", "water"}

@@ -188,6 +188,7 @@ def writer(tmp_path):
         process.kill()
 
 
+@pytest.mark.slow
 def test_what_a_writer_left_is_removed_by_the_next_once_it_is_killed(writer, tmp_path):
     process, beside = writer
     with staging(tmp_path / "out") as other:
@@ -209,6 +210,7 @@ def test_a_folder_that_a_killed_writer_had_put_aside_comes_back(writer, tmp_path
     process.wait()
     with staging(tmp_path / "out"):
         assert (tmp_path / "out" / "data").read_text() == "precious"
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
 @pytest.mark.parametrize(

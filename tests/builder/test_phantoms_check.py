@@ -80,6 +80,7 @@ def test_open_mesh_among_those_handed_over_is_found(captures: Path) -> None:
     assert "head: the mesh is not closed: 3 open edges" in only_fault(captures, "hammer-0000")
 
 
+@pytest.mark.slow
 def test_truth_of_another_object_is_found(captures: Path) -> None:
     path = captures / "mug-0000" / "truth.json"
     truth = json.loads(path.read_text())
@@ -109,6 +110,7 @@ def test_parts_that_share_space_are_found(pristine: Path, monkeypatch: pytest.Mo
     assert any("shares space with another part, and no priority" in f for f in failure.faults)
 
 
+@pytest.mark.slow
 def test_part_that_is_not_closed_is_found(pristine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = trimesh.creation.box((1.0, 1.0, 1.0))
     mesh.update_faces(np.arange(1, 12))

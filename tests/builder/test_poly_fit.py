@@ -115,6 +115,7 @@ def test_mass_centre_and_inertia_have_deviations(rebuilt):
     assert abs(rebuilt.mass_g - true_mass_g(tool())) < 2 * uncertainty["mass_sd_g"]
 
 
+@pytest.mark.slow
 def test_the_same_capture_gives_the_same_bytes(capture, rebuilt):
     assert object_row(reconstruct(capture)) == object_row(rebuilt)
 
@@ -196,7 +197,9 @@ def test_without_a_materials_name_it_is_guessed_and_says_so(capture, rebuilt):
     assert found["grip"].density_g_cm3 == pytest.approx(TRUTH["grip"], rel=0.02)
 
 
-@pytest.mark.parametrize("hollow", [False, True], ids=["foamed", "hollow"])
+@pytest.mark.parametrize(
+    "hollow", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["foamed", "hollow"]
+)
 def test_a_body_of_half_the_density_is_measured(hollow):
     found = fitted(captured(tool(density_g_cm3=0.455, hollow=hollow), size=SIZE_PX))
     assert found["grip"].density_g_cm3 == pytest.approx(0.455, rel=0.05)

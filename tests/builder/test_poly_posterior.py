@@ -134,7 +134,9 @@ def test_images_of_the_model_itself_give_its_unknowns_back(solution):
         assert np.abs(veil_off).max() < PolySettings().floor
 
 
-@pytest.mark.parametrize("factor", [0.97, 1.0, 1.04])
+@pytest.mark.parametrize(
+    "factor", [0.97, *(pytest.param(one, marks=pytest.mark.slow) for one in (1.0, 1.04))]
+)
 def test_a_weighed_mass_pulls_the_mass_as_far_as_images_and_materials_bear(
     capture, solution, factor
 ):
@@ -150,7 +152,13 @@ def exposed() -> Capture:
     return captured(tool(), size=SIZE, exposures=(1.06, 0.95))
 
 
-@pytest.mark.parametrize(("gain", "stray"), [(False, True), (True, False), (False, False)])
+@pytest.mark.parametrize(
+    ("gain", "stray"),
+    [
+        (False, True),
+        *(pytest.param(*one, marks=pytest.mark.slow) for one in ((True, False), (False, False))),
+    ],
+)
 def test_what_is_not_modelled_stays_where_it_is(exposed, gain, stray):
     found = solved(exposed, pose=False, gain=gain, stray=stray)
     for number in (0, 1):

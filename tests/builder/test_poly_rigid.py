@@ -16,7 +16,7 @@ TOGETHER = np.array([[1.0, -0.6, 0.2], [-0.6, 1.0, 0.0], [0.2, 0.0, 1.0]])
 COVARIANCE = np.outer(SHARE * DENSITY, SHARE * DENSITY) * TOGETHER
 
 
-def drawn(covariance, scale_sd, count=600):
+def drawn(covariance, scale_sd, count=300):
     """Masses, centres and inertias of bodies whose densities and sizes err."""
     rng = np.random.default_rng(5)
     densities = rng.multivariate_normal(DENSITY, covariance, count)

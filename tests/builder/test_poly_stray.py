@@ -106,7 +106,13 @@ def test_scatter_is_smooth_and_fades_away_from_the_object(clean):
     assert glare[dark].mean() > 0 > glare[~dark & (near > 0.05)].mean()
 
 
-@pytest.mark.parametrize(("near", "far"), [(0.15, 0.0), (0.0, 0.3), (0.12, 0.1)])
+@pytest.mark.parametrize(
+    ("near", "far"),
+    [
+        *(pytest.param(*one, marks=pytest.mark.slow) for one in ((0.15, 0.0), (0.0, 0.3))),
+        (0.12, 0.1),
+    ],
+)
 def test_strength_of_a_veil_is_recovered(clean, near, far):
     capture = veiled(clean, near, far)
     found = solved(capture, pose=False)

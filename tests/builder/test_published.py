@@ -52,6 +52,7 @@ def test_a_download_gives_the_rows_and_becomes_the_root(root: Path) -> None:
     assert rows(here) == rows(URL) == rows(root)
 
 
+@pytest.mark.slow
 def test_rows_of_datasets_and_torch_are_the_folders(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

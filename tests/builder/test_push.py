@@ -316,7 +316,14 @@ def test_a_file_that_changes_while_it_is_pushed_is_not_committed(
     assert len(hub.repos[REPO].commits) == 1
 
 
-@pytest.mark.parametrize("where", ["POST .*/commit/", "POST .*/tag/", "GET .*/refs", "^PUT"])
+@pytest.mark.parametrize(
+    "where",
+    [
+        "POST .*/commit/",
+        "^PUT",
+        *(pytest.param(one, marks=pytest.mark.slow) for one in ("POST .*/tag/", "GET .*/refs")),
+    ],
+)
 def test_a_limited_rate_is_waited_for(
     hub: HubServer, root: Path, where: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -419,7 +426,17 @@ def leak(root: Path) -> str:
     return "answers of the split private are published, in"
 
 
-@pytest.mark.parametrize("harm", [damage, strange_file, lost_file, no_manifest, leak])
+@pytest.mark.parametrize(
+    "harm",
+    [
+        damage,
+        leak,
+        *(
+            pytest.param(one, marks=pytest.mark.slow)
+            for one in (strange_file, lost_file, no_manifest)
+        ),
+    ],
+)
 def test_a_folder_that_is_not_sound_is_not_pushed(
     hub: HubServer, root: Path, harm: Callable[[Path], str]
 ) -> None:

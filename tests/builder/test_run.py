@@ -102,6 +102,7 @@ def test_a_rerun_makes_only_what_is_missing_or_changed(captures, half_built):
     assert statuses(report) == {gone: "built", changed: "built", kept: "kept"}
 
 
+@pytest.mark.slow
 def test_other_settings_make_everything_anew(captures, half_built):
     report = build(captures, half_built, BuildSettings(subrays=1), workers=2)
     assert set(statuses(report).values()) == {"built"}
@@ -130,6 +131,7 @@ def test_a_damaged_record_of_the_beam_is_made_again(captures, half_built):
     assert beam.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_filter_that_was_told_is_believed(captures, tmp_path):
     told = replace(SETTINGS, filtration="told")
     report = build(captures, tmp_path / "out", told, workers=1)

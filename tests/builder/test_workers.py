@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.waiting import until
 from xden_builder.workers import WorkerDiedError, run_each
 
@@ -42,6 +44,7 @@ def test_an_object_that_kills_its_process_is_reported_and_accuses_nobody_else():
     assert died == ["poison"]
 
 
+@pytest.mark.slow
 def test_an_object_whose_process_was_killed_from_outside_is_made_again(tmp_path):
     keys = [str(tmp_path / name) for name in ("a", "victim", "b")]
     answers = dict(run_each(killed_once, keys, workers=2))
