@@ -10,10 +10,27 @@ from tests.docs.blocks import ROOT, Block, blocks, pages, parse
 from tests.docs.playing import Player, clean_environment, steps
 
 PAGES = {path.relative_to(ROOT).as_posix(): path for path in pages()}
+SLOW_PAGES = (
+    "baselines/README.md",
+    "benchmarks/README.md",
+    "docs/manual/baselines.md",
+    "docs/manual/calibrate.md",
+    "docs/tutorial.md",
+)
+"""What these show, other pages and tests show too."""
 
 
 def of_kind(page: str, *kinds: str) -> list[Block]:
     return [block for block in blocks(PAGES[page]) if block.kind in kinds]
+
+
+def shown() -> list[object]:
+    """Pages with a block to run; some are slow tests."""
+    return [
+        pytest.param(page, marks=[pytest.mark.slow] * (page in SLOW_PAGES))
+        for page in PAGES
+        if of_kind(page, "run")
+    ]
 
 
 @pytest.fixture
@@ -30,7 +47,7 @@ def player(
     return Player(folder, kept)
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if of_kind(page, "run")])
+@pytest.mark.parametrize("page", shown())
 def test_what_a_page_shows_is_so(page: str, player: Player) -> None:
     for block in of_kind(page, "run"):
         player.play(block)

@@ -57,12 +57,13 @@ def test_every_page_of_the_navigation_exists_and_every_page_is_in_it() -> None:
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_every_module_with_public_names_is_in_the_reference(package: str) -> None:
-    held = {module.path.as_posix() for page in pages(package).values() for module in page}
+    modules = [module for page in pages(package).values() for module in page]
+    held = {module.path.as_posix() for module in modules}
     files = (ROOT / PACKAGES[package]).rglob("*.py")
     assert held == {
         path.relative_to(ROOT).as_posix() for path in files if path.name != "__main__.py"
     }
-    for module in (module for page in pages(package).values() for module in page):
+    for module in modules:
         text = (ROOT / module.path).read_text()
         assert bool(module.public) == ("__all__ = [" in text and "__all__ = []" not in text)
 

@@ -45,6 +45,7 @@ def build(config: Path, site: Path) -> str:
     return ran.stderr
 
 
+@pytest.mark.slow
 def test_pages_without_the_reference_load_nothing_from_elsewhere(tmp_path: Path) -> None:
     config = tmp_path / "mkdocs.yml"
     config.write_text(
