@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -207,13 +208,14 @@ FILLED = (
 """A core that fills the hole of its shell."""
 
 
-def objects() -> list[DensityObject]:
+@cache
+def objects() -> tuple[DensityObject, ...]:
     """Six objects, sorted by id, in all three splits; one of which only attenuation is known."""
-    return [
+    return (
         box_object("bar-0001", BAR, split="train", category="bar"),
         box_object("bar-0002", BAR, split="test", category="bar", weighed_mass_g=71.5),
         box_object("cube-0001", CUBE, split="train", category="cube", flags=("remark",)),
         box_object("cube-0002", CUBE, split="val", category="cube", density_known=False),
         box_object("filled-0001", FILLED, split="test", category="filled"),
         box_object("hollow-0001", HOLLOW, split="test", category="hollow", shape=(16, 30)),
-    ]
+    )
