@@ -133,6 +133,7 @@ def test_gallery_draws_a_choice(folder: Path, tmp_path: Path) -> None:
     assert out.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_a_reader_who_stops_early_is_told_nothing(folder: Path) -> None:
     program = [sys.executable, "-c", "from xden1k.cli import cli; cli()", "list"]
     with subprocess.Popen(  # noqa: S603

@@ -67,6 +67,7 @@ def test_a_library_that_is_missing_is_named_with_its_command(
         xden1k.__getattr__(name)
 
 
+@pytest.mark.slow
 def test_type_checkers_tell_of_a_misspelt_name(tmp_path: Path) -> None:
     probe = tmp_path / "probe.py"
     probe.write_text("import xden1k\n\nxden1k.XDen1K, xden1k.__version__.upper()\nxden1k.XDen2K\n")

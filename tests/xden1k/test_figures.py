@@ -66,7 +66,10 @@ def test_a_reprojection_is_a_view_of_the_same_geometry(bar: DensityObject) -> No
 @pytest.mark.parametrize(
     "change",
     [
-        {"density": None, "category": "a_category_with_a_very_long_name " * 4},
+        pytest.param(
+            {"density": None, "category": "a_category_with_a_very_long_name " * 4},
+            marks=pytest.mark.slow,
+        ),
         {"flags": ("a remark",), "weighed_mass_g": 70.0, "source": "scan"},
     ],
 )
@@ -85,6 +88,7 @@ def test_an_object_of_many_parts_can_be_drawn(tmp_path: Path) -> None:
     assert (tmp_path / "many.png").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("coarse")
 def test_drawing_twice_gives_the_same_bytes_and_leaves_pyplot_alone(
     bar: DensityObject, tmp_path: Path
@@ -98,6 +102,7 @@ def test_drawing_twice_gives_the_same_bytes_and_leaves_pyplot_alone(
     assert ("matplotlib.pyplot" in sys.modules) == before
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("coarse")
 def test_a_contact_sheet_grows_with_its_objects(tmp_path: Path) -> None:
     objects = phantoms.objects()
@@ -124,7 +129,12 @@ def texts(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("source", "made"), [("scan", "measured"), ("phantom", "simulated"), ("ct", "computed")]
+    ("source", "made"),
+    [
+        ("scan", "measured"),
+        ("phantom", "simulated"),
+        pytest.param("ct", "computed", marks=pytest.mark.slow),
+    ],
 )
 def test_nothing_is_called_measured_but_a_scan(
     tmp_path: Path, texts: list[str], source: str, made: str

@@ -111,6 +111,7 @@ def killed_in_mid_write(out: Path) -> None:
     write_rows(rows(), out, **RELEASE)
 
 
+@pytest.mark.slow
 def test_a_killed_write_leaves_nothing_visible(tmp_path: Path) -> None:
     process = multiprocessing.get_context("spawn").Process(
         target=killed_in_mid_write, args=(tmp_path / "out",)
@@ -174,12 +175,17 @@ def test_a_version_that_is_no_version_is_refused(
 @pytest.mark.parametrize(
     ("objects", "shard_rows", "shards"),
     [
-        (1, 9, [1]),
         (3, 9, [1, 1, 1]),
-        (7, 9, [1, 2, 2, 2]),
-        (7, 4, [1, 2, 2, 2]),
-        (7, 1, [1, 1, 1, 1, 1, 1, 1]),
         (11, 2, [2, 2, 2, 2, 2, 1]),
+        *(
+            pytest.param(*one, marks=pytest.mark.slow)
+            for one in (
+                (1, 9, [1]),
+                (7, 9, [1, 2, 2, 2]),
+                (7, 4, [1, 2, 2, 2]),
+                (7, 1, [1, 1, 1, 1, 1, 1, 1]),
+            )
+        ),
     ],
 )
 def test_a_split_has_four_shards_where_it_can_and_more_where_it_is_large(

@@ -481,7 +481,10 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return archive(path, {"density/a.npy": npy(SMALL), "part_density/b.npy": parts}).read_bytes()
 
 
-@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=5 * settings.default.max_examples,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 @given(
     st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), min_size=1, max_size=8),
     st.floats(0.9, 1.1).map(lambda share: min(share, 1.0)),
