@@ -109,10 +109,15 @@ def test_configs_and_splits_are_those_of_the_card() -> None:
     "options",
     [
         {},
-        {"columns": ["xray_pa", "object_id"]},
-        {"columns": ["labels", "mesh_faces"]},
-        {"filters": [("object_id", "==", "hollow-0001")]},
         {"columns": ["xray_lat"], "filters": [("category", "==", "bar")]},
+        *(
+            pytest.param(one, marks=pytest.mark.slow)
+            for one in (
+                {"columns": ["xray_pa", "object_id"]},
+                {"columns": ["labels", "mesh_faces"]},
+                {"filters": [("object_id", "==", "hollow-0001")]},
+            )
+        ),
     ],
 )
 def test_the_name_the_stream_and_the_explicit_form_give_the_same_rows(options: dict) -> None:

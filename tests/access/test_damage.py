@@ -70,7 +70,6 @@ def as_bytes(value: Any) -> Any:
     return value.tobytes() if hasattr(value, "tobytes") else repr(value)
 
 
-WAYS: tuple[Callable[[Path], list[Any]], ...] = (by_folder, by_torch, by_stream)
 REFUSALS = (XDenError, DatasetGenerationError)
 
 
@@ -93,7 +92,9 @@ def silent_changes(root: Path, read: Callable[[Path], list[Any]], flips: int) ->
     return silent
 
 
-@pytest.mark.parametrize("read", WAYS)
+@pytest.mark.parametrize(
+    "read", [by_folder, by_torch, pytest.param(by_stream, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("flips", [FLIPS, pytest.param(MANY_FLIPS, marks=pytest.mark.slow)])
 def test_no_flipped_bit_of_any_file_is_read_as_another_value(
     sound: Path, tmp_path: Path, read: Callable[[Path], list[Any]], flips: int

@@ -129,11 +129,14 @@ def test_torch_samples_of_a_url_are_those_of_the_folder_after_pickling_too(
     "options",
     [
         {},
-        {"columns": ["object_id", "xray_pa"]},
-        {"filters": [[("category", "==", "hollow")], [("object_id", "==", "bar-0002")]]},
         {"filters": pds.field("mass_g") > 70, "columns": ["object_id", "labels"]},
+        pytest.param({"columns": ["object_id", "xray_pa"]}, marks=pytest.mark.slow),
+        pytest.param(
+            {"filters": [[("category", "==", "hollow")], [("object_id", "==", "bar-0002")]]},
+            marks=pytest.mark.slow,
+        ),
     ],
-    ids=["all", "columns", "filters", "expression"],
+    ids=["all", "expression", "columns", "filters"],
 )
 def test_rows_of_datasets_are_those_of_the_folder(
     on_hub: HubServer,

@@ -96,6 +96,7 @@ def test_gradients_are_those_of_finite_differences(beam: str) -> None:
     assert torch.autograd.gradcheck(seen, leaves, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_pose_is_found_by_descent() -> None:
     matrix = geometry_tensors(CONE)["projection"]
     cloud = torch.tensor(points(5), dtype=torch.float32)

@@ -123,7 +123,9 @@ def test_a_voxel_takes_its_nearest_point(sphere: SurfaceCloud) -> None:
     np.testing.assert_allclose(found[:16][inside[:16]], 0.6, rtol=1e-5)
 
 
-@pytest.mark.parametrize("thickness", [0.05, pytest.param(0.2, marks=pytest.mark.slow), 0.7])
+@pytest.mark.parametrize(
+    "thickness", [0.05, *(pytest.param(one, marks=pytest.mark.slow) for one in (0.2, 0.7))]
+)
 def test_a_shell_is_filled_to_its_thickness_whatever_the_voxels(
     sphere: SurfaceCloud, thickness: float
 ) -> None:

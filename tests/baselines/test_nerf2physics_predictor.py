@@ -114,6 +114,7 @@ def test_a_density_lies_between_those_of_the_materials_and_follows_them(
     assert found.mass_native_g == pytest.approx(0.6 * density.sum() * at.voxel_size_cm**3, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_prediction_is_the_same_to_the_bit_when_run_again(
     folder: DatasetFolder, solid: Any
 ) -> None:

@@ -147,6 +147,7 @@ def test_each_voxel_has_the_colour_of_the_surface_nearest_to_it(folder: DatasetF
     assert 0 < found["seen"].max() <= 1
 
 
+@pytest.mark.slow
 def test_the_order_of_the_pictures_does_not_matter(folder: DatasetFolder) -> None:
     forwards = channels(sample(folder, "bar-0003", RGB))
     assert np.array_equal(forwards, channels(altered(folder, "bar-0003", RGB, backwards)))

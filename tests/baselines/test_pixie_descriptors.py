@@ -110,7 +110,7 @@ def test_what_was_saved_is_the_same_and_belongs_to_its_encoder(
         Descriptors.load(tmp_path, MeanColor(width=4))
 
 
-@pytest.mark.parametrize("damage", [b"", b"no", None])
+@pytest.mark.parametrize("damage", [pytest.param(b"", marks=pytest.mark.slow), b"no", None])
 def test_damaged_descriptors_are_a_plain_error(
     folder: DatasetFolder, tmp_path: Path, damage: bytes | None
 ) -> None:

@@ -68,6 +68,7 @@ def test_each_fills_the_envelope_alone_with_densities(
     assert (grid[one.envelope > 0] > 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", MOSTLY_PIXIE)
 def test_a_prediction_is_the_same_to_the_bit_each_time(
     folder: DatasetFolder, fitted: dict[type, Predictor], kind: type
@@ -104,7 +105,7 @@ def test_pixie_looks_at_the_colours(folder: DatasetFolder, fitted: dict[type, Pr
     assert np.array_equal(seen, method.predict(turned).density_g_cm3)
 
 
-@pytest.mark.parametrize("view", [0, 1])
+@pytest.mark.parametrize("view", [pytest.param(0, marks=SLOW), 1])
 def test_the_xray_network_looks_at_either_radiograph(
     folder: DatasetFolder, fitted: dict[type, Predictor], view: int
 ) -> None:

@@ -30,6 +30,11 @@ from xden_baselines.views.pictures import Pictures
 from xden_baselines.views.source import RenderedPhantoms
 
 ALL = [GaussianProperty, GaussianPropertyWeighted, GaussianPropertyParts]
+MOSTLY_ONE = [
+    GaussianPropertyWeighted,
+    pytest.param(GaussianProperty, marks=pytest.mark.slow),
+    pytest.param(GaussianPropertyParts, marks=pytest.mark.slow),
+]
 RIG = Rig(elevations_deg=(-30.0, 30.0), per_ring=3, size_px=96)
 COLORS = {"handle": BROWN, "head": GREY, "core": RED}
 OAK, STEEL = 0.75, 7.825
@@ -173,7 +178,7 @@ def test_only_the_weighted_vote_gives_a_deviation(
         assert learned[kind].predict(sample(folder, kind)).density_sd_g_cm3 is None
 
 
-@pytest.mark.parametrize("kind", ALL)
+@pytest.mark.parametrize("kind", MOSTLY_ONE)
 def test_the_order_of_views_and_of_parts_changes_nothing(
     folder: DatasetFolder, learned: dict[type, Any], kind: type
 ) -> None:
@@ -232,7 +237,7 @@ def test_an_object_on_no_picture_is_an_error(
         learned[kind].predict(sample(folder, kind, change=empty))
 
 
-@pytest.mark.parametrize("kind", ALL)
+@pytest.mark.parametrize("kind", MOSTLY_ONE)
 def test_a_fit_that_was_kept_predicts_the_same_to_the_bit(
     folder: DatasetFolder, learned: dict[type, Any], kind: type, tmp_path: Path
 ) -> None:
