@@ -16,7 +16,7 @@ from xden1k.access.dataset import FIELDS, Sample, XDen1K
 from xden1k.errors import DataError
 from xden1k.folder import open_folder
 from xden_bench.cli import cli
-from xden_bench.speed import report
+from xden_bench.speed import loading, report
 from xden_bench.speed.loading import FIELD_GROUPS
 from xden_bench.speed.memory import anonymous_mb, epochs_mb
 from xden_bench.speed.raw import RawCopy
@@ -106,11 +106,33 @@ def test_memory_of_samples_that_are_kept_is_seen_to_grow(dataset: Path) -> None:
     assert after[-1] - after[0] > 0.9 * 5 * 4 * 128**3 / 1e6
 
 
-@pytest.mark.slow
+@pytest.fixture
+def measured(dataset: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """What is measured of a few samples in one process, memory left out."""
+    monkeypatch.setattr(loading, "SAMPLES", 4)
+    monkeypatch.setattr(loading, "ACCESSES", 2)
+    monkeypatch.setattr(report, "loaders", lambda pair, _, rounds: loading.loaders(pair, 0, rounds))
+    monkeypatch.setattr(report, "epochs_mb", lambda *_, workers: [1.0 + workers, 1.5 + workers])
+    return report.measure_loading(dataset, "test", rounds=1, objects=20)
+
+
 def test_the_command_prints_what_was_measured(
+    dataset: Path, measured: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert_printed(dataset, measured, monkeypatch)
+
+
+@pytest.mark.slow
+def test_the_command_prints_what_was_measured_of_processes_and_memory_too(
     dataset: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     measured = report.measure_loading(dataset, "test", rounds=1, objects=20)
+    assert_printed(dataset, measured, monkeypatch)
+
+
+def assert_printed(
+    dataset: Path, measured: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked: list[Any] = []
     monkeypatch.setattr(report, "measure_loading", lambda *given: asked.append(given) or measured)
     options = ["--root", str(dataset), "--repeats", "2"]
