@@ -3,6 +3,7 @@
 import pickle
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,15 @@ import trimesh
 
 from xden1k.errors import DataError, MissingObjectError
 from xden1k.values.views import ViewGeometry
-from xden_builder.capture import CaptureFolder, ScannerFile, ViewFile, write_scanner
+from xden_builder.capture import (
+    Candidate,
+    CaptureFolder,
+    CoarsePose,
+    PoseTold,
+    ScannerFile,
+    ViewFile,
+    write_scanner,
+)
 from xden_builder.physics.source import Detector, Tube
 
 HEADER = "object_id,category,mesh_units,mass_g,split,source,notes\n"
@@ -93,6 +102,43 @@ def test_a_folder_and_a_capture_can_be_sent_to_a_worker(root: Path) -> None:
     assert capture.parts[0].mesh.volume == pytest.approx(512)
 
 
+POSED = "object_id,category,pose,mesh_scale\npen,pen,"
+
+
+@pytest.mark.parametrize(
+    ("cells", "pose", "scale_unknown"),
+    [
+        (",", "near", False),
+        ("near,known", "near", False),
+        ("unknown,unknown", "unknown", True),
+        ("candidate 2,", Candidate(2), False),
+        ("0.5 -.5 0.5 0.5 1 -20 3e-1,", CoarsePose((0.5, -0.5, 0.5, 0.5), (1, -20, 0.3)), False),
+        ("0 0 0 0.98 0 0 0,unknown", CoarsePose((0, 0, 0, 1), (0, 0, 0)), True),
+    ],
+)
+def test_where_meshes_are_arrives(
+    root: Path, cells: str, pose: PoseTold, scale_unknown: bool
+) -> None:
+    (root / "objects.csv").write_text(POSED + cells)
+    pen = CaptureFolder(root).read("pen")
+    assert (pen.pose, pen.scale_unknown) == (pose, scale_unknown)
+
+
+def test_a_further_view_is_handed_over_for_the_fit_and_must_be_there(root: Path) -> None:
+    views = dict(scanner(None, "oblique", "top").views)
+    views["oblique"] = replace(views["oblique"], fit=True, turned=True)
+    write_scanner(ScannerFile(views), root / "scanner.toml")
+    mug = CaptureFolder(root).read("mug-01")
+    assert [each.name for each in mug.fitted_views] == ["pa", "lat", "oblique"]
+    assert [each.name for each in mug.views] == ["pa", "lat"]
+    assert mug.audit_views == ()
+    assert mug.turned == {"oblique"}
+    assert mug.all_views == mug.fitted_views
+    (root / "mug-01" / "oblique.npy").unlink()
+    with pytest.raises(DataError, match=r"mug-01/oblique\.npy: no such image"):
+        CaptureFolder(root).read("mug-01")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -140,6 +186,13 @@ def test_a_folder_and_a_capture_can_be_sent_to_a_worker(root: Path) -> None:
             HEADER + "pen,pen,,12 g,,,",
             "row 2, mass_g: must be a positive number of grams, got '12 g",
         ),
+        (POSED + "far,", "row 2, pose: must be near, unknown, seven numbers qx .* got 'far'"),
+        (POSED + "0 0 0 1 0 0,", "row 2, pose: must be near, .*, got '0 0 0 1 0 0'"),
+        (POSED + "0 0 0 1 0 0 nan,", "row 2, pose: must be near, .*, got '0 0 0 1 0 0 nan'"),
+        (POSED + "candidate 0,", "row 2, pose: must be near, .* from 1, got 'candidate 0'"),
+        (POSED + "5 0 2 0 0 0 1,", "row 2, pose: the quaternion .* norm 1, got 5.39 in '5 0 2"),
+        (POSED + "unknown,2", "row 2, mesh_scale: must be one of known, unknown, got '2'"),
+        (POSED + ",unknown", "row 2, mesh_scale: is unknown, but meshes whose pose is near"),
     ],
 )
 def test_a_wrong_objects_csv_is_an_error_of_the_folder(

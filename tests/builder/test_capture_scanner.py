@@ -2,7 +2,7 @@
 
 import re
 import tomllib
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -129,6 +129,12 @@ def test_without_tube_and_detector_both_are_unknown(tmp_path: Path) -> None:
         ("[1024, 512]", "[1024, 0]", "views.pa.shape must be rows and columns, whole numbers from"),
         ("[1024, 512]", "[1024, 512, 3]", "views.pa.shape must be rows and columns"),
         ("[views.pa]", "[views.pa]\nflats = 1", "views.pa.flats is not a known key; known keys"),
+        ("[views.pa]", "[views.pa]\nfit = false", "views.pa.fit must be true, or left out"),
+        ("[views.lat]", "[views.lat]\nfit = false", "views.lat.fit must be true, or left out"),
+        ("[views.lat]", '[views.lat]\nfit = "yes"', "views.lat.fit must be true or false, got"),
+        ("[views.pa]", "[views.pa]\nturned = true", "views.pa.turned must be false, or left out"),
+        ("[views.lat]", "[views.lat]\nturned = 1", "views.lat.turned must be true or false, got 1"),
+        ("[views.lat]", "[views.top]\nturned = true", "views.top.turned goes with a view that is"),
         ("[tube]", "tube = 5\n[other]", "other is not a known key"),
         ("[views.pa]", "[views.pa", "not valid TOML"),
     ],
@@ -162,6 +168,21 @@ def test_no_views_is_an_error(tmp_path: Path) -> None:
         read(tmp_path, WHOLE[: WHOLE.index("[views.pa]")])
 
 
+@pytest.mark.parametrize("said", ["fit = true", "turned = false"])
+def test_what_goes_without_saying_of_pa_may_be_said(tmp_path: Path, said: str) -> None:
+    assert as_plain(read(tmp_path, WHOLE.replace("[views.pa]", f"[views.pa]\n{said}"))) == as_plain(
+        read(tmp_path, WHOLE)
+    )
+
+
+def test_a_further_view_is_audited_unless_it_is_to_be_fitted(tmp_path: Path) -> None:
+    third = WHOLE[WHOLE.index("[views.lat]") :].replace("[views.lat]", "[views.top]")
+    assert read(tmp_path, WHOLE + third).audit_names == ("top",)
+    fitted = read(tmp_path, WHOLE + third.replace("]", "]\nfit = true\nturned = true", 1))
+    assert (fitted.further_names, fitted.audit_names) == (("top",), ())
+    assert [view.turned for view in fitted.views.values()] == [False, False, True]
+
+
 def test_linear_beside_attenuation_says_nothing_false_and_nothing_new(tmp_path: Path) -> None:
     said = read(tmp_path, WHOLE.replace('"attenuation"', '"attenuation"\npolarity = "linear"'))
     assert as_plain(said) == as_plain(read(tmp_path, WHOLE))
@@ -178,6 +199,7 @@ names = st.text(
 ).filter(lambda name: name not in ("", "..") and not name.isspace())
 filters = st.sampled_from(["Al", "Cu", "W", "Be", *load_materials().labels])
 calibrations = st.one_of(names, st.floats(-1e5, 1e5))
+roles = st.sampled_from([{}, {"fit": True}, {"fit": True, "turned": True}])
 
 
 @st.composite
@@ -223,7 +245,8 @@ def scanner_files(draw: st.DrawFn) -> ScannerFile:
         ),
     )
     detectors = st.builds(Detector, names | st.just(""), st.none() | st.integers(1, 32))
-    views = st.dictionaries(names, counts | others, min_size=1, max_size=3)
+    any_view = st.builds(lambda view, role: replace(view, **role), counts | others, roles)
+    views = st.dictionaries(names, any_view, min_size=1, max_size=3)
     return ScannerFile(draw(views), draw(tubes), draw(detectors))
 
 

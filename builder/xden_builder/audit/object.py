@@ -79,7 +79,7 @@ def audit_object(
     refined = {view.name: view.geometry for view in obj.views}
     turned = obj.meta.get("poly", {}).get("pose")
     views = []
-    for taken in (*capture.views, *capture.audit_views):
+    for taken in capture.all_views:
         view, saturated = completed(taken, capture.at_least.get(taken.name))
         geometry = refined.get(view.name, view.geometry)
         if view.name not in refined and turned is not None:

@@ -18,7 +18,7 @@ from xden_builder.calibrate.told import CalibrationFolder, read_folder
 from xden_builder.capture import ScannerFile, write_scanner
 from xden_builder.capture.calibrated import ScannerCalibration
 from xden_builder.capture.calibration import CalibratedView, calibrate
-from xden_builder.capture.folder import FITTED_VIEWS
+from xden_builder.capture.scanner import DATASET_VIEWS
 from xden_builder.capture.writing import write_json
 from xden_builder.physics.source import Tube
 
@@ -173,7 +173,7 @@ def _ball_views(folder: CalibrationFolder, scan: str) -> dict[str, XRayView]:
     names = [
         name
         for name, stored in folder.scanner.views.items()
-        if name in FITTED_VIEWS or (folder.root / scan / stored.image).is_file()
+        if name in DATASET_VIEWS or (folder.root / scan / stored.image).is_file()
     ]
     return {name: _seen(folder, scan, name).view for name in names}
 

@@ -6,6 +6,7 @@ from xden_builder.capture.folder import Capture, CaptureFolder, ObjectRow
 from xden_builder.capture.formats import read_image
 from xden_builder.capture.images import ImageFile
 from xden_builder.capture.parts import CapturePart
+from xden_builder.capture.pose import Candidate, CoarsePose, PoseTold
 from xden_builder.capture.scanner import (
     ScannerFile,
     ViewFile,
@@ -15,11 +16,14 @@ from xden_builder.capture.scanner import (
 
 __all__ = [
     "CTReference",
+    "Candidate",
     "Capture",
     "CaptureFolder",
     "CapturePart",
+    "CoarsePose",
     "ImageFile",
     "ObjectRow",
+    "PoseTold",
     "ScannerFile",
     "ViewFile",
     "dicom_pixel_spacing_cm",

@@ -19,15 +19,15 @@ from xden_builder.capture.calibration import CalibratedView, calibrate
 from xden_builder.capture.ct import CTReference, read_ct
 from xden_builder.capture.meshes import MESH_SUFFIXES
 from xden_builder.capture.parts import CM_PER_UNIT, CapturePart, read_parts
-from xden_builder.capture.scanner import ScannerFile, read_scanner
+from xden_builder.capture.pose import PoseTold, read_pose, read_scale_unknown
+from xden_builder.capture.scanner import DATASET_VIEWS, ScannerFile, read_scanner
 from xden_builder.capture.tables import CsvRow, read_csv
 from xden_builder.physics.source import Detector, Tube
 
 __all__ = ["Capture", "CaptureFolder", "ObjectRow"]
 
-FITTED_VIEWS = ("pa", "lat")
 _REQUIRED = ("object_id", "category")
-_OPTIONAL = ("mesh_units", "mass_g", "split", "source", "notes")
+_OPTIONAL = ("mesh_units", "mass_g", "split", "source", "notes", "pose", "mesh_scale")
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +48,10 @@ class ObjectRow:
         ``scan`` where the file does not say.
     notes
         Free text.
+    pose
+        Where its meshes are in the scanner's frame.
+    scale_unknown
+        Whether its meshes may be too large or too small by a factor of up to 2.
     """
 
     object_id: str
@@ -57,6 +61,8 @@ class ObjectRow:
     split: Split | None = None
     source: Source = "scan"
     notes: str = ""
+    pose: PoseTold = "near"
+    scale_unknown: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +80,7 @@ class Capture:
     views
         The radiographs ``pa`` and ``lat``, in this order.
     audit_views
-        Further radiographs, never fitted.
+        Further radiographs that are not fitted.
     parts
         Sorted by name; they may overlap.
     flags
@@ -87,6 +93,13 @@ class Capture:
     at_least
         By view, where any pixel is saturated: the transmission that each of those reaches at
         least; not a number elsewhere.
+    pose, scale_unknown
+        As in ``objects.csv``. The parts are as their files hold them, in cm.
+    further_views
+        Radiographs that are fitted beside ``pa`` and ``lat``.
+    turned
+        Names of the fitted views before which the object was turned by hand: the geometry of each
+        is told roughly, and its pose is its own.
     """
 
     object_id: str
@@ -104,6 +117,20 @@ class Capture:
     noise_sd: Mapping[str, float]
     open_field: Mapping[str, Image] = field(default_factory=dict)
     at_least: Mapping[str, Image] = field(default_factory=dict)
+    pose: PoseTold = "near"
+    scale_unknown: bool = False
+    further_views: tuple[XRayView, ...] = ()
+    turned: frozenset[str] = frozenset()
+
+    @property
+    def fitted_views(self) -> tuple[XRayView, ...]:
+        """``pa``, ``lat``, and the further views that are fitted."""
+        return (*self.views, *self.further_views)
+
+    @property
+    def all_views(self) -> tuple[XRayView, ...]:
+        """Every radiograph, those that are fitted first."""
+        return (*self.fitted_views, *self.audit_views)
 
 
 @dataclass(frozen=True)
@@ -158,7 +185,7 @@ class CaptureFolder:
         row = self._row(object_id)
         scanner = self._scanner(object_id)
         views = {view.view.name: view for view in self._views(object_id, scanner)}
-        pa, lat = (views[name].view for name in FITTED_VIEWS)
+        pa, lat = (views[name].view for name in DATASET_VIEWS)
         parts, part_flags = self.parts(object_id)
         return Capture(
             object_id=row.object_id,
@@ -170,7 +197,7 @@ class CaptureFolder:
             tube=scanner.tube,
             detector=scanner.detector,
             views=(pa, lat),
-            audit_views=tuple(v.view for name, v in views.items() if name not in FITTED_VIEWS),
+            audit_views=tuple(v.view for name, v in views.items() if name in scanner.audit_names),
             parts=parts,
             flags=tuple(flag for view in views.values() for flag in view.flags) + part_flags,
             noise_sd={
@@ -182,6 +209,10 @@ class CaptureFolder:
             at_least={
                 name: view.at_least for name, view in views.items() if view.at_least is not None
             },
+            pose=row.pose,
+            scale_unknown=row.scale_unknown,
+            further_views=tuple(views[name].view for name in scanner.further_names),
+            turned=frozenset(name for name, stored in scanner.views.items() if stored.turned),
         )
 
     def parts(self, object_id: str) -> tuple[tuple[CapturePart, ...], tuple[str, ...]]:
@@ -241,15 +272,15 @@ class CaptureFolder:
         return read_scanner(self._scanner_path(object_id), self.root / object_id)
 
     def _views(self, object_id: str, scanner: ScannerFile) -> Iterator[CalibratedView]:
-        """Yield pa and lat, then the audit views the object has an image of."""
+        """Yield the views that are fitted, then the audit views the object has an image of."""
         folder = self.root / object_id
-        for name in FITTED_VIEWS:
+        for name in DATASET_VIEWS:
             if name not in scanner.views:
                 raise DataError(f"{self._scanner_path(object_id)}: views.{name} is missing")
-        extra = [name for name in scanner.views if name not in FITTED_VIEWS]
-        for name in (*FITTED_VIEWS, *extra):
+        audited = scanner.audit_names
+        for name in (*DATASET_VIEWS, *scanner.further_names, *audited):
             stored = scanner.views[name]
-            if name in FITTED_VIEWS or (folder / stored.image).is_file():
+            if name not in audited or (folder / stored.image).is_file():
                 yield calibrate(name, stored, folder, self.root, scanner.detector)
 
     def _part_files(self, object_id: str) -> tuple[Path, Path, bool]:
@@ -303,6 +334,8 @@ def _object_row(row: CsvRow) -> ObjectRow:
         split=cast(Split, row.choice("split", SPLITS)) if row["split"] else None,
         source=cast(Source, row.choice("source", get_args(Source), default="scan")),
         notes=row["notes"],
+        pose=read_pose(row),
+        scale_unknown=read_scale_unknown(row),
     )
 
 

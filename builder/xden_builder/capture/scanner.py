@@ -27,6 +27,7 @@ from xden_builder.physics.attenuation import ENERGY_RANGE_KEV
 from xden_builder.physics.source import Detector, Tube
 
 __all__ = [
+    "DATASET_VIEWS",
     "SCHEMA",
     "Quantity",
     "ScannerFile",
@@ -36,6 +37,8 @@ __all__ = [
 ]
 
 SCHEMA = "xden-scanner/1"
+DATASET_VIEWS: Final = ("pa", "lat")
+"""Always fitted; the first is the one whose frame is the scanner's."""
 Quantity = Literal["counts", "transmission", "attenuation"]
 KV_RANGE: Final = (20.0, 500.0)
 """Mammography to the strongest tubes of industry; beyond it the unit is not kV."""
@@ -54,6 +57,8 @@ _VIEW_KEYS = (
     *_EMITTERS.values(),
     *_POSITIONS,
     "shape",
+    "fit",
+    "turned",
 )
 
 
@@ -76,6 +81,11 @@ class ViewFile:
         Counts only: the open field, an image relative to the capture folder or one value.
     dark
         Counts only: without beam, likewise; None where it was not taken.
+    fit
+        Whether a view other than ``pa`` and ``lat``, which always are, is fitted too.
+    turned
+        Whether the object was turned by hand before a view that is fitted: ``geometry`` is told
+        roughly, and the view's pose is its own.
     """
 
     image: str
@@ -84,6 +94,8 @@ class ViewFile:
     polarity: Polarity | None = None
     flat: str | float | None = None
     dark: str | float | None = None
+    fit: bool = False
+    turned: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +105,7 @@ class ScannerFile:
     Parameters
     ----------
     views
-        By name, in the order of the file; ``pa`` and ``lat`` are fitted, others audited.
+        By name, in the order of the file.
     tube
         None where the source is not known: attenuation only, no density.
     detector
@@ -109,6 +121,19 @@ class ScannerFile:
     detector: Detector = field(default_factory=Detector)
     taken: datetime.date | None = None
     calibration: ScannerCalibration | None = None
+
+    @property
+    def further_names(self) -> tuple[str, ...]:
+        """Views that are fitted beside ``pa`` and ``lat``."""
+        return tuple(name for name, view in self._others() if view.fit)
+
+    @property
+    def audit_names(self) -> tuple[str, ...]:
+        """Views that are not fitted."""
+        return tuple(name for name, view in self._others() if not view.fit)
+
+    def _others(self) -> list[tuple[str, ViewFile]]:
+        return [each for each in self.views.items() if each[0] not in DATASET_VIEWS]
 
 
 def read_scanner(path: Path, object_folder: Path | None = None) -> ScannerFile:
@@ -139,7 +164,7 @@ def read_scanner(path: Path, object_folder: Path | None = None) -> ScannerFile:
         raise table.error("views", "is missing, expected a table for each view")
     tube, taken = _read_tube(table.table("tube")), table.get_or_none("date", is_date, _A_DATE)
     return ScannerFile(
-        views={name: _read_view(views.table(name), object_folder) for name in views.values},
+        views={name: _read_view(name, views.table(name), object_folder) for name in views.values},
         tube=tube,
         detector=_read_detector(table.table("detector")),
         taken=taken,
@@ -200,20 +225,39 @@ def _read_detector(table: TomlTable) -> Detector:
     )
 
 
-def _read_view(table: TomlTable, object_folder: Path | None) -> ViewFile:
+def _read_view(name: str, table: TomlTable, object_folder: Path | None) -> ViewFile:
     table.refuse_unknown(_VIEW_KEYS)
     image = table.get("image", _is_inner_path, "a path inside the object's folder")
     quantity = cast(Quantity, table.choice("quantity", get_args(Quantity)))
     if quantity != "counts":
         _refuse_calibration(table, quantity)
     geometry = _read_geometry(table, object_folder / image if object_folder else None)
+    fit, turned = _read_fit(table, name), _read_turned(table, name)
     if quantity != "counts":
-        return ViewFile(image, quantity, geometry)
+        return ViewFile(image, quantity, geometry, fit=fit, turned=turned)
     flat = _read_calibration(table, "flat")
     if flat is None:
         raise table.error("flat", "is missing, expected flat (an image) or flat_value")
     polarity, dark = _read_polarity(table, image), _read_calibration(table, "dark")
-    return ViewFile(image, quantity, geometry, polarity, flat, dark)
+    return ViewFile(image, quantity, geometry, polarity, flat, dark, fit, turned)
+
+
+def _read_fit(table: TomlTable, name: str) -> bool:
+    """Read whether a view is fitted, which ``pa`` and ``lat`` are without a word."""
+    always = name in DATASET_VIEWS
+    fit = table.get_or_none("fit", _is_bool, "true or false")
+    if always and fit is False:
+        raise table.error("fit", "must be true, or left out: pa and lat are always fitted")
+    return bool(fit) and not always
+
+
+def _read_turned(table: TomlTable, name: str) -> bool:
+    turned = bool(table.get_or_none("turned", _is_bool, "true or false"))
+    if turned and name == "pa":
+        raise table.error("turned", "must be false, or left out: poses are told in the frame of pa")
+    if turned and name not in DATASET_VIEWS and not _read_fit(table, name):
+        raise table.error("turned", "goes with a view that is fitted: fit = true")
+    return turned
 
 
 def _refuse_calibration(table: TomlTable, quantity: Quantity) -> None:
@@ -263,6 +307,10 @@ def _read_geometry(table: TomlTable, image: Path | None) -> ViewGeometry:
 
 def _is_text(value: object) -> bool:
     return isinstance(value, str)
+
+
+def _is_bool(value: object) -> bool:
+    return isinstance(value, bool)
 
 
 def _is_bits(value: object) -> bool:
@@ -326,6 +374,8 @@ def _view_values(view: ViewFile) -> dict[str, Any]:
         "polarity": view.polarity,
         **calibration,
         **view.geometry.to_dict(),
+        "fit": view.fit or None,
+        "turned": view.turned or None,
     }
 
 

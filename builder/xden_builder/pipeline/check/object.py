@@ -125,7 +125,7 @@ def _check_source(capture: Capture) -> None:
 
 
 def _pictures(capture: Capture) -> tuple[tuple[str, str], ...]:
-    views = (*capture.views, *capture.audit_views)
     return tuple(
-        (view.name, hashlib.sha256(view.transmission.tobytes()).hexdigest()) for view in views
+        (view.name, hashlib.sha256(view.transmission.tobytes()).hexdigest())
+        for view in capture.all_views
     )
