@@ -145,10 +145,19 @@ def test_lines_that_are_commented_out_are_legal_too(tmp_path: Path) -> None:
     path = tmp_path / "scanner.toml"
     path.write_text("\n".join(kept).replace("# energy_kev", "energy_kev"))
     assert read_scanner(path).tube.energy_kev == 130.0
+    path.write_text(re.sub("^# (fit|turned) = ", r"\1 = ", block.code, flags=re.M))
+    views = read_scanner(path).views
+    assert [(view.fit, view.turned) for view in views.values()] == [
+        (False, False), (False, True), (True, False),
+    ]  # fmt: skip
     for quoted in ("flat_value = 28000.0", "dark_value = 105.0"):
         key = quoted.split("_")[0]
         path.write_text(re.sub(rf'^{key} = "{key}_pa.tif"', quoted, block.code, flags=re.M))
         assert getattr(read_scanner(path).views["pa"], key) == float(quoted.split()[-1])
+
+
+COLUMN_OF_FIELD = {"weighed_mass_g": "mass_g", "scale_unknown": "mesh_scale"}
+"""By the field that holds them, where the names differ."""
 
 
 def test_the_objects_and_parts_of_the_manual_are_read(tmp_path: Path) -> None:
@@ -157,9 +166,10 @@ def test_the_objects_and_parts_of_the_manual_are_read(tmp_path: Path) -> None:
     rows = CaptureFolder(tmp_path).rows
     assert rows["kettle-0003"].weighed_mass_g == 1184.5
     assert rows["mug-0001"].split == "test"
+    assert [row.pose == "near" for row in rows.values()] == [True, False, False]
     text = CAPTURE.read_text()
     for name in (field.name for field in dataclasses.fields(ObjectRow)):
-        assert f"| `{'mass_g' if name == 'weighed_mass_g' else name}` |" in text
+        assert f"| `{COLUMN_OF_FIELD.get(name, name)}` |" in text
 
 
 def test_the_entry_of_the_manual_has_the_keys_of_an_entry() -> None:
