@@ -18,7 +18,7 @@ from xden1k.values.arrays import Image
 __all__ = ["write_image", "write_json", "write_ply", "write_table"]
 
 
-def write_ply(path: Path, mesh: trimesh.Trimesh) -> None:
+def write_ply(path: Path, mesh: trimesh.Trimesh, units: str = "cm") -> None:
     """Write a mesh in double precision, which trimesh's own writer would round to single.
 
     Rounding each part by itself makes facets that should coincide cross each other.
@@ -26,7 +26,7 @@ def write_ply(path: Path, mesh: trimesh.Trimesh) -> None:
     faces = np.empty(len(mesh.faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])
     faces["count"], faces["corners"] = 3, mesh.faces
     header = (
-        "ply\nformat binary_little_endian 1.0\ncomment cm\n"
+        f"ply\nformat binary_little_endian 1.0\ncomment {units}\n"
         f"element vertex {len(mesh.vertices)}\n"
         "property double x\nproperty double y\nproperty double z\n"
         f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"

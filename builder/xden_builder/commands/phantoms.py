@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import click
 
@@ -46,6 +47,21 @@ __all__ = ["gallery", "phantoms"]
     help="Whether there are pores, paint, and labels that err or are missing.",
 )
 @click.option("--ideal", is_flag=True, help="Nothing errs; monochromatic and tidy, if not chosen.")
+@click.option(
+    "--pose",
+    type=click.Choice(["near", "unknown"]),
+    default="near",
+    show_default=True,
+    help="Meshes in the scanner's frame, or of objects that lie anyhow, in a frame of their own.",
+)
+@click.option(
+    "--mesh-scale",
+    type=click.Choice(["known", "unknown"]),
+    default="known",
+    show_default=True,
+    help="With --pose unknown: whether that frame has a scale of its own, from 1/2 to 2.",
+)
+@click.option("--turned", is_flag=True, help="One tube; objects are turned by hand for LAT.")
 @click.option("--as-dataset", is_flag=True, help="Write the truth as a dataset folder instead.")
 @click.option("--check", is_flag=True, help="Look whether shapes and grids are sound, in the end.")
 @workers_option
@@ -60,6 +76,9 @@ def phantoms(
     scanner: Path | None,
     lifelike: bool | None,
     ideal: bool,
+    pose: Literal["near", "unknown"],
+    mesh_scale: Literal["known", "unknown"],
+    turned: bool,
     as_dataset: bool,
     check: bool,
     workers: int,
@@ -72,12 +91,14 @@ def phantoms(
     read back, or a truth grid weighs something else than its parts.
     """
     from xden_builder.phantoms import plan_objects, write_captures, write_truth_dataset
+    from xden_builder.phantoms.posing import Posing
     from xden_builder.phantoms.realism import LIFELIKE, TIDY
     from xden_builder.phantoms.scanner import Scanner, load_scanner
 
     if as_dataset and check:
         raise click.UsageError("--check is for captures, not for --as-dataset")
     made = Scanner.monochromatic() if ideal else Scanner.realistic()
+    taken = load_scanner(scanner) if scanner else made
     write = write_truth_dataset if as_dataset else write_captures
     names = [name for name in categories.split(",") if name]
     count_made = len(plan_objects(count, seed, names, split))
@@ -88,8 +109,9 @@ def phantoms(
             seed,
             size=size,
             ideal=ideal,
-            scanner=load_scanner(scanner) if scanner else made,
+            scanner=replace(taken, one_tube=True) if turned else taken,
             realism=LIFELIKE if (not ideal if lifelike is None else lifelike) else TIDY,
+            posing=Posing(pose, mesh_scale),
             workers=workers,
             progress=lambda _: bar.update(),
             categories=names,

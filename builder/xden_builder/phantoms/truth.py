@@ -18,6 +18,7 @@ from xden1k.rays import THINNER_THAN_LABELS, object_grids
 from xden1k.values.physics import apparent_density_g_cm3
 from xden1k.values.types import DensityObject, Part, Split
 from xden_builder.phantoms.phantom import Phantom, PhantomPart, Plan, make_phantom, plan_objects
+from xden_builder.phantoms.posing import AS_SCANNED, Posing, posed
 from xden_builder.phantoms.realism import TIDY, Realism
 from xden_builder.phantoms.scanner import VIEWS, Scanner
 from xden_builder.phantoms.writer import Progress, each_object, make_scanner, simulation
@@ -37,6 +38,7 @@ def write_truth_dataset(
     ideal: bool = False,
     scanner: Scanner | None = None,
     realism: Realism = TIDY,
+    posing: Posing = AS_SCANNED,
     workers: int = 1,
     progress: Progress = lambda _: None,
     categories: Sequence[str] = (),
@@ -51,8 +53,8 @@ def write_truth_dataset(
     ----------
     out
         The dataset folder; an older one is replaced as a whole, but keeps its maintainer's answers.
-    count, seed, size, ideal, scanner, realism, workers, progress, categories, split
-        As there.
+    count, seed, size, ideal, scanner, realism, posing, workers, progress, categories, split
+        As there. Everything is in the scanner's frame.
 
     Raises
     ------
@@ -62,8 +64,8 @@ def write_truth_dataset(
     answers = Answers.of_folder(out)
     scanner = make_scanner(size, ideal, scanner)
     plans = sorted(plan_objects(count, seed, categories, split), key=lambda plan: plan.object_id)
-    rows = each_object(partial(_row, scanner, realism, seed), plans, workers, progress)
-    settings = json.dumps(simulation(seed, scanner, realism), sort_keys=True)
+    rows = each_object(partial(_row, scanner, realism, posing, seed), plans, workers, progress)
+    settings = json.dumps(simulation(seed, scanner, realism, posing), sort_keys=True)
     return write_rows(
         rows,
         out,
@@ -74,8 +76,9 @@ def write_truth_dataset(
     )
 
 
-def _row(scanner: Scanner, realism: Realism, seed: int, object_id: str) -> Row:
-    return object_row(truth_object(make_phantom(Plan.of(seed, object_id), realism), scanner))
+def _row(scanner: Scanner, realism: Realism, posing: Posing, seed: int, object_id: str) -> Row:
+    phantom = posed(make_phantom(Plan.of(seed, object_id), realism), scanner, posing)
+    return object_row(truth_object(phantom, scanner))
 
 
 def truth_object(phantom: Phantom, scanner: Scanner) -> DensityObject:

@@ -15,6 +15,14 @@ from xden_builder.capture.writing import write_image, write_json, write_ply, wri
 from xden_builder.phantoms.glb import write_glb
 from xden_builder.phantoms.grid import truth_grid
 from xden_builder.phantoms.phantom import Phantom, Plan, make_phantom, plan_objects
+from xden_builder.phantoms.posing import (
+    AS_SCANNED,
+    MeshFrame,
+    Posing,
+    draw_mesh_frame,
+    posed,
+    true_poses,
+)
 from xden_builder.phantoms.realism import TIDY, Realism
 from xden_builder.phantoms.scanner import VIEWS, Scanner, panel_name, scanner_file
 from xden_builder.workers import run_each
@@ -51,6 +59,7 @@ def write_captures(
     ideal: bool = False,
     scanner: Scanner | None = None,
     realism: Realism = TIDY,
+    posing: Posing = AS_SCANNED,
     workers: int = 1,
     progress: Progress = lambda _: None,
     categories: Sequence[str] = (),
@@ -73,6 +82,8 @@ def write_captures(
         See :func:`make_scanner`.
     realism
         How often there are pores, paint and labels that err.
+    posing
+        Where objects lie, and in which frame their meshes come.
     workers
         Number of processes.
     progress
@@ -88,18 +99,29 @@ def write_captures(
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise DataError(f"{out}: expected a folder that is empty or does not exist")
     out.mkdir(parents=True, exist_ok=True)
-    task = partial(_write_object, out, scanner, realism, seed)
+    task = partial(_write_object, out, scanner, realism, posing, seed)
     settings = {"standard", *each_object(task, plans, workers, progress)}
     write_scanner(scanner_file(scanner), out / "scanner.toml")
     _write_panels(out, scanner, seed, "standard")
     if "large" in settings:
         _write_panels(out, scanner.large(), seed, "large")
-    write_json(out / "simulation.json", simulation(seed, scanner, realism))
-    write_table(
-        out / "objects.csv",
-        ("object_id", "category", "split", "source"),
-        [(plan.object_id, plan.category.name, plan.split, "phantom") for plan in plans],
-    )
+    write_json(out / "simulation.json", simulation(seed, scanner, realism, posing))
+    rows = [_row(plan, posing) for plan in plans]
+    write_table(out / "objects.csv", list(rows[0]), [list(row.values()) for row in rows])
+
+
+def _row(plan: Plan, posing: Posing) -> dict[str, str]:
+    """Give the columns of ``objects.csv`` that there is something to say in."""
+    row = {
+        "object_id": plan.object_id,
+        "category": plan.category.name,
+        "split": plan.split,
+        "source": "phantom",
+    }
+    if posing.pose == "unknown":
+        units = draw_mesh_frame(plan, posing).units
+        row |= {"mesh_units": units, "pose": posing.pose, "mesh_scale": posing.mesh_scale}
+    return row
 
 
 def each_object(
@@ -130,37 +152,42 @@ def each_object(
             expected = next(waiting, None)
 
 
-def simulation(seed: int, scanner: Scanner, realism: Realism) -> dict[str, Any]:
+def simulation(seed: int, scanner: Scanner, realism: Realism, posing: Posing) -> dict[str, Any]:
     """Give every setting of a simulation, of JSON's types."""
-    return {"seed": seed, "scanner": scanner.settings(), "realism": asdict(realism)}
+    values = {"seed": seed, "scanner": scanner.settings(), "realism": asdict(realism)}
+    return values | posing.settings()
 
 
-def _write_object(out: Path, scanner: Scanner, realism: Realism, seed: int, object_id: str) -> str:
+def _write_object(
+    out: Path, scanner: Scanner, realism: Realism, posing: Posing, seed: int, object_id: str
+) -> str:
     """Write the folder of one object; return the setting it was scanned in."""
-    phantom = make_phantom(Plan.of(seed, object_id), realism)
+    phantom = posed(make_phantom(Plan.of(seed, object_id), realism), scanner, posing)
     setting, scanner = scanner.setting_for(phantom)
     folder = out / object_id
     folder.mkdir()
     if setting != "standard":
         write_scanner(scanner_file(scanner, setting), folder / "scanner.toml")
-    _write_parts(folder, phantom, scanner)
+    frame = draw_mesh_frame(phantom.plan, posing)
+    _write_parts(folder, phantom, scanner, frame)
     shares = {}
     for view in VIEWS:
         signal = scanner.signal(phantom, view)
         write_image(folder / f"{view}.tif", scanner.radiograph(phantom, view, signal))
         shares[view] = signal.scatter_share
-    write_json(folder / "truth.json", _truth(phantom, setting, scanner, shares))
+    truth = _truth(phantom, setting, scanner, shares)
+    write_json(folder / "truth.json", truth | true_poses(phantom.plan, scanner, posing))
     truth_grid(phantom).save(folder / "truth.npz")
     return setting
 
 
-def _write_parts(folder: Path, phantom: Phantom, scanner: Scanner) -> None:
+def _write_parts(folder: Path, phantom: Phantom, scanner: Scanner, frame: MeshFrame) -> None:
     """Write the meshes as they are handed over, their labels, and what they look like."""
     (folder / "parts").mkdir()
     error = scanner.mesh_error(phantom.plan)
-    meshes = [error.applied(part.mesh) for part in phantom.parts]
+    meshes = [frame.applied(error.applied(part.mesh)) for part in phantom.parts]
     for part, mesh in zip(phantom.parts, meshes, strict=True):
-        write_ply(folder / "parts" / f"{part.name}.ply", mesh)
+        write_ply(folder / "parts" / f"{part.name}.ply", frame.in_units(mesh), frame.units)
     labels = [(part.name, part.label_material) for part in phantom.parts]
     write_table(folder / "parts.csv", ("name", "material"), labels)
     write_glb(folder / "appearance.glb", phantom.parts, meshes)
@@ -168,7 +195,7 @@ def _write_parts(folder: Path, phantom: Phantom, scanner: Scanner) -> None:
 
 def _write_panels(out: Path, scanner: Scanner, seed: int, setting: str) -> None:
     """Write the flats and darks of a setting."""
-    for view in VIEWS:
+    for view in dict.fromkeys(map(scanner.panel_of, VIEWS)):
         panel = scanner.calibration(seed, view)
         if panel is not None:
             write_image(out / panel_name("flat", view, setting), panel.flat)

@@ -78,8 +78,9 @@ def scanner_file(scanner: Scanner, setting: str = "standard") -> ScannerFile:
                 quantity="counts" if counted else "transmission",
                 geometry=scanner.geometry(view),
                 polarity="linear" if counted else None,
-                flat=panel_name("flat", view, setting) if counted else None,
-                dark=panel_name("dark", view, setting) if counted else None,
+                flat=panel_name("flat", scanner.panel_of(view), setting) if counted else None,
+                dark=panel_name("dark", scanner.panel_of(view), setting) if counted else None,
+                turned=scanner.is_turned(view),
             )
             for view in VIEWS
         },

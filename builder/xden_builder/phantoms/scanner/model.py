@@ -1,5 +1,7 @@
 """The simulated scanner: cone beams along +y (PA) and +x (LAT), a tube, a flat panel.
 
+With one tube, an object is turned by hand for LAT (:mod:`.turning`).
+
 Each effect is a field of :class:`Scanner`. What the fit assumes is not what makes the images:
 more rays a pixel are averaged here than there, and nothing of the fit is imported.
 """
@@ -11,7 +13,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import UInt16
+from jaxtyping import Float64, UInt16
 
 from xden1k.errors import DataError
 from xden1k.rays import path_lengths
@@ -27,6 +29,7 @@ from xden_builder.phantoms.scanner.primary import Absorber, Primary, pixel_kerne
 from xden_builder.phantoms.scanner.scatter import ScatterDraw, draw_scatter, scatter_image
 from xden_builder.phantoms.scanner.signal import Signal
 from xden_builder.phantoms.scanner.spread import gaussian_spread
+from xden_builder.phantoms.scanner.turning import draw_turn, seen_by_object
 from xden_builder.physics.attenuation import mac_cm2_g
 from xden_builder.physics.source import Tube
 
@@ -107,6 +110,10 @@ class Scanner:
     mesh_rotation_deg, mesh_shift_cm, mesh_scale_sd, mesh_tolerance_cm
         Errors of the part meshes written: see :func:`draw_mesh_error`. The truth keeps the true
         ones.
+    one_tube
+        Whether the tube and the panel of PA take LAT too, of an object that is turned by hand:
+        see :func:`draw_turn`. Then :meth:`geometry` of LAT is what is told, and
+        :meth:`true_geometry` what is.
 
     Raises
     ------
@@ -147,6 +154,7 @@ class Scanner:
     mesh_shift_cm: float = 0.0
     mesh_scale_sd: float = 0.0
     mesh_tolerance_cm: float = 0.0
+    one_tube: bool = False
 
     def __post_init__(self) -> None:
         if self.size_px < 1:
@@ -229,7 +237,7 @@ class Scanner:
             If it is too large for both.
         """
         for name, scanner in (("standard", self), ("large", self.large())):
-            beyond = [view for view in VIEWS if not scanner._holds(phantom, view, AIR_BESIDE)]
+            beyond = scanner._beyond(phantom)
             if not beyond:
                 return name, scanner
         raise DataError(
@@ -237,10 +245,17 @@ class Scanner:
             "one twice as wide at twice the distance too"
         )
 
+    def holds(self, phantom: Phantom) -> bool:
+        """Whether an object lies inside both views, with some air beside it."""
+        return not self._beyond(phantom)
+
+    def _beyond(self, phantom: Phantom) -> list[str]:
+        return [view for view in VIEWS if not self._holds(phantom, view, AIR_BESIDE)]
+
     def _holds(self, phantom: Phantom, view: str, air: float = 0.0) -> bool:
         """Whether an object lies inside a view, with a share of the panel beside it."""
         points = np.concatenate([part.mesh.vertices for part in phantom.parts])
-        at = self.geometry(view).project(points)[:, :2] / self.size_px
+        at = self.true_geometry(phantom.plan, view).project(points)[:, :2] / self.size_px
         last = 1 - 1 / self.size_px
         return bool(at.min() >= air and at.max() <= last - air)
 
@@ -291,6 +306,23 @@ class Scanner:
             shape=(self.size_px, self.size_px),
         )
 
+    def true_geometry(self, plan: Plan, view: str) -> ViewGeometry:
+        """Place source and panel of a view as they were, in the frame of PA."""
+        geometry, turn = self.geometry(view), self.turn(plan, view)
+        return geometry if turn is None else seen_by_object(geometry, turn)
+
+    def turn(self, plan: Plan, view: str) -> Float64[np.ndarray, "4 4"] | None:
+        """How an object that was turned by hand stood in a view; None where it was not turned."""
+        return draw_turn(plan.rng("turn")) if self.is_turned(view) else None
+
+    def is_turned(self, view: str) -> bool:
+        """Whether objects are turned by hand before a view."""
+        return self.one_tube and view != "pa"
+
+    def panel_of(self, view: str) -> str:
+        """Give the view whose tube and panel take a view."""
+        return "pa" if self.one_tube else view
+
     def lac_per_cm(self, part: PhantomPart) -> float:
         """Attenuation coefficient of a part at the energy :attr:`reference_kev`."""
         composition = load_materials()[part.material].composition
@@ -308,7 +340,7 @@ class Scanner:
 
     def _primary(self, phantom: Phantom, view: str) -> tuple[Image, Primary | None]:
         """Transmission of the direct beam, and the rest of it if it is needed."""
-        geometry = self.geometry(view)
+        geometry = self.true_geometry(phantom.plan, view)
         meshes = [part.mesh for part in phantom.parts]
         if not self._holds(phantom, view):
             raise DataError(f"{phantom.plan.object_id} reaches beyond the panel of view {view}")
@@ -432,7 +464,7 @@ class Scanner:
 
     def _panel_rng(self, seed: int, view: str, purpose: str) -> np.random.Generator:
         """Random numbers of one panel; another size is another panel."""
-        return random_numbers(seed, f"{purpose}/{view}/{self.panel_cm:g} cm")
+        return random_numbers(seed, f"{purpose}/{self.panel_of(view)}/{self.panel_cm:g} cm")
 
     def corrected(self, phantom: Phantom, view: str, signal: Signal | None = None) -> XRayView:
         """Take a radiograph and correct it for flat and dark, as the builder does on reading."""
@@ -440,17 +472,21 @@ class Scanner:
             self.radiograph(phantom, view, signal),
             self.calibration(phantom.plan.seed, view),
         )
+        geometry = self.true_geometry(phantom.plan, view)
         if calibration is None or self.bits is None:
-            return XRayView(view, raw, np.ones(raw.shape, dtype=np.bool_), self.geometry(view))
+            return XRayView(view, raw, np.ones(raw.shape, dtype=np.bool_), geometry)
         panel = self._panel(phantom.plan.seed, view, self.bits)
-        return XRayView(view, *panel.corrected(raw, calibration), self.geometry(view))
+        return XRayView(view, *panel.corrected(raw, calibration), geometry)
 
     def settings(self) -> dict[str, Any]:
         """Give every effect and its size, in JSON's types.
 
-        The usual exposure goes without saying, as it did before there was another.
+        The usual exposure and two tubes go without saying, as they did before there was another
+        way.
         """
         values = asdict(self)
         if self.exposure_ratio == 1.0:
             del values["exposure_ratio"]
+        if not self.one_tube:
+            del values["one_tube"]
         return values
