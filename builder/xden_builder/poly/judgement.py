@@ -99,12 +99,7 @@ class PolyFit:
             },
             "pose": None
             if pose is None
-            else pose.pose.to_dict()
-            | {
-                "sd": pose.sd.tolist(),
-                "rms_before": pose.rms_before,
-                "rms_after": pose.rms_after,
-            },
+            else pose.to_dict([seen.view.name for seen in solution.seen]),
             "materials": {
                 name: [list(each) for each in part.materials]
                 for name, part in zip(names, self.parts, strict=True)

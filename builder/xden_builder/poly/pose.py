@@ -1,15 +1,16 @@
 """Stage 3 of the fit: meshes onto their shadows, in the pose both radiographs agree with best.
 
-Comes from :mod:`start`, leads to :mod:`samples`. Seven unknowns are found by Gauss-Newton steps,
-together with the densities and a gain of each view, on images averaged over 8 x 8, 4 x 4 and
-2 x 2 pixels (:mod:`pyramid`).
+Comes from :mod:`start`, leads to :mod:`samples`. The unknowns of the poses (seven for two views
+that share one) are found by Gauss-Newton steps, together with the densities and a gain of each
+view, on images averaged over 8 x 8, 4 x 4 and 2 x 2 pixels (:mod:`pyramid`). Turned views are laid
+onto their shadows one by one before (:mod:`alignment`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import trimesh
@@ -17,10 +18,12 @@ from jaxtyping import Float64
 
 from xden1k.values.arrays import Mask
 from xden1k.values.views import ViewGeometry, XRayView
+from xden_builder.poly.alignment import aligned
 from xden_builder.poly.model.beam import ViewBeam
-from xden_builder.poly.model.frames import POSE_UNKNOWNS, Pose, posed
+from xden_builder.poly.model.frames import Pose
+from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import gain_prior
-from xden_builder.poly.pyramid import Level, descend
+from xden_builder.poly.pyramid import Level, Target, Window, density_bounds, descend, window
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import Guess
 
@@ -28,8 +31,8 @@ __all__ = ["Placement", "PoseFit", "find_pose", "refine_pose"]
 
 BINNINGS: Final = ((8, 2), (4, 1), (2, 1))
 """Pixels averaged along each side, and how often derivatives are taken on such images."""
-DENSITY_SHARES: Final = (0.3, 10.0)
-"""Least and most density in shares of the first guess: a part that fades away has no pose."""
+TURNED_BINNINGS: Final = ((8, 3), (4, 3), (2, 2))
+"""The same where a view has a pose of its own, farther off."""
 COARSEST_PX: Final = 32
 """Images are never smaller."""
 
@@ -68,12 +71,13 @@ def find_pose(guess: Guess, settings: PolySettings) -> Placement:
         scene.order,
         guess.outline_stand_ins.mac_cm2_g,
         guess.density_g_cm3,
+        scene.turned,
     )
     return Placement(
         replace(guess, density_g_cm3=fit.density_g_cm3),
         fit,
         tuple(
-            posed(geometry, fit.pose, shifted_rows=number == 1)
+            fit.poses.geometry(number, geometry, fit.unknowns)
             for number, geometry in enumerate(geometries)
         ),
     )
@@ -85,22 +89,54 @@ class PoseFit:
 
     Parameters
     ----------
-    pose
-        The best one.
+    poses, unknowns
+        The object's, and the best values of their unknowns.
     sd
-        Shape (7,): its standard deviation, radians and cm.
+        Standard deviations of the unknowns, radians and cm.
     density_g_cm3, gain
         Fitted along with it, coarsely.
     rms_before, rms_after
         Root mean square residual of transmission on the coarsest and the finest images used.
     """
 
-    pose: Pose
-    sd: Float64[np.ndarray, "7"]
+    poses: Poses
+    unknowns: Float64[np.ndarray, "p"]
+    sd: Float64[np.ndarray, "p"]
     density_g_cm3: Float64[np.ndarray, "k"]
     gain: Float64[np.ndarray, "v"]
     rms_before: float
     rms_after: float
+
+    @property
+    def pose(self) -> Pose:
+        """Pose that views share, and the row shift of the second if it is one of them."""
+        return self.poses.of(self._telling, self.unknowns)
+
+    @property
+    def _telling(self) -> int:
+        """Number of the view that shows all of the shared pose."""
+        return 0 if self.poses.turned[1] else 1
+
+    def to_dict(self, names: Sequence[str]) -> dict[str, Any]:
+        """Values for JSON: the shared pose, and those of all views if that does not tell them.
+
+        Parameters
+        ----------
+        names
+            Of the views.
+        """
+        each = {name: self._values(number) for number, name in enumerate(names)}
+        told = self.poses.turned == (False, False)
+        return (
+            self._values(self._telling)
+            | {"rms_before": self.rms_before, "rms_after": self.rms_after}
+            | ({} if told else {"views": each})
+        )
+
+    def _values(self, number: int) -> dict[str, Any]:
+        """Pose in a view, and standard deviations of its unknowns."""
+        sd = self.sd[self.poses.places(number)]
+        return self.poses.of(number, self.unknowns).to_dict() | {"sd": sd.tolist()}
 
 
 def refine_pose(
@@ -112,6 +148,7 @@ def refine_pose(
     order: Sequence[int],
     mac_cm2_g: Float64[np.ndarray, "k groups"],
     density_g_cm3: Float64[np.ndarray, "k"],
+    turned: Sequence[bool] = (),
 ) -> PoseFit:
     """Find the pose in which meshes and radiographs agree best.
 
@@ -127,37 +164,21 @@ def refine_pose(
     density_g_cm3
         Shape (K,): to start from. Densities move freely here, so that a wrong material does not
         turn the object.
+    turned
+        By view: whether the object was turned by hand before it; none by default.
     """
-    points = np.concatenate([np.asarray(mesh.vertices) for mesh in meshes])
-    centre = (points.min(axis=0) + points.max(axis=0)) / 2
-    radius_cm = float(np.linalg.norm(points - centre, axis=1).max())
-    x, y, z = centre.tolist()
-    origin = Pose(centre_cm=(x, y, z))
-    parts = len(meshes)
-    means = [mean for mean, _ in gains]
-    unknowns = np.concatenate([density_g_cm3, means, np.zeros(POSE_UNKNOWNS)])
-    others = np.full(len(views) + POSE_UNKNOWNS, np.inf)
-    low, high = (
-        np.append(share * density_g_cm3, sign * others)
-        for share, sign in zip(DENSITY_SHARES, (-1, 1), strict=True)
-    )
-    coarsest = min(min(view.transmission.shape) for view in views) // COARSEST_PX
-    used = [each for each in BINNINGS[:-1] if each[0] <= coarsest] + [BINNINGS[-1]]
+    target = Target(views, saturated, gains, beams, meshes, order, mac_cm2_g)
+    x, y, z = target.centre_cm.tolist()
+    poses = Poses(tuple(turned) or (False,) * len(views), Pose(centre_cm=(x, y, z)))
+    parts, start, at_first = len(meshes), np.zeros(poses.count), density_g_cm3
+    if any(poses.turned):
+        at_first, start = aligned(target, poses, density_g_cm3)
+    unknowns = target.start(at_first, start)
+    low, high = density_bounds(density_g_cm3, len(unknowns))
     rms_before = None
-    for binning, most in used:
-        level = Level.of(
-            views,
-            saturated,
-            gains,
-            beams,
-            meshes,
-            order,
-            mac_cm2_g,
-            origin,
-            binning,
-            points,
-            radius_cm,
-        )
+    for binning, most in _binnings(views, any(poses.turned)):
+        windows = _windows(target, poses, unknowns[-poses.count :], binning)
+        level = Level.of(target, poses, windows, binning)
         if rms_before is None:
             rms_before = level.rms(unknowns)
         unknowns, hessian = descend(level, unknowns, most, low, high)
@@ -165,10 +186,32 @@ def refine_pose(
     told = hessian + 1e-9 * np.diag(hessian.diagonal())
     covariance = np.linalg.pinv(told, hermitian=True)
     return PoseFit(
-        pose=origin.moved(unknowns[-POSE_UNKNOWNS:]),
-        sd=np.sqrt(covariance.diagonal()[-POSE_UNKNOWNS:].clip(min=0)),
+        poses=poses,
+        unknowns=unknowns[-poses.count :],
+        sd=np.sqrt(covariance.diagonal()[-poses.count :].clip(min=0)),
         density_g_cm3=unknowns[:parts],
-        gain=unknowns[parts:-POSE_UNKNOWNS],
+        gain=unknowns[parts : -poses.count],
         rms_before=rms_before,
         rms_after=level.rms(unknowns),
     )
+
+
+def _binnings(views: Sequence[XRayView], turned: bool) -> list[tuple[int, int]]:
+    """Binnings for images of a size, and how often derivatives are taken on each."""
+    binnings = TURNED_BINNINGS if turned else BINNINGS
+    coarsest = min(min(view.transmission.shape) for view in views) // COARSEST_PX
+    return [each for each in binnings[:-1] if each[0] <= coarsest] + [binnings[-1]]
+
+
+def _windows(
+    target: Target, poses: Poses, vector: Float64[np.ndarray, "p"], binning: int
+) -> list[Window]:
+    """Where each view is expected to show the object: as told, or as far as is found if turned."""
+    return [
+        window(
+            poses.geometry(number, view.geometry, vector) if turned else view.geometry,
+            target.points_cm,
+            binning,
+        )
+        for number, (view, turned) in enumerate(zip(target.views, poses.turned, strict=True))
+    ]

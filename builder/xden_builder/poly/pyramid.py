@@ -6,7 +6,8 @@ Derivatives by pose are central differences of whole renderings, since outlines 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -21,16 +22,20 @@ from xden_builder.fit.box import box_minimum
 from xden_builder.fit.problem import Evaluation
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.direct import transmissions, transmissions_and_slopes
-from xden_builder.poly.model.frames import POSE_UNKNOWNS, Pose, any_of, binned, coarse, posed
+from xden_builder.poly.model.frames import any_of, binned, coarse
+from xden_builder.poly.model.poses import Poses
 
-__all__ = ["Level", "descend"]
+__all__ = ["Level", "Target", "Window", "density_bounds", "descend", "window"]
 
-ROTATION_SD: Final = 0.03
-SHIFT_SD_CM: Final = 0.3
-ROW_SHIFT_SD_CM: Final = 0.05
-"""How far meshes and images are expected to disagree: 2 degrees, 3 mm, half a millimetre."""
+Window = tuple[slice, slice]
+"""Rows and columns of an image."""
+
 STEPS_CM: Final = 0.02
 """Of a central difference at full resolution, times the binning; rotations move the rim as far."""
+ROTATIONS: Final = 3
+"""The first so many unknowns of a pose are angles, the others lengths."""
+DENSITY_SHARES: Final = (0.3, 10.0)
+"""Least and most density in shares of the first guess: a part that fades away has no pose."""
 PIXEL_SD: Final = 0.05
 WORTH: Final = 400.0
 """Independent observations that all pixels together are worth: their errors hang together."""
@@ -41,68 +46,88 @@ SETTLED_SHARE: Final = 1e-3
 """Of the loss: a step that gains less ends a resolution."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Level:
-    """Images averaged over ``binning * binning`` pixels, compared around the object.
+@dataclass(frozen=True, eq=False)
+class Target:
+    """Radiographs, and the object that is to be laid onto its shadows in them.
 
-    Unknowns: K densities, a gain of each view, and the pose.
+    Parameters
+    ----------
+    views, saturated, gains, beams
+        The radiographs, which of their pixels are known from below alone, means and standard
+        deviations of their gains, and what reaches their panels.
+    meshes, order
+        Parts and their ownership, as of :func:`xden1k.rays.path_lengths`.
+    mac_cm2_g
+        Shape (K, groups): of the material each part is taken for.
     """
 
+    views: Sequence[XRayView]
+    saturated: Sequence[Mask]
+    gains: Sequence[tuple[float, float]]
+    beams: Sequence[ViewBeam]
     meshes: Sequence[trimesh.Trimesh]
     order: Sequence[int]
-    beams: Sequence[ViewBeam]
     mac_cm2_g: Float64[np.ndarray, "k groups"]
-    origin: Pose
+
+    @cached_property
+    def points_cm(self) -> Float64[np.ndarray, "n 3"]:
+        """All vertices."""
+        return np.concatenate([np.asarray(mesh.vertices) for mesh in self.meshes])
+
+    @cached_property
+    def centre_cm(self) -> Float64[np.ndarray, "3"]:
+        """Middle of the box around the object."""
+        return np.asarray((self.points_cm.min(axis=0) + self.points_cm.max(axis=0)) / 2)
+
+    @cached_property
+    def radius_cm(self) -> float:
+        """Of the sphere about the middle that holds the object."""
+        return float(np.linalg.norm(self.points_cm - self.centre_cm, axis=1).max())
+
+    def only(self, *numbers: int) -> Target:
+        """Return the same object in some of the views."""
+        lists = (self.views, self.saturated, self.gains, self.beams)
+        views, saturated, gains, beams = ([each[n] for n in numbers] for each in lists)
+        return replace(self, views=views, saturated=saturated, gains=gains, beams=beams)
+
+    def start(
+        self, density_g_cm3: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "p"]
+    ) -> Float64[np.ndarray, "u"]:
+        """Gather unknowns: densities, the usual gain of each view, and those of the poses."""
+        return np.concatenate([density_g_cm3, [mean for mean, _ in self.gains], pose])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Level:
+    """Images averaged over ``binning * binning`` pixels, compared in windows.
+
+    Unknowns: K densities, a gain of each view, and those of the poses.
+    """
+
+    target: Target
+    poses: Poses
     binning: int
     masks: Sequence[Mask]
     measured: Sequence[Float64[np.ndarray, "_p"]]
     at_least: Sequence[Bool[np.ndarray, "_p"]]
-    gains: Sequence[tuple[float, float]]
-    radius_cm: float
 
     @classmethod
-    def of(
-        cls,
-        views: Sequence[XRayView],
-        saturated: Sequence[Mask],
-        gains: Sequence[tuple[float, float]],
-        beams: Sequence[ViewBeam],
-        meshes: Sequence[trimesh.Trimesh],
-        order: Sequence[int],
-        mac_cm2_g: Float64[np.ndarray, "k groups"],
-        origin: Pose,
-        binning: int,
-        points: Float[np.ndarray, "n 3"],
-        radius_cm: float,
-    ) -> Level:
-        """Average images, and compare them around the object; parameters as of ``refine_pose``."""
+    def of(cls, target: Target, poses: Poses, windows: Sequence[Window], binning: int) -> Level:
+        """Average images, and compare them in a window of each."""
         masks, measured, at_least = [], [], []
-        for view, full in zip(views, saturated, strict=True):
+        for view, full, inside in zip(target.views, target.saturated, windows, strict=True):
             image, known = binned(view, binning)
             mask = np.zeros_like(known)
-            window = _window(view.geometry, points, binning)
-            mask[window] = known[window]
+            mask[inside] = known[inside]
             masks.append(mask)
             measured.append(image[mask].astype(np.float64))
             at_least.append(any_of(full, binning)[mask])
-        return cls(
-            meshes,
-            order,
-            beams,
-            mac_cm2_g,
-            origin,
-            binning,
-            masks,
-            measured,
-            at_least,
-            gains,
-            radius_cm,
-        )
+        return cls(target, poses, binning, masks, measured, at_least)
 
     @property
     def parts(self) -> int:
         """Number of parts K."""
-        return len(self.meshes)
+        return len(self.target.meshes)
 
     def evaluate(
         self,
@@ -129,11 +154,23 @@ class Level:
 
     def residuals(self, unknowns: Float64[np.ndarray, "u"]) -> list[Float64[np.ndarray, "_n"]]:
         """Model less measurement of each view, in standard deviations."""
+        models = self.images(unknowns)
+        return [
+            (model - seen) / PIXEL_SD for model, seen in zip(models, self.measured, strict=True)
+        ]
+
+    def images(self, unknowns: Float64[np.ndarray, "u"]) -> list[Float64[np.ndarray, "_n"]]:
+        """Model of the compared pixels of each view, with its gain."""
         density, gains, pose = self._split(unknowns)
         return [
-            (gain * self._image(number, density, pose) - seen) / PIXEL_SD
-            for number, (seen, gain) in enumerate(zip(self.measured, gains.tolist(), strict=True))
+            gain * self._image(number, density, pose) for number, gain in enumerate(gains.tolist())
         ]
+
+    def loss(self, unknowns: Float64[np.ndarray, "u"]) -> float:
+        """Sum of squares as of :meth:`evaluate`, without derivatives."""
+        residuals = self.residuals(unknowns)
+        flat = [np.zeros((len(each), len(unknowns))) for each in residuals]
+        return self.evaluate(unknowns, residuals, flat).loss
 
     def rms(self, unknowns: Float64[np.ndarray, "u"]) -> float:
         """Root mean square residual of transmission, saturated pixels left out."""
@@ -143,25 +180,23 @@ class Level:
 
     def _split(
         self, unknowns: Float64[np.ndarray, "u"]
-    ) -> tuple[Float64[np.ndarray, "k"], Float64[np.ndarray, "v"], Float64[np.ndarray, "7"]]:
-        """Densities, gains and pose."""
-        return (
-            unknowns[: self.parts],
-            unknowns[self.parts : -POSE_UNKNOWNS],
-            unknowns[-POSE_UNKNOWNS:],
-        )
+    ) -> tuple[Float64[np.ndarray, "k"], Float64[np.ndarray, "v"], Float64[np.ndarray, "q"]]:
+        """Densities, gains and poses."""
+        rest = self.parts + len(self.target.beams)
+        return unknowns[: self.parts], unknowns[self.parts : rest], unknowns[rest:]
 
     def _prior(self) -> tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u"]]:
         """Means, and one over the variances."""
-        gain_means, gain_sds = np.array(self.gains).T
-        sds = [ROTATION_SD] * 3 + [SHIFT_SD_CM] * 3 + [ROW_SHIFT_SD_CM]
-        sd = np.concatenate([np.full(self.parts, np.inf), gain_sds, sds])
-        mean = np.concatenate([np.zeros(self.parts), gain_means, np.zeros(POSE_UNKNOWNS)])
+        gain_means, gain_sds = np.array(self.target.gains).T
+        sd = np.concatenate([np.full(self.parts, np.inf), gain_sds, self.poses.prior_sd])
+        mean = np.concatenate([np.zeros(self.parts), gain_means, np.zeros(self.poses.count)])
         return mean, sd**-2.0
 
     def slopes(self, unknowns: Float64[np.ndarray, "u"]) -> list[Float64[np.ndarray, "_n u"]]:
         """Take the derivatives of the residuals of each view by all unknowns."""
-        return [self._slopes(unknowns, number) / PIXEL_SD for number in range(len(self.beams))]
+        return [
+            self._slopes(unknowns, number) / PIXEL_SD for number in range(len(self.target.beams))
+        ]
 
     def _slopes(
         self, unknowns: Float64[np.ndarray, "u"], number: int
@@ -174,34 +209,34 @@ class Level:
         jacobian[:, : self.parts] = gain * slopes
         jacobian[:, self.parts + number] = model
         reach = STEPS_CM * self.binning
-        deltas = np.array([reach / self.radius_cm] * 3 + [reach] * 4)
-        for index in range(POSE_UNKNOWNS if number == 1 else POSE_UNKNOWNS - 1):
-            delta = np.zeros(POSE_UNKNOWNS)
-            delta[index] = deltas[index]
+        for index, place in enumerate(self.poses.places(number)):
+            step = reach / self.target.radius_cm if index < ROTATIONS else reach
+            delta = np.zeros(self.poses.count)
+            delta[place] = step
             ahead, behind = (
                 self._image(number, density, there) for there in (pose + delta, pose - delta)
             )
-            place = self.parts + len(gains) + index
-            jacobian[:, place] = gain * (ahead - behind) / (2 * deltas[index])
+            column = self.parts + len(gains) + place
+            jacobian[:, column] = gain * (ahead - behind) / (2 * step)
         return jacobian
 
     def _image(
-        self, number: int, density: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "7"]
+        self, number: int, density: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "q"]
     ) -> Float64[np.ndarray, "_p"]:
         """Transmission of the compared pixels of a view."""
         lengths = self._lengths(number, pose)
-        beam = self.beams[number]
-        seen = transmissions(lengths, beam, self.mac_cm2_g, density, self.binning)
+        beam = self.target.beams[number]
+        seen = transmissions(lengths, beam, self.target.mac_cm2_g, density, self.binning)
         return self._compared(number, lengths, seen)
 
     def _image_and_slopes(
-        self, number: int, density: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "7"]
+        self, number: int, density: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "q"]
     ) -> tuple[Float64[np.ndarray, "_p"], Float64[np.ndarray, "_p k"]]:
         """Give the same, and its derivatives by density."""
         lengths, mask = self._lengths(number, pose), self.masks[number]
-        beam = self.beams[number]
+        beam = self.target.beams[number]
         seen, slopes = transmissions_and_slopes(
-            lengths, beam, self.mac_cm2_g, density, self.binning
+            lengths, beam, self.target.mac_cm2_g, density, self.binning
         )
         places = np.cumsum(mask) - 1
         inside = mask.flat[lengths.pixels]
@@ -209,12 +244,13 @@ class Level:
         compared[places[lengths.pixels[inside]]] = slopes[inside]
         return self._compared(number, lengths, seen), compared
 
-    def _lengths(self, number: int, pose: Float64[np.ndarray, "7"]) -> PathLengths:
+    def _lengths(self, number: int, pose: Float64[np.ndarray, "q"]) -> PathLengths:
         """Path lengths of a view's bins, the object in a pose."""
-        there = self.origin.moved(pose)
-        geometry = posed(self.beams[number].geometry, there, shifted_rows=number == 1)
+        geometry = self.poses.geometry(number, self.target.beams[number].geometry, pose)
         rays = max(self.binning // 2, 2)
-        return path_lengths(self.meshes, self.order, coarse(geometry, self.binning), rays)
+        return path_lengths(
+            self.target.meshes, self.target.order, coarse(geometry, self.binning), rays
+        )
 
     def _compared(
         self, number: int, lengths: PathLengths, transmission: Float64[np.ndarray, "n"]
@@ -225,15 +261,24 @@ class Level:
         return np.asarray(image[self.masks[number]])
 
 
-def _window(
-    geometry: ViewGeometry, points: Float[np.ndarray, "n 3"], binning: int
-) -> tuple[slice, slice]:
+def window(geometry: ViewGeometry, points: Float[np.ndarray, "n 3"], binning: int) -> Window:
     """Rows and columns of the binned image around the object, and some air."""
     places = coarse(geometry, binning).project(points)[:, 1::-1]
     margin = 0.08 * np.ptp(places, axis=0).max() + 4
     low = np.floor(places.min(axis=0) - margin).astype(int).clip(min=0)
     high = (np.ceil(places.max(axis=0) + margin).astype(int) + 1).clip(min=0)
     return slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
+
+
+def density_bounds(
+    density_g_cm3: Float64[np.ndarray, "k"],
+    count: int,
+    shares: tuple[float, float] = DENSITY_SHARES,
+) -> tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u"]]:
+    """Bounds of so many unknowns, in shares of some densities; there are none of the others."""
+    others = np.full(count - len(density_g_cm3), np.inf)
+    least, most = shares
+    return np.append(least * density_g_cm3, -others), np.append(most * density_g_cm3, others)
 
 
 def descend(

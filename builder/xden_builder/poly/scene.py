@@ -55,7 +55,9 @@ class Scene:
     Parameters
     ----------
     views
-        Both radiographs; a saturated pixel has the least transmission it can have.
+        The radiographs that are fitted; a saturated pixel has the least transmission it can have.
+    turned
+        By view: whether the object was turned by hand before it.
     saturated
         Shape (rows, columns) each: those pixels.
     gains
@@ -73,6 +75,7 @@ class Scene:
     """
 
     views: tuple[XRayView, ...]
+    turned: tuple[bool, ...]
     saturated: tuple[Mask, ...]
     gains: tuple[GainBounds | None, ...]
     parts: tuple[CapturePart, ...]
@@ -112,25 +115,27 @@ def set_scene(capture: Capture, order: Sequence[int], settings: PolySettings) ->
     """
     if capture.tube is None:
         raise DataError("the polychromatic fit needs a tube or a photon energy in scanner.toml")
+    views = capture.fitted_views
     tube = capture.tube.behind("Cu", settings.extra_filter_mm_cu / 10)
     fine, few = (
         energy_groups(tube, capture.detector.scintillator, count)
         for count in (GROUPS, OUTLINE_GROUPS)
     )
-    beams = tuple(view_beam(capture, view, fine) for view in capture.views)
+    beams = tuple(view_beam(capture, view, fine) for view in views)
     few_beams = tuple(beam.regrouped(few) for beam in beams)
     tables, few_tables = (
         tuple(candidate_table(part, groups) for part in capture.parts) for groups in (fine, few)
     )
-    limits = [capture.at_least.get(view.name) for view in capture.views]
-    whole = [completed(view, each) for view, each in zip(capture.views, limits, strict=True)]
+    limits = [capture.at_least.get(view.name) for view in views]
+    whole = [completed(view, each) for view, each in zip(views, limits, strict=True)]
     return Scene(
         tuple(view for view, _ in whole),
+        tuple(view.name in capture.turned for view in views),
         tuple(mask for _, mask in whole),
-        tuple(gain_bounds(view, each) for view, each in zip(capture.views, limits, strict=True)),
+        tuple(gain_bounds(view, each) for view, each in zip(views, limits, strict=True)),
         capture.parts,
         tuple(order),
         Light(fine, beams, tables),
         Light(few, few_beams, few_tables),
-        tuple(capture.noise_sd.get(view.name, 0.0) for view in capture.views),
+        tuple(capture.noise_sd.get(view.name, 0.0) for view in views),
     )

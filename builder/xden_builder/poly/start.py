@@ -75,10 +75,13 @@ def first_guess(scene: Scene) -> Guess:
 
 
 def _attenuation_per_cm(scene: Scene) -> Float64[np.ndarray, "k"]:
-    """One coefficient for each part, from averaged images."""
+    """One coefficient for each part, from averaged images of the object as it was told to lie."""
     binning = coarse_binning(scene.views[0].geometry.shape)
     pairs, bounds = [], {}
-    for view, saturated, gain in zip(scene.views, scene.saturated, scene.gains, strict=True):
+    each_view = zip(scene.views, scene.turned, scene.saturated, scene.gains, strict=True)
+    for view, turned, saturated, gain in each_view:
+        if turned:  # how it lies there is not known yet
+            continue
         image, mask = binned(view, binning)
         mask &= ~any_of(saturated, binning)
         if gain is not None:

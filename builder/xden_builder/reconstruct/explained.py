@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from xden1k.errors import DataError
 from xden1k.rays import PathLengths, path_lengths
 from xden_builder.audit.view import ViewAudit, audit_image, audit_view, noise_floor
 from xden_builder.capture import Capture
@@ -34,7 +35,7 @@ class Explained:
     model
         ``paper``, ``poly``, ``mono`` or, without a known source, ``attenuation``.
     lengths
-        Of the parts, in each view.
+        Of the parts, in each fitted view.
     fit
         One attenuation coefficient for each part.
     poly
@@ -57,15 +58,22 @@ def explain(capture: Capture, space: Space, settings: BuildSettings) -> Explaine
     Raises
     ------
     DataError
-        If the tube lies outside the tables.
+        If the tube lies outside the tables, or the object was turned by hand and its source has no
+        spectrum: its pose is found by that fit alone.
     """
     model, poly = _model_used(capture, settings), None
+    if model != "poly" and capture.turned:
+        raise DataError(
+            f"views.{min(capture.turned)}.turned: expected a tube's kv in scanner.toml and --model "
+            f"poly, which alone finds the pose of a turned view; got the model {model}"
+        )
     if model == "poly":
         poly = fit_poly(capture, space.order, space.volumes_cm3, settings.poly)
         capture = _turned(capture, poly)
     subrays = 1 if settings.model == "paper" else settings.subrays
     lengths = [
-        path_lengths(space.meshes, space.order, view.geometry, subrays) for view in capture.views
+        path_lengths(space.meshes, space.order, view.geometry, subrays)
+        for view in capture.fitted_views
     ]
     fit = _fit(capture, lengths, settings, poly)
     audits = _audits(capture, lengths, fit, poly)
@@ -81,17 +89,17 @@ def _model_used(capture: Capture, settings: BuildSettings) -> ModelUsed:
 
 def _turned(capture: Capture, poly: PolyFit) -> Capture:
     """Put the scanner where the refined pose sees it from the meshes."""
-    pa, lat = (
+    pa, lat, *further = (
         replace(view, geometry=seen.geometry)
-        for view, seen in zip(capture.views, poly.solution.seen, strict=True)
+        for view, seen in zip(capture.fitted_views, poly.solution.seen, strict=True)
     )
-    return replace(capture, views=(pa, lat))
+    return replace(capture, views=(pa, lat), further_views=tuple(further))
 
 
 def _fit(
     capture: Capture, lengths: Sequence[PathLengths], settings: BuildSettings, poly: PolyFit | None
 ) -> LacFit:
-    views = list(zip(lengths, capture.views, strict=True))
+    views = list(zip(lengths, capture.fitted_views, strict=True))
     if settings.model == "paper":
         return fit_lac_adam(views)
     return fit_lac(views, dark_sd=capture.noise_sd, gain_bounds=_gain_bounds(capture, poly))
@@ -104,7 +112,7 @@ def _gain_bounds(capture: Capture, poly: PolyFit | None) -> dict[str, GainBounds
     thickness, which looks like less gain.
     """
     found = {}
-    for number, view in enumerate(capture.views):
+    for number, view in enumerate(capture.fitted_views):
         bounds = gain_bounds(view, capture.at_least.get(view.name))
         if bounds is not None and poly is not None:
             gain = float(poly.solution.nuisances(number)[0])
@@ -119,7 +127,7 @@ def _audits(
 ) -> tuple[ViewAudit, ...]:
     """How well the fit explains its own images."""
     found = []
-    for number, (taken, each) in enumerate(zip(capture.views, lengths, strict=True)):
+    for number, (taken, each) in enumerate(zip(capture.fitted_views, lengths, strict=True)):
         view, saturated = completed(taken, capture.at_least.get(taken.name))
         floor = noise_floor(capture, view.name)
         if poly is None:

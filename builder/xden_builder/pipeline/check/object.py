@@ -99,7 +99,7 @@ def _judged(capture: Capture, refused: list[str]) -> Iterator[str]:
     """Yield contradictions, and add what a rebuild refuses."""
     try:
         _check_source(capture)
-        check_places(capture.parts, capture.views)
+        check_places(capture.parts, capture.fitted_views)
         check_twins(capture.parts)
         volumes_cm3 = divide(capture.parts).volumes_cm3.tolist()
         meshes = [part.mesh for part in capture.parts]
@@ -110,7 +110,7 @@ def _judged(capture: Capture, refused: list[str]) -> Iterator[str]:
     except XDenError as err:
         refused.append(str(err))
         return
-    yield from contradictions(pa, lat)
+    yield from contradictions(pa, lat, turned=lat.name in capture.turned)
     if capture.weighed_mass_g is not None:
         said = weight_contradiction(capture.weighed_mass_g, capture.parts, volumes_cm3)
         if said:

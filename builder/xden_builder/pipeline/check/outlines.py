@@ -103,21 +103,24 @@ def _share(mask: Mask, binning: int) -> Float64[np.ndarray, "rows columns"]:
     return np.asarray(cut.reshape(rows, binning, columns, binning).mean(axis=(1, 3)))
 
 
-def contradictions(pa: Outline, lat: Outline) -> Iterator[str]:
+def contradictions(pa: Outline, lat: Outline, *, turned: bool = False) -> Iterator[str]:
     """Say what outlines and shadows of an object cannot both be.
 
     Views that are exchanged or turned over are said only where the shadow then fits far better:
-    objects that look alike from both sides say nothing.
+    objects that look alike from both sides say nothing. Where the object was turned by hand before
+    ``lat``, its parts may lie elsewhere there, and only ``pa`` is asked.
     """
-    unseen = [view.name for view in (pa, lat) if not view.drawn.any()]
+    told = (pa,) if turned else (pa, lat)
+    unseen = [view.name for view in told if not view.drawn.any()]
     if unseen:
         yield f"the parts lie outside of view {unseen[0]}; check mesh_units and its geometry"
         return
     if blank := [view.name for view in (pa, lat) if not view.shadow.any()]:
         yield f"view {blank[0]} shows no shadow at all: expected {SHADOW_DEPTH:.0%} less than air"
         return
-    found = [*_exchanged(pa, lat)] or [said for view in (pa, lat) for said in _turned(view)]
-    yield from found or [said for view in (pa, lat) for said in _beside(view)]
+    found = [] if turned else [*_exchanged(pa, lat)]
+    found = found or [said for view in told for said in _turned(view)]
+    yield from found or [said for view in told for said in _beside(view)]
 
 
 def _exchanged(pa: Outline, lat: Outline) -> Iterator[str]:

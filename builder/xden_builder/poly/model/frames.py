@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float64
@@ -12,9 +12,7 @@ from scipy.spatial.transform import Rotation
 from xden1k.values.arrays import Image, Mask, Vec3
 from xden1k.values.views import ViewGeometry, XRayView
 
-__all__ = ["POSE_UNKNOWNS", "Pose", "any_of", "binned", "coarse", "posed"]
-
-POSE_UNKNOWNS: Final = 7
+__all__ = ["Pose", "any_of", "binned", "coarse", "posed"]
 
 Three = tuple[float, float, float]
 

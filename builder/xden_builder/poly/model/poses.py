@@ -1,0 +1,82 @@
+"""Where the object stands in each view: one pose that views share, and one of each turned view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64
+
+from xden1k.values.views import ViewGeometry
+from xden_builder.poly.model.frames import Pose, posed
+
+__all__ = ["Poses"]
+
+RIGID: Final = 6
+SHARED_SD: Final = (0.03, 0.03, 0.03, 0.3, 0.3, 0.3)
+"""How far meshes and images are expected to disagree: 2 degrees and 3 mm about each axis."""
+TURNED_SD: Final = (0.09, 0.09, 0.09, 2.0, 2.0, 2.0)
+"""The same where the object was turned by hand: 5 degrees and 2 cm."""
+ROW_SHIFT_SD_CM: Final = 0.05
+"""How far the rows of two panels are expected to disagree."""
+
+
+@dataclass(frozen=True, slots=True)
+class Poses:
+    """The unknowns that say where each view sees the object, in one vector.
+
+    First six that the views which are not turned share: rotation vector and shift. Then what each
+    view has of its own: a turned one its rotation vector and shift, the others the row shift of
+    their panel, but for the first, which the others are compared with.
+
+    Parameters
+    ----------
+    turned
+        By view: whether the object was turned by hand before it.
+    origin
+        At rest.
+
+    Examples
+    --------
+    >>> [Poses(turned, Pose()).count for turned in ((False, False), (False, True))]
+    [7, 12]
+    """
+
+    turned: tuple[bool, ...]
+    origin: Pose
+
+    @property
+    def count(self) -> int:
+        """Number of unknowns."""
+        return len(self.prior_sd)
+
+    @property
+    def prior_sd(self) -> Float64[np.ndarray, "p"]:
+        """Standard deviations before the images, in radians and cm; the means are zero."""
+        return np.array([*SHARED_SD, *(sd for own in self._own_sds() for sd in own)])
+
+    def _own_sds(self) -> list[tuple[float, ...]]:
+        """Give the standard deviations of what each view has of its own."""
+        return [
+            TURNED_SD if turned else (ROW_SHIFT_SD_CM,) * (number > 0)
+            for number, turned in enumerate(self.turned)
+        ]
+
+    def places(self, number: int) -> list[int]:
+        """Places of a view's unknowns in the vector: rotation, shift and, if any, row shift."""
+        counts = [len(own) for own in self._own_sds()]
+        start = RIGID + sum(counts[:number])
+        own = range(start, start + counts[number])
+        return [*own] if self.turned[number] else [*range(RIGID), *own]
+
+    def of(self, number: int, vector: Float64[np.ndarray, "p"]) -> Pose:
+        """Pose of the object in a view; its row shift is that of the view's panel."""
+        mine = vector[self.places(number)]
+        return self.origin.moved(np.append(mine, np.zeros(RIGID + 1 - len(mine))))
+
+    def geometry(
+        self, number: int, told: ViewGeometry, vector: Float64[np.ndarray, "p"]
+    ) -> ViewGeometry:
+        """Move a view's scanner so that meshes at rest look as the object does in its pose."""
+        return posed(told, self.of(number, vector), shifted_rows=True)
