@@ -16,6 +16,7 @@ import numpy as np
 
 from xden1k.rays import path_lengths
 from xden1k.values.types import DensityObject
+from xden1k.values.views import ViewGeometry
 from xden_builder.audit.ct import CTAudit, audit_ct
 from xden_builder.audit.replay import replayed
 from xden_builder.audit.view import ViewAudit, audit_image, audit_view, noise_floor, pixel_sets
@@ -77,13 +78,13 @@ def audit_object(
     lac = np.nan_to_num(lac)  # a part that no ray met has none, and darkens no pixel
     gains: Mapping[str, float] = obj.meta["fit"]["gain"]
     refined = {view.name: view.geometry for view in obj.views}
-    turned = obj.meta.get("poly", {}).get("pose")
+    pose = obj.meta.get("poly", {}).get("pose")
     views = []
     for taken in capture.all_views:
         view, saturated = completed(taken, capture.at_least.get(taken.name))
         geometry = refined.get(view.name, view.geometry)
-        if view.name not in refined and turned is not None:
-            geometry = posed(geometry, Pose.from_dict(turned), shifted_rows=False)
+        if view.name not in refined and pose is not None:
+            geometry = _posed(geometry, view.name, pose)
         lengths = path_lengths(meshes, range(len(meshes)), geometry, subrays)
         floor, gain = noise_floor(capture, view.name), gains.get(view.name)
         if "poly" not in obj.meta:
@@ -107,3 +108,12 @@ def audit_object(
     return ObjectAudit(
         obj.object_id, tuple(views), None if ct is None else audit_ct(meshes, lac.tolist(), ct)
     )
+
+
+def _posed(geometry: ViewGeometry, name: str, kept: Mapping[str, Any]) -> ViewGeometry:
+    """Move the scanner of a view that the dataset does not hold by the pose it was fitted in.
+
+    An audit view has the pose that views share; its rows are believed.
+    """
+    own = kept.get("views", {}).get(name)
+    return posed(geometry, Pose.from_dict(own or kept), shifted_rows=own is not None)

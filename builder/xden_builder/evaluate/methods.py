@@ -53,14 +53,15 @@ class Ablation:
         filters = dict(capture.tube.filtration_cm)
         if self.copper_cm:
             filters["Cu"] = filters.get("Cu", 0.0) + self.copper_cm
-        pa, lat = (
+        pa, lat, *further = (
             replace(view, transmission=view.transmission * np.float32(self.exposure))
-            for view in capture.views
+            for view in capture.fitted_views
         )
         return replace(
             capture,
             tube=replace(capture.tube, filtration_cm=filters),
             views=(pa, lat),
+            further_views=tuple(further),
             at_least={
                 name: least * np.float32(self.exposure) for name, least in capture.at_least.items()
             },
@@ -104,7 +105,7 @@ def scaled(
 def paper(capture: Capture, order: Sequence[int]) -> Densities:
     """Give the paper's densities: one attenuation coefficient for each part by Adam, by 0.17."""
     meshes = [part.mesh for part in capture.parts]
-    views = [(path_lengths(meshes, order, view.geometry), view) for view in capture.views]
+    views = [(path_lengths(meshes, order, view.geometry), view) for view in capture.fitted_views]
     lac = np.nan_to_num(fit_lac_adam(views).lac_per_cm)
     return np.array([apparent_density_g_cm3(each) for each in lac.tolist()])
 

@@ -1,4 +1,4 @@
-"""The polychromatic fit: from two radiographs, part meshes and a tube to densities.
+"""The polychromatic fit: from radiographs, part meshes and a tube to densities.
 
 Unknown are the density of each part, the material where no label says it, a gain and the strength
 of scatter and glare in each view, and the pose of the meshes. The fit is a line of stages, each of

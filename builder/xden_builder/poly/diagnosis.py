@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -36,7 +37,8 @@ class Diagnosis:
     between_g_cm3
         Shape (K,): standard deviation of the best densities of the possible materials.
     apart_g_cm3, apart_sd_g_cm3
-        Shape (K,): difference of the densities by either view alone, and its standard deviation.
+        Shape (K,): how far the densities by each view alone are apart, and its standard deviation:
+        the difference of two; of more views, what has the same standard error of the mean.
     outline_share, dark_share
         Shape (K,): of the information, from outlines and thin parts, and from dark samples.
     met
@@ -108,19 +110,27 @@ def _scale(problem: Problem) -> Float64[np.ndarray, "u u"]:
 def _views_apart(
     solution: Solution,
 ) -> tuple[Float64[np.ndarray, "k"], Float64[np.ndarray, "k"]]:
-    """Densities that each view alone would move to, in one Gauss-Newton step: their difference."""
+    """Densities that each view alone would move to, in one Gauss-Newton step: how far apart.
+
+    The standard error of the mean of V views is half of it, whatever V.
+    """
     problem, unknowns = solution.problem, solution.minimum.unknowns
     steps, variances = [], []
     for number in range(len(problem.views)):
         residuals, jacobian, weights = problem.scaled(unknowns, number)
-        jacobian = jacobian[:, : problem.off.start]  # the same batch in both views
+        jacobian = jacobian[:, : problem.off.start]  # the same batch in all views
         weighted = jacobian * weights[:, None]
         sd = problem.prior.sd[: problem.off.start]
         curvature = weighted.T @ jacobian + PRIOR_OF_ONE_VIEW * np.diag(sd**-2.0)
         inverse = np.linalg.inv(curvature)
         steps.append(-(inverse @ (weighted.T @ residuals))[: problem.parts])
         variances.append(inverse.diagonal()[: problem.parts])
-    return np.abs(steps[0] - steps[1]), np.sqrt(np.sum(variances, axis=0))
+    count = len(steps)
+    squares = np.sum([(one - other) ** 2 for one, other in combinations(steps, 2)], axis=0)
+    return (
+        2 / count * np.sqrt(squares / (count - 1)),
+        2 / count * np.sqrt(np.sum(variances, axis=0)),
+    )
 
 
 def information_shares(

@@ -53,7 +53,7 @@ class Solution:
 
     @property
     def seen(self) -> tuple[Seen, ...]:
-        """Both views."""
+        """The fitted views."""
         return self.samples.seen
 
     @property
@@ -154,7 +154,8 @@ def problem_of(
     """Work out stray light and standard deviations at some densities and amplitudes of scatter."""
     seen, scene = samples.seen, samples.guess.scene
     count = sum(int((~each.samples.at_least).sum()) for each in seen)
-    share = min(1.0, settings.worth_a_part * len(scene.parts) / max(count, 1))
+    worth = settings.worth_a_part * len(scene.parts) * len(seen) / 2
+    share = min(1.0, worth / max(count, 1))
     density = density.clip(stand_ins.low_g_cm3, stand_ins.high_g_cm3)
     strays = [
         stray_light(

@@ -1,4 +1,4 @@
-"""Stage 3 of the fit: meshes onto their shadows, in the pose both radiographs agree with best.
+"""Stage 3 of the fit: meshes onto their shadows, in the poses the radiographs agree with best.
 
 Comes from :mod:`start`, leads to :mod:`samples`. The unknowns of the poses (seven for two views
 that share one) are found by Gauss-Newton steps, together with the densities and a gain of each

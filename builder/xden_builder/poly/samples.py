@@ -69,7 +69,7 @@ class Samples:
     pose
         None where it was not sought.
     seen
-        Both views.
+        The fitted views.
     """
 
     guess: Guess

@@ -31,8 +31,9 @@ class PolySettings:
     floor
         Error of T that is left anywhere.
     worth_a_part
-        Independent observations that the pixels are worth, for each part: their errors hang
-        together, so that thousands of pixels do not tell thousands of times as much as one.
+        Independent observations that the pixels of two views are worth, for each part: their errors
+        hang together, so that thousands of pixels do not tell thousands of times as much as one.
+        A further view adds as much as each of the two.
     composition
         Whether what parts are made of may differ from the library's materials.
     extra_filter_mm_cu, filter_sd_mm_cu

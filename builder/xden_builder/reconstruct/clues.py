@@ -21,7 +21,7 @@ def find_clues(capture: Capture, settings: BuildSettings) -> tuple[Clue, ...]:
     """
     if capture.tube is None or capture.tube.kv is None:
         return ()
-    check_places(capture.parts, capture.views)
+    check_places(capture.parts, capture.fitted_views)
     check_twins(capture.parts)
     space = divide(capture.parts)
     return survey(capture, space.order, space.volumes_cm3, settings.poly)

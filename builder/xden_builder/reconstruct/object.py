@@ -50,16 +50,16 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
         the source or through the detector, most of the object is saturated, or the meshes are in
         other units than ``objects.csv`` says.
     """
-    check_places(capture.parts, capture.views)
+    check_places(capture.parts, capture.fitted_views)
     check_twins(capture.parts)
     space = divide(capture.parts)
     explained = explain(capture, space, settings)
     check_exposure(
         (view.name, _shadow(lengths), ~view.valid)
-        for view, lengths in zip(capture.views, explained.lengths, strict=True)
+        for view, lengths in zip(capture.fitted_views, explained.lengths, strict=True)
     )
     gains = [audit.gain for audit in explained.audits]
-    check_size(capture.parts, explained.capture.views, gains)
+    check_size(capture.parts, explained.capture.fitted_views, gains)
     return assemble(space, explained, settings)
 
 

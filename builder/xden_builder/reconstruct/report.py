@@ -50,7 +50,7 @@ def report(
 def _fits(explained: Explained, settings: BuildSettings) -> dict[str, Any]:
     """Fit report and provenance."""
     capture, fit = explained.capture, explained.fit
-    names = [view.name for view in capture.views]
+    names = [view.name for view in capture.fitted_views]
     meta = {
         "model": explained.model,
         "settings": asdict(settings),
