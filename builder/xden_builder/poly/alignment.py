@@ -33,6 +33,10 @@ ROUNDS: Final = 3
 """Of laying middles onto each other: what the panel cuts off comes into sight by it."""
 TOLD_SHARES: Final = (0.7, 1.4)
 """Least and most density in shares of what the other views tell."""
+CANDIDATES: Final = 3
+"""At most handed over, where searches from several turns do not end at one."""
+SAME_RAD: Final = 0.03
+"""Turns that are apart by less are the same."""
 EVERYWHERE: Final = (slice(None), slice(None))
 
 Unknowns = Float64[np.ndarray, "u"]
@@ -40,8 +44,10 @@ Unknowns = Float64[np.ndarray, "u"]
 
 def aligned(
     target: Target, poses: Poses, density_g_cm3: Float64[np.ndarray, "k"]
-) -> tuple[Float64[np.ndarray, "k"], Float64[np.ndarray, "p"]]:
-    """Densities by the views that are not turned, and rough poses of those that are.
+) -> list[Unknowns]:
+    """Give where to start from: densities by the views that are not turned, rough poses of others.
+
+    Where one view alone does not decide, there are several: the best one first.
 
     Parameters
     ----------
@@ -53,10 +59,12 @@ def aligned(
     turned = np.array(poses.turned)
     shared = target.only(*np.flatnonzero(~turned).tolist())
     density_g_cm3 = _densities(shared, poses, density_g_cm3)
-    start = np.zeros(poses.count)
+    starts = np.zeros((CANDIDATES, poses.count))
     for number in np.flatnonzero(turned).tolist():
-        start[poses.places(number)] = _alone(target.only(number), poses.origin, density_g_cm3)
-    return density_g_cm3, start
+        found = _alone(target.only(number), poses.origin, density_g_cm3)
+        starts[:, poses.places(number)] = found
+    different = [0, *(n for n in range(1, CANDIDATES) if (starts[n] != starts[0]).any())]
+    return [target.start(density_g_cm3, starts[number]) for number in different]
 
 
 def _densities(
@@ -74,13 +82,26 @@ def _densities(
 
 def _alone(
     target: Target, origin: Pose, density_g_cm3: Float64[np.ndarray, "k"]
-) -> Float64[np.ndarray, "6"]:
-    """Rotation vector and shift of the object in one turned view, the best of several searches."""
+) -> Float64[np.ndarray, "c 6"]:
+    """Rotation vectors and shifts of the object in one turned view, by the best searches.
+
+    The best one is repeated where there are fewer unlike ones.
+    """
     poses = Poses((True,), origin)
     whole = Level.of(target, poses, [EVERYWHERE], _binning(target))
-    found = [_search(whole, density_g_cm3, turn) for turn in _turns()]
-    best = min(found, key=whole.loss)
-    return best[-poses.count :][poses.places(0)]
+    found = sorted((_search(whole, density_g_cm3, turn) for turn in _turns()), key=whole.loss)
+    rigid = [each[-poses.count :][poses.places(0)] for each in found]
+    best = [
+        pose
+        for number, pose in enumerate(rigid)
+        if all(_unlike(pose, other) for other in rigid[:number])
+    ]
+    return np.stack([*best, *[best[0]] * CANDIDATES])[:CANDIDATES]
+
+
+def _unlike(one: Float64[np.ndarray, "6"], other: Float64[np.ndarray, "6"]) -> bool:
+    """Whether two searches ended at turns that are not the same."""
+    return float(np.linalg.norm(one[:3] - other[:3])) > SAME_RAD
 
 
 def _turns() -> list[Vec3]:

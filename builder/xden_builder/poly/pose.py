@@ -170,27 +170,28 @@ def refine_pose(
     target = Target(views, saturated, gains, beams, meshes, order, mac_cm2_g)
     x, y, z = target.centre_cm.tolist()
     poses = Poses(tuple(turned) or (False,) * len(views), Pose(centre_cm=(x, y, z)))
-    parts, start, at_first = len(meshes), np.zeros(poses.count), density_g_cm3
+    starts = [target.start(density_g_cm3, np.zeros(poses.count))]
     if any(poses.turned):
-        at_first, start = aligned(target, poses, density_g_cm3)
-    unknowns = target.start(at_first, start)
-    low, high = density_bounds(density_g_cm3, len(unknowns))
+        starts = aligned(target, poses, density_g_cm3)
+    low, high = density_bounds(density_g_cm3, len(starts[0]))
     rms_before = None
     for binning, most in _binnings(views, any(poses.turned)):
-        windows = _windows(target, poses, unknowns[-poses.count :], binning)
+        windows = _windows(target, poses, starts[0][-poses.count :], binning)
         level = Level.of(target, poses, windows, binning)
         if rms_before is None:
-            rms_before = level.rms(unknowns)
-        unknowns, hessian = descend(level, unknowns, most, low, high)
+            rms_before = level.rms(starts[0])
+        ends = [descend(level, start, most, low, high) for start in starts]
+        unknowns, there = min(ends, key=lambda end: end[1].loss)
+        starts = [unknowns]
     assert rms_before is not None
-    told = hessian + 1e-9 * np.diag(hessian.diagonal())
+    told = there.hessian + 1e-9 * np.diag(there.hessian.diagonal())
     covariance = np.linalg.pinv(told, hermitian=True)
     return PoseFit(
         poses=poses,
         unknowns=unknowns[-poses.count :],
         sd=np.sqrt(covariance.diagonal()[-poses.count :].clip(min=0)),
-        density_g_cm3=unknowns[:parts],
-        gain=unknowns[parts : -poses.count],
+        density_g_cm3=unknowns[: len(meshes)],
+        gain=unknowns[len(meshes) : -poses.count],
         rms_before=rms_before,
         rms_after=level.rms(unknowns),
     )

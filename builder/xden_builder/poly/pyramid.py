@@ -287,8 +287,8 @@ def descend(
     most: int,
     low: Float64[np.ndarray, "u"],
     high: Float64[np.ndarray, "u"],
-) -> tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u u"]]:
-    """Take damped Gauss-Newton steps, and give half the curvature there too.
+) -> tuple[Float64[np.ndarray, "u"], Evaluation]:
+    """Take damped Gauss-Newton steps, and give the loss and half its derivatives there too.
 
     Derivatives cost a dozen times as much as residuals, so several steps share them.
     """
@@ -310,7 +310,7 @@ def descend(
                 break
         if first.loss - here.loss < SETTLED_SHARE * here.loss:
             break
-    return unknowns, here.hessian
+    return unknowns, here
 
 
 def _ahead(
