@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import trimesh
 from jaxtyping import Float
+from manifold3d import Manifold, Mesh64
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -14,10 +15,13 @@ from xden1k.errors import DataError
 from xden1k.values.arrays import Faces, Vec3
 from xden1k.values.closed import edge_faults
 
-__all__ = ["closed_mesh"]
+__all__ = ["closed_mesh", "simplified"]
 
 FLATTEST = 1e-9
 """A smaller volume, as a share of the bounding box, is rounding."""
+
+MOST_VOLUME_CHANGE = 0.02
+"""A part that leaving out faces would change more, such as a foil, keeps its surface."""
 
 Triangles = Float[np.ndarray, "_ 3 3"]
 
@@ -154,3 +158,27 @@ def _winding_number(triangles: Triangles, point: Vec3) -> float:
     ab, bc, ca = ((u * v).sum(axis=1) for u, v in ((a, b), (b, c), (c, a)))
     angles = np.arctan2(_triple_products(corners), la * lb * lc + ab * lc + bc * la + ca * lb)
     return float(angles.sum() / (2 * np.pi))
+
+
+def simplified(mesh: trimesh.Trimesh, tolerance_cm: float) -> trimesh.Trimesh:
+    """Leave out faces of a closed mesh; one that this would change much stays as it is.
+
+    Parameters
+    ----------
+    mesh
+        Closed.
+    tolerance_cm
+        How far the surface may leave the true one; 0: nothing is left out.
+    """
+    if tolerance_cm == 0:
+        return mesh
+    buffers = Mesh64(
+        vert_properties=np.array(mesh.vertices, dtype=np.float64),
+        tri_verts=np.array(mesh.faces, dtype=np.uint64),
+    )
+    few = Manifold(buffers).simplify(tolerance_cm).to_mesh64()
+    simple = trimesh.Trimesh(few.vert_properties[:, :3], few.tri_verts, process=False)
+    whole = float(mesh.volume)
+    if not len(simple.faces) or abs(simple.volume - whole) > MOST_VOLUME_CHANGE * whole:
+        return mesh
+    return simple

@@ -8,17 +8,12 @@ from typing import Any
 import numpy as np
 import trimesh
 from jaxtyping import Float
-from manifold3d import Manifold, Mesh64
 from scipy.spatial.transform import Rotation
 
 from xden1k.errors import DataError
-from xden_builder.capture.solids import closed_mesh
+from xden_builder.capture.solids import closed_mesh, simplified
 
 __all__ = ["MeshError", "draw_mesh_error"]
-
-MOST_VOLUME_CHANGE = 0.02
-"""A part that simplifying would change more, such as a foil, keeps its surface. So does one that it
-would make no solid: where a thin wall lies between two surfaces, one may come out of the other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,27 +53,18 @@ class MeshError:
         return self.tolerance_cm == 0 and bool((self.matrix == np.eye(4)).all())
 
     def applied(self, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-        """Hand over a mesh; the same one where there is no error."""
+        """Hand over a mesh; the same one where there is no error.
+
+        It keeps its surface where a simpler one is no solid: where a thin wall lies between two
+        surfaces, one may come out of the other.
+        """
         if self.is_none:
             return mesh
         simple, whole = (
-            each.copy().apply_transform(self.matrix) for each in (self._simplified(mesh), mesh)
+            each.copy().apply_transform(self.matrix)
+            for each in (simplified(mesh, self.tolerance_cm), mesh)
         )
         return simple if _is_solid(simple) else whole
-
-    def _simplified(self, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-        if self.tolerance_cm == 0:
-            return mesh
-        buffers = Mesh64(
-            vert_properties=np.array(mesh.vertices, dtype=np.float64),
-            tri_verts=np.array(mesh.faces, dtype=np.uint64),
-        )
-        few = Manifold(buffers).simplify(self.tolerance_cm).to_mesh64()
-        simple = trimesh.Trimesh(few.vert_properties[:, :3], few.tri_verts, process=False)
-        whole = float(mesh.volume)
-        if not len(simple.faces) or abs(simple.volume - whole) > MOST_VOLUME_CHANGE * whole:
-            return mesh
-        return simple
 
     def as_dict(self) -> dict[str, Any]:
         """Give all of it in JSON's types."""

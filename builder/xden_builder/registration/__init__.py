@@ -1,0 +1,1 @@
+"""Registration: meshes in any frame onto their two radiographs."""

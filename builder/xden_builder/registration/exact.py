@@ -1,0 +1,279 @@
+"""Poses judged by the parts' exact path lengths and the tube's spectrum, densities left free."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.ndimage import binary_dilation
+from scipy.spatial.transform import Rotation
+
+from xden1k.rays import PathLengths, path_lengths
+from xden1k.values.arrays import Mask
+from xden1k.values.views import ViewGeometry, XRayView
+from xden_builder.capture import Capture, CapturePart
+from xden_builder.capture.saturation import completed
+from xden_builder.capture.solids import simplified
+from xden_builder.fit import huber
+from xden_builder.physics.source import Tube
+from xden_builder.poly.model.direct import transmissions_and_slopes
+from xden_builder.poly.model.frames import Pose, binned, coarse
+from xden_builder.poly.model.poses import Poses
+from xden_builder.poly.model.radiograph import gain_prior
+from xden_builder.poly.pyramid import Level, Target, Window, density_bounds, descend, window
+from xden_builder.poly.scene import Scene, set_scene
+from xden_builder.poly.settings import PolySettings
+from xden_builder.poly.start import first_guess
+from xden_builder.registration.body import Body
+from xden_builder.registration.middles import own_shifts
+from xden_builder.registration.placement import Found, RigidPlacement
+from xden_builder.registration.shadow import Shadow
+
+__all__ = ["Judge"]
+
+BINNING: Final = 2
+"""Of the pixels that the images are averaged to; a model's pixel has as many rays each way."""
+PIXEL_SD: Final = 0.05
+TOLERANCE_PX: Final = 0.25
+"""By which surfaces may be off."""
+DENSITY_STEPS: Final = 2
+DAMPING: Final = 1e-2
+LIT: Final = 0.96
+"""Transmission of what is no shadow: stray light and gain are not modelled."""
+OUTLINE_PX: Final = 2
+"""By which outlines may differ."""
+USUAL_KEV: Final = 60.0
+"""Taken where the source is not told."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judge:
+    """Radiographs of few pixels, and the parts that are to be laid onto them.
+
+    Parameters
+    ----------
+    scene
+        Of the averaged images, with parts as in the files, but of fewer faces.
+    mac_cm2_g, density_g_cm3
+        Shapes (K, groups) and (K,): of what each part is taken for.
+    body, shadows
+        What is laid onto them.
+    around
+        Of each view: rows and columns of the shadow's box among the pixels that are compared.
+    shadow_px
+        How many of these are in shadow, in all views.
+    """
+
+    scene: Scene
+    mac_cm2_g: Float64[np.ndarray, "k groups"]
+    density_g_cm3: Float64[np.ndarray, "k"]
+    body: Body
+    shadows: tuple[Shadow, ...]
+    around: tuple[Window, ...]
+    shadow_px: int
+
+    @classmethod
+    def of(
+        cls,
+        capture: Capture,
+        shadows: Sequence[Shadow],
+        body: Body,
+        wide_px: int,
+        likely: RigidPlacement,
+    ) -> Judge:
+        """Average images until the longest shadow is about so many pixels wide.
+
+        What the labels do not tell of the parts is taken from a likely pose.
+        """
+        widest = max(float(shadow.size_px.max()) for shadow in shadows)
+        binning = max(round(widest / wide_px), 1)
+        views = [_averaged(capture, view, binning) for view in capture.fitted_views]
+        small = replace(
+            capture,
+            tube=capture.tube or Tube(energy_kev=USUAL_KEV),
+            views=(views[0], views[1]),
+            further_views=tuple(views[2:]),
+            open_field={},
+            at_least={},
+            parts=tuple(_of_fewer_faces(capture.parts, wide_px)),
+        )
+        scene, side = set_scene(small, body.order, PolySettings()), binning * BINNING
+        guess = first_guess(_placed(scene, likely))
+        return cls(
+            scene,
+            guess.outline_stand_ins.mac_cm2_g,
+            guess.density_g_cm3,
+            body,
+            tuple(shadows),
+            tuple(_around(shadow, side) for shadow in shadows),
+            max(round(sum(int(shadow.mask.sum()) for shadow in shadows) / side**2), 1),
+        )
+
+    def fixed(self, placement: RigidPlacement) -> Found:
+        """Find the densities in a pose, and what they leave."""
+        level, density = self._level(placement)
+        pose = self._start(level.poses, placement)
+        lengths = [
+            path_lengths(level.target.meshes, level.target.order, geometry, BINNING)
+            for geometry in self._geometries(level, pose)
+        ]
+        low, high = density_bounds(density, len(density))
+        best = Found(placement, np.inf, density)
+        for _ in range(DENSITY_STEPS + 1):
+            loss, gradient, curvature = self._evaluated(level, lengths, density)
+            if loss < best.loss:
+                best = Found(placement, loss, density)
+            damped = curvature + np.diag(DAMPING * curvature.diagonal() + 1e-9)
+            density = (density - np.linalg.solve(damped, gradient)).clip(low, high)
+        return best
+
+    def refined(self, placement: RigidPlacement, derivatives: int) -> Found:
+        """Move a pose, and change the densities, along so many derivatives at most."""
+        level, density = self._level(placement)
+        target, poses = level.target, level.poses
+        start = target.start(density, self._start(poses, placement))
+        bounds = density_bounds(density, len(start))
+        unknowns, _ = descend(level, start, derivatives, *bounds)
+        there = poses.of(self._untold(poses), unknowns[-poses.count :])
+        turn = Rotation.from_rotvec(there.rotation_rad).as_matrix()
+        centre, shift = np.array(there.centre_cm), np.array(there.shift_cm)
+        moved = RigidPlacement(
+            turn @ placement.rotation,
+            turn @ (placement.translation_cm - centre) + centre + shift,
+            placement.scale,
+        )
+        loss = self._loss(level.residuals(unknowns), level)
+        return Found(moved, loss, unknowns[: level.parts])
+
+    def outline_shares(self, placement: RigidPlacement) -> dict[str, float]:
+        """Of each view: share of the pixels in either outline that lie well outside the other."""
+        level, density = self._level(self.fixed(placement).placement)
+        pose = self._start(level.poses, placement)
+        images = level.images(level.target.start(density, pose))
+        return {
+            view.name: _apart_share(mask, model, seen)
+            for view, mask, model, seen in zip(
+                level.target.views, level.masks, images, level.measured, strict=True
+            )
+        }
+
+    def _start(self, poses: Poses, placement: RigidPlacement) -> Float64[np.ndarray, "p"]:
+        """Unknowns of the poses: at rest, turned views shifted onto their shadows."""
+        own = self.body.placed(placement)
+        linear, shift = own.scale * own.rotation, own.translation_cm
+        start = np.zeros(poses.count)
+        for number, shadow in enumerate(self.shadows):
+            if shadow.turned:
+                more = own_shifts(shadow, self.body.rim_cm, linear[None], shift[None])[0]
+                start[poses.places(number)[-3:]] = more
+        return start
+
+    def _geometries(self, level: Level, pose: Float64[np.ndarray, "p"]) -> Iterator[ViewGeometry]:
+        """Yield the views' coarse panels, moved as the object is."""
+        for number, beam in enumerate(level.target.beams):
+            yield coarse(level.poses.geometry(number, beam.geometry, pose), BINNING)
+
+    def _untold(self, poses: Poses) -> int:
+        """Find a view that is not turned."""
+        return poses.turned.index(False)
+
+    def _level(self, placement: RigidPlacement) -> tuple[Level, Float64[np.ndarray, "k"]]:
+        """Images and parts in a pose, and densities to start from."""
+        scene = _placed(self.scene, placement)
+        target = Target(
+            scene.views,
+            scene.saturated,
+            [gain_prior(bounds) for bounds in scene.gains],
+            scene.outlines.beams,
+            scene.meshes,
+            scene.order,
+            self.mac_cm2_g,
+        )
+        x, y, z = target.centre_cm.tolist()
+        poses = Poses(scene.turned, Pose(centre_cm=(x, y, z)))
+        windows = [
+            _joined(window(view.geometry, target.points_cm, BINNING), around)
+            for view, around in zip(scene.views, self.around, strict=True)
+        ]
+        return Level.of(target, poses, windows, BINNING), self.density_g_cm3
+
+    def _evaluated(
+        self, level: Level, lengths: Sequence[PathLengths], density_g_cm3: Float64[np.ndarray, "k"]
+    ) -> tuple[float, Float64[np.ndarray, "k"], Float64[np.ndarray, "k k"]]:
+        """Loss, and half its derivatives by the densities."""
+        target, parts = level.target, level.parts
+        gradient, curvature = np.zeros(parts), np.zeros((parts, parts))
+        residuals = []
+        for number, (each, beam) in enumerate(zip(lengths, target.beams, strict=True)):
+            seen, slopes = transmissions_and_slopes(
+                each, beam, target.mac_cm2_g, density_g_cm3, BINNING
+            )
+            image = np.ones(level.masks[number].shape)
+            image.flat[each.pixels] = seen
+            off = (image[level.masks[number]] - level.measured[number]) / PIXEL_SD
+            residuals.append(off)
+            inside = level.masks[number].flat[each.pixels]
+            places = (np.cumsum(level.masks[number]) - 1)[each.pixels[inside]]
+            mine = np.where(huber.one_sided(off, level.at_least[number]), off, 0.0)[places]
+            slopes = slopes[inside] / PIXEL_SD
+            weighted = slopes * huber.weights(mine)[:, None]
+            gradient += weighted.T @ mine
+            curvature += weighted.T @ slopes
+        return self._loss(residuals, level), gradient, curvature
+
+    def _loss(self, residuals: Sequence[Float64[np.ndarray, "_n"]], level: Level) -> float:
+        """Mean over the pixels of the shadows, whatever was compared beside them."""
+        counted = (
+            np.where(huber.one_sided(off, least), off, 0.0)
+            for off, least in zip(residuals, level.at_least, strict=True)
+        )
+        return sum(float(huber.tempered(off)) for off in counted) / self.shadow_px
+
+
+def _apart_share(
+    mask: Mask, model: Float64[np.ndarray, "n"], seen: Float64[np.ndarray, "n"]
+) -> float:
+    """Share of the pixels in either outline that lie more than a few pixels outside the other."""
+    outlines = np.zeros((2, *mask.shape), dtype=np.bool_)
+    outlines[:, mask] = np.stack([model, seen]) < LIT
+    grown = [binary_dilation(each, iterations=OUTLINE_PX) for each in outlines]
+    apart = (outlines[0] & ~grown[1]) | (outlines[1] & ~grown[0])
+    return float(apart.sum() / max(outlines.any(axis=0).sum(), 1))
+
+
+def _placed(scene: Scene, placement: RigidPlacement) -> Scene:
+    """Put the parts in a pose."""
+    parts = (replace(part, mesh=placement.moved(part.mesh)) for part in scene.parts)
+    return replace(scene, parts=tuple(parts))
+
+
+def _of_fewer_faces(parts: Sequence[CapturePart], wide_px: int) -> Iterator[CapturePart]:
+    """Leave out what is finer than a share of a pixel."""
+    points = np.concatenate([np.asarray(part.mesh.vertices) for part in parts])
+    tolerance_cm = TOLERANCE_PX * float(np.ptp(points, axis=0).max()) / wide_px
+    for part in parts:
+        yield replace(part, mesh=simplified(part.mesh, tolerance_cm))
+
+
+def _averaged(capture: Capture, view: XRayView, binning: int) -> XRayView:
+    whole, _ = completed(view, capture.at_least.get(view.name))
+    image, known = binned(whole, binning)
+    return XRayView(view.name, image, known, coarse(view.geometry, binning))
+
+
+def _around(shadow: Shadow, binning: int) -> Window:
+    """Rows and columns of the shadow's box in an image of averaged pixels."""
+    first, last = np.floor(shadow.box_px[:2] / binning), np.ceil(shadow.box_px[2:] / binning)
+    (left, top), (right, bottom) = first.astype(int).tolist(), last.astype(int).tolist()
+    return slice(max(top, 0), bottom + 1), slice(max(left, 0), right + 1)
+
+
+def _joined(one: Window, other: Window) -> Window:
+    """Give the smallest window that holds both."""
+    rows, columns = (
+        slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(one, other, strict=True)
+    )
+    return rows, columns

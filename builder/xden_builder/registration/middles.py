@@ -1,0 +1,109 @@
+"""Where an object of known rotation must be for its shadows' boxes to have the right middles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64
+
+from xden1k.values.arrays import Vec3
+from xden1k.values.views import ViewGeometry
+from xden_builder.registration.camera import Rotations, Shifts
+from xden_builder.registration.shadow import Shadow
+
+__all__ = ["own_shifts", "shifts_to_middles"]
+
+ROUNDS: Final = 2
+WEAKLY: Final = 1e-6
+"""Share of the curvature that keeps what no view tells where it is."""
+
+
+def shifts_to_middles(
+    shadows: Sequence[Shadow], rim_cm: Float64[np.ndarray, "n 3"], rotations: Rotations
+) -> Shifts:
+    """Shift the object so that the boxes around its shadows have the middles that were measured.
+
+    Parameters
+    ----------
+    shadows
+        Of all views; those before which the object was turned say least, and where all else
+        leaves it open.
+    rim_cm
+        Outermost points of the object about its middle.
+    rotations
+        Shape (b, 3, 3).
+
+    Returns
+    -------
+    ndarray
+        Shape (b, 3), in cm.
+    """
+    turned = np.einsum("bij,nj->bni", rotations, rim_cm)
+    shifts = _between_rays(shadows) - (turned.max(axis=1) + turned.min(axis=1)) / 2
+    for _ in range(ROUNDS):
+        curvature = np.zeros((len(rotations), 3, 3))
+        gradient = np.zeros((len(rotations), 3))
+        for shadow in shadows:
+            if shadow.turned:
+                continue
+            off, slopes = _off_px(shadow, turned + shifts[:, None])
+            curvature += np.einsum("bki,bkj->bij", slopes, slopes)
+            gradient += np.einsum("bki,bk->bi", slopes, off)
+        weakly = WEAKLY * np.trace(curvature, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+        shifts = shifts + np.linalg.solve(curvature + weakly, gradient[..., None])[..., 0]
+    return np.asarray(shifts)
+
+
+def own_shifts(
+    shadow: Shadow, rim_cm: Float64[np.ndarray, "n 3"], rotations: Rotations, shifts: Shifts
+) -> Shifts:
+    """Say by how much more the object is shifted in a view, across the beam.
+
+    Nothing where it was not turned before that view; parameters as of :func:`shifts_to_middles`.
+    """
+    more = np.zeros_like(shifts)
+    if not shadow.turned:
+        return more
+    turned = np.einsum("bij,nj->bni", rotations, rim_cm) + shifts[:, None]
+    for _ in range(ROUNDS):
+        off, slopes = _off_px(shadow, turned + more[:, None])
+        more = more + (np.linalg.pinv(slopes) @ off[..., None])[..., 0]
+    return more
+
+
+def _between_rays(shadows: Sequence[Shadow]) -> Vec3:
+    """Point that is nearest to the rays through the middles of all shadows."""
+    curvature, gradient = np.zeros((3, 3)), np.zeros(3)
+    for shadow in shadows:
+        place, way = _ray(shadow.geometry, shadow.middle_px)
+        across = np.eye(3) - np.outer(way, way)
+        curvature += across
+        gradient += across @ place
+    return np.asarray(np.linalg.lstsq(curvature, gradient)[0])
+
+
+def _ray(geometry: ViewGeometry, place_px: Float64[np.ndarray, "2"]) -> tuple[Vec3, Vec3]:
+    """Give a point of the ray through a pixel, and its direction."""
+    end = geometry.pixel_centres_cm(place_px[1], place_px[0])
+    way = geometry.direction if geometry.source_cm is None else end - geometry.source_cm
+    assert way is not None
+    return end, way / np.linalg.norm(way)
+
+
+def _off_px(
+    shadow: Shadow, points_cm: Float64[np.ndarray, "b n 3"]
+) -> tuple[Float64[np.ndarray, "b 2"], Float64[np.ndarray, "b 2 3"]]:
+    """How far middles of boxes are off, and how the boxes' middles move with the object."""
+    geometry, inverse = shadow.geometry, np.linalg.inv(shadow.geometry.matrix)
+    if geometry.source_cm is None:
+        places = ((points_cm - geometry.pixel00_cm) @ inverse.T)[..., :2]
+        middles = (places.max(axis=1) + places.min(axis=1)) / 2
+        return shadow.middle_px - middles, np.broadcast_to(inverse[:2], (len(places), 2, 3))
+    along = (points_cm - geometry.source_cm) @ inverse.T
+    depth = along[..., 2:].clip(min=0.05)
+    places = along[..., :2] / depth
+    middles = (places.max(axis=1) + places.min(axis=1)) / 2
+    slopes = (inverse[:2] - middles[..., None] * inverse[2]) / np.median(depth, axis=1)[..., None]
+    return shadow.middle_px - middles, slopes

@@ -1,0 +1,145 @@
+"""Where the meshes of an object stand in the scanner's frame, and how sure that is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import trimesh
+from jaxtyping import Float, Float64
+from scipy.spatial.transform import Rotation
+
+from xden1k.values.arrays import Points
+
+__all__ = ["Found", "Registration", "RigidPlacement"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigidPlacement:
+    """A mesh point x, in cm, stands at scale * (R x) + t in the scanner's frame.
+
+    Parameters
+    ----------
+    rotation
+        Shape (3, 3): R.
+    translation_cm
+        Shape (3,): t.
+    scale
+        1 where the meshes have their size.
+    """
+
+    rotation: Float64[np.ndarray, "3 3"]
+    translation_cm: Float64[np.ndarray, "3"]
+    scale: float = 1.0
+
+    def apply(self, points_cm: Points) -> Float64[np.ndarray, "n 3"]:
+        """Move points.
+
+        Examples
+        --------
+        >>> there = RigidPlacement(np.eye(3), np.array([0.0, 0.0, 1.0]), 2.0)
+        >>> there.apply(np.array([[1.0, 0.0, 0.0]])).tolist()
+        [[2.0, 0.0, 1.0]]
+        """
+        return np.asarray(self.scale * points_cm @ self.rotation.T + self.translation_cm)
+
+    def moved(self, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+        """Give a mesh whose vertices are moved; its faces stay as they are."""
+        return trimesh.Trimesh(self.apply(np.asarray(mesh.vertices)), mesh.faces, process=False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values for JSON, as ``truth.json`` of simulated captures has them."""
+        return {
+            "quaternion_xyzw": Rotation.from_matrix(self.rotation).as_quat().tolist(),
+            "translation_cm": self.translation_cm.tolist(),
+            "scale": self.scale,
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """A pose that explains the radiographs more or less well.
+
+    Parameters
+    ----------
+    placement
+        Of the meshes.
+    loss
+        Mean squared residual of transmission in units of 0.05, large ones tempered; of all views.
+    density_g_cm3
+        Shape (K,): the parts' densities that go with it, coarsely.
+    """
+
+    placement: RigidPlacement
+    loss: float
+    density_g_cm3: Float64[np.ndarray, "k"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Registration:
+    """Result of :func:`xden_builder.registration.search.register`.
+
+    Parameters
+    ----------
+    candidates
+        Unlike poses, the best first; unlike are poses in which the object, its parts' attenuation
+        included, is somewhere else.
+    equal_poses
+        How many more of the poses looked at are like the best: more than a few for an object with
+        an axis of symmetry, one or three for a bottle-opener's or a box's half turns.
+    chosen
+        Index of the candidate that is used: 0, or the one a person chose.
+    outline_share
+        By view: share of the pixels inside either outline that are inside one alone.
+    flags
+        ``pose_ambiguous``, ``pose_not_found``, ``shape_differs``.
+    """
+
+    candidates: tuple[Found, ...]
+    equal_poses: int
+    chosen: int
+    outline_share: dict[str, float]
+    flags: tuple[str, ...]
+
+    @property
+    def placement(self) -> RigidPlacement:
+        """The pose that is used."""
+        return self.candidates[self.chosen].placement
+
+    def moved(self, meshes: Sequence[trimesh.Trimesh]) -> list[trimesh.Trimesh]:
+        """Put meshes where they stand before the scanner."""
+        return [self.placement.moved(mesh) for mesh in meshes]
+
+    def density_spread(self) -> Float[np.ndarray, "k"]:
+        """Shape (K,): largest difference, as a share, to the densities of a pose as good as this.
+
+        Zero where the pose is not ambiguous.
+        """
+        best = self.candidates[self.chosen].density_g_cm3
+        if "pose_ambiguous" not in self.flags:
+            return np.zeros(len(best))
+        as_good = [each for each in self.candidates if each.loss <= AS_GOOD * self._least]
+        off = [np.abs(each.density_g_cm3 / best - 1) for each in as_good]
+        return np.asarray(np.max([np.zeros(len(best)), *off], axis=0))
+
+    @property
+    def _least(self) -> float:
+        return min(each.loss for each in self.candidates)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values for JSON."""
+        return {
+            **self.placement.to_dict(),
+            "chosen": self.chosen + 1,
+            "equal_poses": self.equal_poses,
+            "outline_share": self.outline_share,
+            "candidates": [
+                {**each.placement.to_dict(), "loss": each.loss} for each in self.candidates
+            ],
+        }
+
+
+AS_GOOD = 1.15
+"""A pose whose loss is this many times the least explains the images as well."""

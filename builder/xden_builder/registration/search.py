@@ -1,0 +1,284 @@
+"""From a capture to the pose of its meshes: shadows, shortlist, exact comparison, judgement."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.spatial.transform import Rotation
+
+from xden1k.errors import DataError
+from xden_builder.capture import Capture
+from xden_builder.capture.pose import Candidate, CoarsePose
+from xden_builder.capture.saturation import completed
+from xden_builder.physics.groups import energy_groups
+from xden_builder.physics.source import Tube
+from xden_builder.poly.materials.candidates import candidate_table
+from xden_builder.registration.body import Body
+from xden_builder.registration.exact import USUAL_KEV, Judge
+from xden_builder.registration.likeness import Likeness, unlike
+from xden_builder.registration.placement import AS_GOOD, Found, Registration, RigidPlacement
+from xden_builder.registration.shadow import shadow_of
+from xden_builder.registration.shortlist import (
+    Poses,
+    Search,
+    shortlist,
+    turned_about,
+)
+
+__all__ = ["register"]
+
+COARSE_PX, FINE_PX = 80, 240
+"""Width of the shadow, in averaged pixels, for many poses and for few."""
+CLOSE: Final = 4.0
+"""A pose whose loss is more times the least is no longer looked at."""
+COMPARED: Final = 3
+"""Poses that are refined on coarse images."""
+TURN_DEG, ROLL_DEG = 30, 15
+"""Between turns about an axis, for the two best poses and for the best."""
+SOFT: Final = (2.0, 0.004)
+"""A turn about an axis whose cost is at most so many times that of the pose, and so much more, may
+be right too: few points on few pixels do not tell."""
+MOST_ROLLS: Final = 30
+FINE_ROLLS: Final = 4
+FINAL: Final = 2
+DERIVATIVES, MOST_ROUNDS, SETTLED = 2, 4, 0.97
+"""Taken before it is asked whether a pose gains, how often, and what is little to gain."""
+LISTED: Final = 6
+ELSEWHERE: Final = 0.04
+"""Of the radius: an equally good pose that is farther makes the pose ambiguous."""
+APART_SHARE: Final = 0.01
+"""Of the radius: poses that are nearer are one."""
+GROUPS: Final = 8
+NEAR_RAD, NEAR_COUNT = np.radians(30.0), 300
+"""Around a pose that a person told."""
+SCALE_SHARES, LAST_SCALE_SHARES = (0.08, 0.03, 0.01), (0.01, 0.004, 0.0015)
+"""By which a scale that is sought is changed, on coarse images and on fine ones."""
+SCALES: Final = (0.49, 2.05)
+"""Between 0.5 and 2, and a little for meshes that err themselves."""
+WORST_LOSS: Final = 4.0
+"""Of a pose that is believed."""
+MOST_OUTLINE: Final = 0.12
+"""Of a shape that is believed: share of the outline's pixels."""
+
+
+def register(capture: Capture, order: Sequence[int]) -> Registration:
+    """Find where the meshes of an object stand before the scanner, from nothing or from a word.
+
+    Parameters
+    ----------
+    capture
+        Its meshes in any frame; ``pose`` tells what is known, ``scale_unknown`` whether their
+        scale between 0.5 and 2 is sought too.
+    order
+        Which part owns space first.
+
+    Returns
+    -------
+    Registration
+        Deterministic.
+
+    Raises
+    ------
+    DataError
+        If a view shows no shadow or its edge cuts it, the meshes are flat, the scale found lies
+        outside 0.5 to 2, or a candidate is asked for that there is not.
+    """
+    shadows = [
+        shadow_of(
+            completed(view, capture.at_least.get(view.name))[0], turned=view.name in capture.turned
+        )
+        for view in capture.fitted_views
+    ]
+    meshes = [part.mesh for part in capture.parts]
+    body = Body.of(meshes, order, _usual_lac_per_cm(capture))
+    likeness = Likeness(body)
+    told = _told_rotations(capture, body)
+    poses, search = shortlist(shadows, body, likeness, told, scaled=capture.scale_unknown)
+    there = [body.of_files(each) for each in poses.placements()]
+    judge = Judge.of(capture, shadows, body, COARSE_PX, there[0])
+    found = [judge.fixed(each) for each in there]
+    found = _unlike([*found, *_turned(found, search, body, judge)], likeness, body, COMPARED)
+    found = sorted((judge.refined(each.placement, 2) for each in found), key=_loss)
+    if capture.scale_unknown:
+        found = sorted((_rescaled(judge, each, body, SCALE_SHARES) for each in found), key=_loss)
+    found[0] = _settled(judge, found[0])
+    fine = Judge.of(capture, shadows, body, FINE_PX, found[0].placement)
+    rolled = sorted(
+        (judge.fixed(each) for each in _soft_turns(found[0], search, body, ROLL_DEG)), key=_loss
+    )
+    near = [fine.fixed(each.placement) for each in [*found, *rolled[:FINE_ROLLS]]]
+    best = [_settled(fine, each) for each in _unlike(near, likeness, body, FINAL)]
+    if capture.scale_unknown:
+        best[0] = _rescaled(fine, best[0], body, LAST_SCALE_SHARES)
+    return _judged(capture, [*best, *near], likeness, body, fine)
+
+
+def _settled(judge: Judge, found: Found) -> Found:
+    """Move a pose until that gains little."""
+    for _ in range(MOST_ROUNDS):
+        ahead = judge.refined(found.placement, DERIVATIVES)
+        if ahead.loss > SETTLED * found.loss:
+            return min(ahead, found, key=_loss)
+        found = ahead
+    return found
+
+
+def _rescaled(judge: Judge, found: Found, body: Body, shares: Sequence[float]) -> Found:
+    """Stretch and shrink about the object's middle, by less and less, while that gains."""
+    for share in shares:
+        for _ in range(MOST_ROUNDS):
+            tries = [
+                judge.refined(_stretched(found.placement, 1 + step, body), DERIVATIVES)
+                for step in (-share, share)
+            ]
+            ahead = min(tries, key=_loss)
+            if ahead.loss >= found.loss:
+                break
+            found = ahead
+    return found
+
+
+def _stretched(placement: RigidPlacement, factor: float, body: Body) -> RigidPlacement:
+    """Change the scale, the object's middle staying where it is."""
+    own = body.placed(placement)
+    return body.of_files(replace(own, scale=factor * own.scale))
+
+
+def _judged(
+    capture: Capture, found: Sequence[Found], likeness: Likeness, body: Body, fine: Judge
+) -> Registration:
+    """List unlike poses, choose one, and say how sure it is."""
+    candidates = _unlike(found, likeness, body, LISTED)
+    least = candidates[0].loss
+    chosen = _chosen(capture, len(candidates))
+    best = candidates[0].placement
+    equal = sum(
+        each.loss <= AS_GOOD * least and _distance_cm(best, each.placement, likeness, body) < apart
+        for apart in [APART_SHARE * body.radius_cm]
+        for each in found
+    )
+    outlines = fine.outline_shares(candidates[chosen].placement)
+    told = isinstance(capture.pose, Candidate)
+    flags = {
+        "pose_ambiguous": not told
+        and any(
+            each.loss <= AS_GOOD * least
+            and _distance_cm(best, each.placement, likeness, body) > ELSEWHERE * body.radius_cm
+            for each in candidates[1:]
+        ),
+        "pose_not_found": not told and least > WORST_LOSS,
+        "shape_differs": max(outlines.values()) > MOST_OUTLINE,
+    }
+    _check_scale(candidates[chosen].placement.scale)
+    return Registration(
+        tuple(candidates),
+        equal - 1,
+        chosen,
+        outlines,
+        tuple(name for name, raised in flags.items() if raised),
+    )
+
+
+def _chosen(capture: Capture, count: int) -> int:
+    """Index of the candidate that a person chose, or of the best.
+
+    Raises
+    ------
+    DataError
+        If there is none of that number.
+    """
+    if not isinstance(capture.pose, Candidate):
+        return 0
+    if capture.pose.number > count:
+        raise DataError(
+            f"object {capture.object_id}: objects.csv asks for candidate {capture.pose.number} of "
+            f"{count} poses that were found"
+        )
+    return capture.pose.number - 1
+
+
+def _check_scale(scale: float) -> None:
+    least, most = SCALES
+    if not least <= scale <= most:
+        raise DataError(
+            f"the shadows are {scale:.3g} times as large as the meshes' would be; a scale between "
+            "0.5 and 2 was expected: check mesh_units in objects.csv"
+        )
+
+
+def _distance_cm(
+    one: RigidPlacement, other: RigidPlacement, likeness: Likeness, body: Body
+) -> float:
+    return likeness.distance_cm(body.placed(one), body.placed(other))
+
+
+def _loss(found: Found) -> float:
+    return found.loss
+
+
+def _unlike(found: Sequence[Found], likeness: Likeness, body: Body, most: int) -> list[Found]:
+    """Keep the best of unlike poses, the best first."""
+    ordered = sorted(found, key=_loss)
+    own = [body.placed(each.placement) for each in ordered]
+    return [ordered[k] for k in unlike(own, likeness, APART_SHARE * body.radius_cm, most)]
+
+
+def _turned(found: Sequence[Found], search: Search, body: Body, judge: Judge) -> list[Found]:
+    """Turn the two best about the body's axes where the shortlist does not tell them."""
+    ordered = sorted(found, key=_loss)
+    close = [each for each in ordered[:2] if each.loss <= CLOSE * ordered[0].loss]
+    turns = [there for each in close for there in _soft_turns(each, search, body, TURN_DEG)]
+    return [judge.fixed(there) for there in turns]
+
+
+def _soft_turns(found: Found, search: Search, body: Body, every_deg: int) -> list[RigidPlacement]:
+    """Turn a pose about the principal axes where few points on few pixels do not tell."""
+    here = Poses.of([body.placed(found.placement)])
+    cost = float(search.judged(here.linear, here.shifts).costs[0])
+    angles = np.radians(np.arange(every_deg, 360, every_deg)).tolist()
+    kept = []
+    for axis in range(3):
+        turned = turned_about(here, body, axis, angles)
+        turned = search.judged(turned.linear, turned.shifts)
+        times, more = SOFT
+        kept.append(turned.picked(np.flatnonzero(turned.costs <= times * cost + more)))
+    all_of = sorted(
+        (
+            (cost, placement)
+            for each in kept
+            for cost, placement in zip(each.costs.tolist(), each.placements(), strict=True)
+        ),
+        key=lambda pair: pair[0],
+    )
+    return [body.of_files(placement) for _, placement in all_of[:MOST_ROLLS]]
+
+
+def _usual_lac_per_cm(capture: Capture) -> Float64[np.ndarray, "k"]:
+    """Attenuation that the labels let expect; where they tell little, a middle of what may be."""
+    tube = capture.tube or Tube(energy_kev=USUAL_KEV)
+    groups = energy_groups(tube, capture.detector.scintillator, GROUPS)
+    light = groups.weights.mean(axis=0)
+    found = []
+    for part in capture.parts:
+        table = candidate_table(part, groups)
+        lac = np.log((table.mac_cm2_g @ light) * table.priors[:, 0])
+        shares = np.exp(table.log_prior)
+        leading = table.leading
+        if shares[leading].sum() > 0.5:
+            shares = shares * leading
+        found.append(np.exp(shares @ lac / shares.sum()))
+    return np.array(found)
+
+
+def _told_rotations(capture: Capture, body: Body) -> Rotation | None:
+    """Rotations around the one a person told; None where all there are must be tried."""
+    if not isinstance(capture.pose, CoarsePose):
+        return None
+    ways = np.random.default_rng(0).normal(size=(NEAR_COUNT, 3))
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    reach = NEAR_RAD * np.cbrt((np.arange(NEAR_COUNT) + 0.5) / NEAR_COUNT)
+    return Rotation.from_rotvec(reach[:, None] * ways) * capture.pose.rotation

@@ -1,0 +1,111 @@
+"""The shadow of an object in a radiograph."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.ndimage import find_objects, gaussian_filter, label
+
+from xden1k.errors import DataError
+from xden1k.values.arrays import Mask
+from xden1k.values.views import ViewGeometry, XRayView
+
+__all__ = ["Shadow", "shadow_of"]
+
+RIM_PX: Final = 4
+"""Along the image's edge: air, whose median is the open field."""
+FAINTEST: Final = 0.02
+"""-ln T of a shadow, averaged over a pixel and its neighbours."""
+LEAST_SHARE: Final = 0.003
+"""Of all shadow: a smaller piece of it is noise."""
+LEAST_PX: Final = 20
+CUT_SHARE: Final = 0.1
+"""Of the shadow's longer side: a longer stretch on the image's edge is no noise."""
+OPAQUE: Final = 2e-3
+"""Least transmission that is told from none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shadow:
+    """A radiograph as what the object takes from the light.
+
+    Parameters
+    ----------
+    geometry
+        Of the view.
+    opacity
+        Shape (rows, columns): 1 - T with the air at 0, and 0 outside the shadow.
+    mask
+        Shape (rows, columns): the shadow.
+    box_px
+        Shape (4,): first column, first row, last column, last row of its edges.
+    turned
+        Whether the object was turned by hand before this view, so that it lies elsewhere in it.
+    """
+
+    geometry: ViewGeometry
+    opacity: Float64[np.ndarray, "rows columns"]
+    mask: Mask
+    box_px: Float64[np.ndarray, "4"]
+    turned: bool = False
+
+    @property
+    def middle_px(self) -> Float64[np.ndarray, "2"]:
+        """Column and row of the middle of its box."""
+        return np.asarray((self.box_px[:2] + self.box_px[2:]) / 2)
+
+    @property
+    def size_px(self) -> Float64[np.ndarray, "2"]:
+        """Columns and rows of its box."""
+        return np.asarray(self.box_px[2:] - self.box_px[:2])
+
+
+def shadow_of(view: XRayView, *, turned: bool = False) -> Shadow:
+    """Find the shadow; what is not valid in an image, such as a masked table, is air.
+
+    Parameters
+    ----------
+    view
+        The radiograph.
+    turned
+        As of :class:`Shadow`.
+
+    Raises
+    ------
+    DataError
+        If there is none, or the image's edge cuts it.
+    """
+    depth = -np.log(np.where(view.valid, view.transmission, np.nan).clip(min=OPAQUE))
+    rim = np.ones(depth.shape, dtype=np.bool_)
+    rim[RIM_PX:-RIM_PX, RIM_PX:-RIM_PX] = False
+    depth = np.nan_to_num(depth - np.nanmedian(depth[rim]) if view.valid[rim].any() else depth)
+    mask = _large_pieces(gaussian_filter(depth, 1.0) > FAINTEST)
+    if mask.sum() < LEAST_PX:
+        raise DataError(f"view {view.name}: no shadow of an object is in the image")
+    rows, columns = find_objects(mask.astype(np.int8))[0]
+    box = np.array([columns.start, rows.start, columns.stop, rows.stop]) - 0.5
+    _refuse_cut(view.name, mask, box)
+    opacity = np.where(mask, 1 - np.exp(-depth), 0.0).clip(0, 1)
+    return Shadow(view.geometry, opacity, mask, box, turned)
+
+
+def _large_pieces(mask: Mask) -> Mask:
+    pieces, count = label(mask)
+    sizes = np.bincount(pieces.ravel(), minlength=count + 1)
+    sizes[0] = 0
+    return np.asarray((sizes > LEAST_SHARE * max(sizes.sum(), 1))[pieces])
+
+
+def _refuse_cut(name: str, mask: Mask, box_px: Float64[np.ndarray, "4"]) -> None:
+    edges = {"top": mask[0], "bottom": mask[-1], "left": mask[:, 0], "right": mask[:, -1]}
+    longest = max(box_px[2:] - box_px[:2])
+    for edge, pixels in edges.items():
+        if pixels.sum() > CUT_SHARE * longest:
+            raise DataError(
+                f"view {name}: the {edge} edge of the image cuts the shadow over "
+                f"{int(pixels.sum())} pixels; the whole object must be in the image, and a table "
+                "or holder masked or annotated as a part"
+            )

@@ -1,0 +1,286 @@
+"""From no pose at all to a dozen unlike ones, by few points on few pixels.
+
+Rotations are spread evenly over all there are; each is shifted until its shadows lie where the
+measured ones do. The best few hundred follow the derivatives on very coarse images, the best few
+dozen of those on finer ones, together with their half turns, which outlines hardly tell apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float, Float32, Float64
+from scipy.spatial.transform import Rotation
+
+from xden_builder.registration.body import Body
+from xden_builder.registration.camera import Camera, Rotations, Shifts, rendered, seen
+from xden_builder.registration.likeness import Likeness, unlike
+from xden_builder.registration.middles import own_shifts, shifts_to_middles
+from xden_builder.registration.placement import RigidPlacement
+from xden_builder.registration.rotations import spread_rotations
+from xden_builder.registration.shadow import Shadow
+
+__all__ = ["Poses", "Search", "half_turns", "shortlist", "turned_about"]
+
+SPREAD: Final = 4608
+"""Rotations to begin with: about ten degrees from any there is."""
+BATCH: Final = 512
+FIRST, SECOND, LAST = 320, 44, 12
+"""How many are kept for the coarse images, for the finer ones, and in the end."""
+COARSE_PX, FINE_PX = 16, 36
+"""Pixels along the longer side of a shadow."""
+COARSE_CELLS, FINE_CELLS = 16, 28
+"""Of the clouds, along each axis."""
+COARSE_STEPS, FINE_STEPS = 3, 4
+DISTINCT_RAD: Final = np.radians(6.0)
+LEADING: Final = 6
+"""How many are half turned too."""
+APART_SHARE: Final = 0.03
+"""Of the radius: poses that are nearer are one."""
+STEP_PX: Final = 0.5
+"""Of derivatives, and by how much more the first damping is than none."""
+FIRST_DAMPING: Final = 1e-2
+LONGEST_STEP: Final = 0.25
+"""Of the radius."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Poses:
+    """Many poses: a point x stands at L x + shift, L a rotation times a scale.
+
+    Parameters
+    ----------
+    linear
+        Shape (b, 3, 3).
+    shifts
+        Shape (b, 3), cm.
+    costs
+        Shape (b,): share of the shadows' features that is not explained.
+    """
+
+    linear: Rotations
+    shifts: Shifts
+    costs: Float64[np.ndarray, "b"]
+
+    def __len__(self) -> int:
+        return len(self.linear)
+
+    def picked(self, numbers: Sequence[int] | Float[np.ndarray, "_n"]) -> Poses:
+        """Pick some of them, in an order."""
+        which = np.asarray(numbers, dtype=np.int64)
+        return Poses(self.linear[which], self.shifts[which], self.costs[which])
+
+    def best_first(self) -> Poses:
+        """All of them."""
+        return self.picked(np.argsort(self.costs, kind="stable"))
+
+    def placements(self) -> list[RigidPlacement]:
+        """As placements of the body's own frame."""
+        scales = np.cbrt(np.linalg.det(self.linear))
+        return [
+            RigidPlacement(linear / scale, shift, scale)
+            for linear, shift, scale in zip(self.linear, self.shifts, scales.tolist(), strict=True)
+        ]
+
+    @classmethod
+    def of(cls, placements: Sequence[RigidPlacement]) -> Poses:
+        """Read what :meth:`placements` gives; the costs are not known."""
+        linear = np.array([each.scale * each.rotation for each in placements])
+        shifts = np.array([each.translation_cm for each in placements])
+        return cls(linear.reshape(-1, 3, 3), shifts.reshape(-1, 3), np.full(len(linear), np.nan))
+
+
+class Search:
+    """A body before its shadows, at one resolution."""
+
+    def __init__(self, shadows: Sequence[Shadow], body: Body, cells: int, wide_px: int) -> None:
+        self.shadows, self.rim_cm = shadows, body.rim_cm
+        self.cameras = [Camera.of(shadow, wide_px) for shadow in shadows]
+        self.cloud, self.radius_cm = body.cloud(cells), body.radius_cm
+        self.seen = seen(self.cameras)
+        self.step_cm = STEP_PX * min(camera.pixel_cm for camera in self.cameras)
+
+    def judged(self, linear: Rotations, shifts: Shifts) -> Poses:
+        """Work out the costs of poses."""
+        costs = [
+            _explained(self._render(linear[start:][:BATCH], shifts[start:][:BATCH]), self.seen)[0]
+            for start in range(0, len(linear), BATCH)
+        ]
+        return Poses(linear, shifts, np.concatenate([np.empty(0), *costs]))
+
+    def _render(self, linear: Rotations, shifts: Shifts) -> Float32[np.ndarray, "b n"]:
+        each = [shifts + own_shifts(shadow, self.rim_cm, linear, shifts) for shadow in self.shadows]
+        return rendered(self.cameras, self.cloud, linear, each)
+
+    def descended(self, poses: Poses, steps: int, *, scaled: bool) -> Poses:
+        """Follow the derivatives from all poses at once (Levenberg-Marquardt)."""
+        linear, shifts = poses.linear, poses.shifts
+        images = self._render(linear, shifts)
+        costs, gains = _explained(images, self.seen)
+        damping = np.full(len(linear), FIRST_DAMPING)
+        for _ in range(steps):
+            slopes = self._slopes(linear, shifts, images, gains, scaled=scaled)
+            off = gains[:, None] * images - self.seen
+            moves = _step(slopes, off, damping).clip(
+                -LONGEST_STEP * self.radius_cm, LONGEST_STEP * self.radius_cm
+            )
+            new_linear, new_shifts = self._moved(linear, shifts, moves)
+            new_images = self._render(new_linear, new_shifts)
+            new_costs, new_gains = _explained(new_images, self.seen)
+            better = new_costs < costs
+            linear = np.where(better[:, None, None], new_linear, linear)
+            shifts = np.where(better[:, None], new_shifts, shifts)
+            images = np.where(better[:, None], new_images, images)
+            costs, gains = np.where(better, new_costs, costs), np.where(better, new_gains, gains)
+            damping = np.where(better, damping / 5, damping * 10)
+        return Poses(linear, shifts, costs)
+
+    def _slopes(
+        self,
+        linear: Rotations,
+        shifts: Shifts,
+        images: Float32[np.ndarray, "b n"],
+        gains: Float64[np.ndarray, "b"],
+        *,
+        scaled: bool,
+    ) -> Float32[np.ndarray, "b u n"]:
+        """Take derivatives by the moves of :meth:`_moved`, in cm of the rim, and by the gain."""
+        slopes = []
+        for number in range(7 if scaled else 6):
+            moves = np.zeros((len(linear), 7))
+            moves[:, number] = self.step_cm
+            ahead = self._render(*self._moved(linear, shifts, moves))
+            slopes.append(gains[:, None] * (ahead - images) / self.step_cm)
+        return np.stack([*slopes, images], axis=1, dtype=np.float32)
+
+    def _moved(
+        self, linear: Rotations, shifts: Shifts, moves: Float64[np.ndarray, "b u"]
+    ) -> tuple[Rotations, Shifts]:
+        """Turn, shift, and scale where there is a seventh move; turns and scales as the rim's."""
+        turns = Rotation.from_rotvec(moves[:, :3] / self.radius_cm).as_matrix()
+        growth = np.exp(moves[:, 6:7, None] / self.radius_cm) if moves.shape[1] > 6 else 1.0
+        return growth * (turns @ linear), shifts + moves[:, 3:6]
+
+
+def _explained(
+    images: Float32[np.ndarray, "b n"], wanted: Float32[np.ndarray, "n"]
+) -> tuple[Float64[np.ndarray, "b"], Float64[np.ndarray, "b"]]:
+    """Share of the wanted features that each image leaves at its best gain, and that gain."""
+    alike = (images @ wanted).astype(np.float64)
+    own = np.einsum("bn,bn->b", images, images).astype(np.float64) + 1e-12
+    return 1 - alike**2 / (own * float(wanted @ wanted)), alike / own
+
+
+def _step(
+    slopes: Float32[np.ndarray, "b u n"],
+    off: Float64[np.ndarray, "b n"],
+    damping: Float64[np.ndarray, "b"],
+) -> Float64[np.ndarray, "b m"]:
+    """Damped Gauss-Newton steps, without that of the gain."""
+    curvature = (slopes @ slopes.transpose(0, 2, 1)).astype(np.float64)
+    gradient = np.einsum("bun,bn->bu", slopes, off)
+    own = np.einsum("buu->bu", curvature)
+    damped = curvature + (damping[:, None] * own + 1e-9)[:, :, None] * np.eye(own.shape[1])
+    return -np.linalg.solve(damped, gradient[..., None])[:, :-1, 0]
+
+
+def shortlist(
+    shadows: Sequence[Shadow],
+    body: Body,
+    likeness: Likeness,
+    rotations: Rotation | None = None,
+    *,
+    scaled: bool = False,
+) -> tuple[Poses, Search]:
+    """Find a dozen unlike poses among which is the right one.
+
+    Parameters
+    ----------
+    shadows
+        Of all views.
+    body, likeness
+        What is searched for, and how far apart its poses are.
+    rotations
+        To begin with; all there are by default.
+    scaled
+        Whether the scale is sought too.
+
+    Returns
+    -------
+    poses
+        The best first.
+    search
+        At the finer resolution.
+    """
+    everywhere = rotations is None
+    linear = (spread_rotations(SPREAD) if rotations is None else rotations).as_matrix()
+    if scaled:
+        linear = _scales(shadows, body.rim_cm, linear)[:, None, None] * linear
+    coarse = Search(shadows, body, COARSE_CELLS, COARSE_PX)
+    fine = Search(shadows, body, FINE_CELLS, FINE_PX)
+    first = coarse.judged(linear, shifts_to_middles(shadows, body.rim_cm, linear))
+    first = first.best_first().picked(range(min(FIRST, len(first))))
+    second = coarse.descended(first, COARSE_STEPS, scaled=scaled).best_first()
+    second = second.picked(_distinct(second, SECOND))
+    if everywhere:
+        second = _joined(second, half_turns(second.picked(range(min(LEADING, len(second)))), body))
+    last = fine.descended(second, FINE_STEPS, scaled=scaled).best_first()
+    kept = unlike(last.placements(), likeness, APART_SHARE * body.radius_cm, LAST)
+    return last.picked(kept), fine
+
+
+def _scales(
+    shadows: Sequence[Shadow], rim_cm: Float64[np.ndarray, "n 3"], rotations: Rotations
+) -> Float64[np.ndarray, "b"]:
+    """Scale by which the boxes around the shadows of each rotation get as large as measured."""
+    shifts = shifts_to_middles(shadows, rim_cm, rotations)
+    places = np.einsum("bij,nj->bni", rotations, rim_cm) + shifts[:, None]
+    ratios = []
+    for shadow in shadows:
+        shown = shadow.geometry.project(places.reshape(-1, 3))[:, :2].reshape(*places.shape[:2], 2)
+        ratios.append(np.log(shadow.size_px / np.ptp(shown, axis=1)).mean(axis=1))
+    return np.asarray(np.exp(np.mean(ratios, axis=0)))
+
+
+def _distinct(poses: Poses, most: int) -> list[int]:
+    """Pick the first of each bundle of rotations."""
+    rotations = Rotation.from_matrix(poses.linear)
+    kept: list[int] = []
+    for number in range(len(poses)):
+        if len(kept) == most:
+            break
+        apart = (rotations[kept].inv() * rotations[number]).magnitude() if kept else np.inf
+        if np.min(apart) >= DISTINCT_RAD:
+            kept.append(number)
+    return kept
+
+
+def half_turns(poses: Poses, body: Body) -> Poses:
+    """Poses turned by half about each principal axis of the body, through its middle."""
+    turned = [turned_about(poses, body, axis, [np.pi]) for axis in range(3)]
+    return Poses(
+        np.concatenate([each.linear for each in turned]),
+        np.concatenate([each.shifts for each in turned]),
+        np.concatenate([each.costs for each in turned]),
+    )
+
+
+def turned_about(poses: Poses, body: Body, axis: int, angles_rad: Sequence[float]) -> Poses:
+    """Poses turned about a principal axis of the body's volume by some angles, pose by pose."""
+    middle, axes = body.spin
+    turns = Rotation.from_rotvec(np.outer(angles_rad, axes[axis])).as_matrix()
+    linear = (poses.linear[:, None] @ turns).reshape(-1, 3, 3)
+    each = np.repeat(np.arange(len(poses)), len(turns))
+    shifts = poses.shifts[each] + (poses.linear[each] - linear) @ middle
+    return Poses(linear, shifts, np.full(len(linear), np.nan))
+
+
+def _joined(one: Poses, other: Poses) -> Poses:
+    return Poses(
+        np.concatenate([one.linear, other.linear]),
+        np.concatenate([one.shifts, other.shifts]),
+        np.concatenate([one.costs, other.costs]),
+    )

@@ -1,0 +1,245 @@
+"""Meshes in any frame: found where they stand, up to symmetry, or said not to be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from xden1k.errors import DataError
+from xden1k.rays import ownership_order, path_lengths
+from xden1k.values.views import ViewGeometry, XRayView
+from xden_builder.capture import Capture, CaptureFolder
+from xden_builder.capture.pose import Candidate, CoarsePose
+from xden_builder.phantoms import Scanner, write_captures
+from xden_builder.registration.body import Body
+from xden_builder.registration.camera import Camera
+from xden_builder.registration.likeness import Likeness, unlike
+from xden_builder.registration.middles import own_shifts, shifts_to_middles
+from xden_builder.registration.placement import Found, Registration, RigidPlacement
+from xden_builder.registration.rotations import spread_rotations
+from xden_builder.registration.search import register
+from xden_builder.registration.shadow import Shadow, shadow_of
+
+LAC_PER_CM = 0.4
+SCANNER = Scanner(size_px=96, mesh_rotation_deg=0.0, mesh_shift_cm=0.0, mesh_scale_sd=0.0)
+"""Its meshes do not err, so that the truth is the frame they are written in."""
+
+
+def panel(number: int, size_px: int = 96, *, cone: bool = True) -> ViewGeometry:
+    """PA or LAT: 24 cm wide, 20 cm behind the middle, the source a metre before it."""
+    way, side = np.roll(np.eye(3)[:2], number, axis=1)[::-1][0], np.eye(3)[number]
+    way = np.eye(3)[1 - number]
+    step = 24.0 / size_px
+    corner = 20 * way - 12 * side + np.array([0, 0, 12.0]) + step / 2 * (side - np.eye(3)[2])
+    return ViewGeometry(
+        beam="cone" if cone else "parallel",
+        pixel00_cm=corner,
+        column_step_cm=step * side,
+        row_step_cm=np.array([0, 0, -step]),
+        shape=(size_px, size_px),
+        source_cm=-100 * way if cone else None,
+        direction=None if cone else way,
+    )
+
+
+def radiograph(name: str, geometry: ViewGeometry, meshes: Sequence[trimesh.Trimesh]) -> XRayView:
+    lengths = path_lengths(meshes, ownership_order(meshes, [0] * len(meshes)), geometry, 2)
+    image = lengths.image(np.full(len(meshes), LAC_PER_CM))
+    return XRayView(name, image, np.ones(image.shape, dtype=np.bool_), geometry)
+
+
+def shadows(meshes: Sequence[trimesh.Trimesh], *, cone: bool = True) -> list[Shadow]:
+    views = (panel(number, cone=cone) for number in (0, 1))
+    return [shadow_of(radiograph(f"{n}", view, meshes)) for n, view in enumerate(views)]
+
+
+def pear() -> list[trimesh.Trimesh]:
+    """Two balls that overlap, a small one on a large one, a little aside."""
+    large, small = (trimesh.creation.icosphere(3, radius) for radius in (3.0, 1.2))
+    return [large, small.apply_translation([0.8, 0.3, 3.4])]
+
+
+def body_of(meshes: Sequence[trimesh.Trimesh], lac_per_cm: float = LAC_PER_CM) -> Body:
+    return Body.of(meshes, list(range(len(meshes)))[::-1], np.full(len(meshes), lac_per_cm))
+
+
+def at(rotation: Rotation, shift_cm: Sequence[float] = (0.0, 0.0, 0.0)) -> RigidPlacement:
+    return RigidPlacement(rotation.as_matrix(), np.array(shift_cm, dtype=float))
+
+
+def test_no_rotation_is_far_from_those_that_are_tried_first() -> None:
+    spread, asked = spread_rotations(4608), Rotation.random(60, random_state=0)
+    nearest = [(spread.inv() * each).magnitude().min() for each in asked]
+    assert np.degrees(max(nearest)) < 13
+
+
+@pytest.mark.parametrize("cone", [True, False])
+def test_an_object_of_known_rotation_is_shifted_to_where_it_is(cone: bool) -> None:
+    turn, there = Rotation.from_rotvec([0.3, -0.8, 1.1]), np.array([0.7, -1.2, 0.5])
+    meshes = [trimesh.Trimesh(turn.apply(m.vertices) + there, m.faces) for m in pear()]
+    body = body_of(pear())
+    shift = shifts_to_middles(shadows(meshes, cone=cone), body.rim_cm, turn.as_matrix()[None])[0]
+    assert shift == pytest.approx(turn.apply(body.middle_cm) + there, abs=0.1)
+
+
+def test_a_turned_view_shifts_its_own_shadow_and_no_other() -> None:
+    body = body_of(pear())
+    _, lat = shadows([mesh.copy().apply_translation([0, 1.5, 0.0]) for mesh in pear()])
+    still, middle = np.eye(3)[None], body.middle_cm[None]
+    assert not own_shifts(lat, body.rim_cm, still, middle).any()
+    more = own_shifts(replace(lat, turned=True), body.rim_cm, still, middle)[0]
+    assert more == pytest.approx([0, 1.5, 0], abs=0.1)
+
+
+def test_few_points_on_few_pixels_look_like_the_object() -> None:
+    body, views = body_of(pear()), shadows(pear())
+    for view in views:
+        camera = Camera.of(view, 36)
+        cloud = body.cloud(28)
+        right = camera.render(cloud, np.eye(3)[None], body.middle_cm[None])[0]
+        assert np.abs(right - camera.seen).mean() < 0.04 * camera.seen.max()
+
+
+def test_a_cloud_attenuates_as_much_as_its_object() -> None:
+    cloud = body_of(pear()).cloud(28)
+    union = trimesh.boolean.union(pear(), engine="manifold")
+    assert cloud.weights_cm2.sum() == pytest.approx(LAC_PER_CM * union.volume, rel=0.01)
+
+
+def test_a_ball_is_alike_however_turned_and_a_pear_is_not() -> None:
+    ball = body_of([trimesh.creation.icosphere(4, 3.0)])
+    turns = [at(each) for each in Rotation.random(5, random_state=1)]
+    assert unlike(turns, Likeness(ball), 0.01 * ball.radius_cm, 5) == [0]
+    pears = Likeness(body_of(pear()))
+    assert len(unlike(turns, pears, 0.01 * ball.radius_cm, 5)) == 5
+    assert pears.distance_cm(turns[0], turns[0]) == 0
+
+
+def test_parts_that_attenuate_otherwise_tell_a_half_turn() -> None:
+    halves = [
+        trimesh.creation.box((1, 1, 3)).apply_translation([0, 0, side]) for side in (-1.5, 1.5)
+    ]
+    half_turn = [at(Rotation.identity()), at(Rotation.from_rotvec([np.pi, 0, 0]))]
+    same, other = (Body.of(halves, [0, 1], np.array(lac)) for lac in ((1.0, 1.0), (0.2, 1.0)))
+    assert Likeness(same).distance_cm(*half_turn) < 0.05
+    assert Likeness(other).distance_cm(*half_turn) > 1
+
+
+def test_a_view_without_shadow_or_with_half_of_one_is_refused() -> None:
+    away = [trimesh.creation.icosphere(2, 1.0).apply_translation([30, 0, 0])]
+    with pytest.raises(DataError, match=r"view pa: no shadow of an object is in the image"):
+        shadow_of(radiograph("pa", panel(0), away))
+    half = [trimesh.creation.icosphere(3, 2.0).apply_translation([10, 0, 0])]
+    with pytest.raises(DataError, match=r"view pa: the right edge of the image cuts the shadow"):
+        shadow_of(radiograph("pa", panel(0), half))
+
+
+def test_a_masked_table_is_no_shadow() -> None:
+    view = radiograph("pa", panel(0), pear())
+    table = np.zeros(view.valid.shape, dtype=np.bool_)
+    table[85:] = True
+    image = np.where(table, 0.3, view.transmission).astype(np.float32)
+    masked = shadow_of(XRayView("pa", image, ~table, view.geometry))
+    assert (masked.box_px == shadow_of(view).box_px).all()
+
+
+def test_flat_meshes_are_refused() -> None:
+    sheet = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 1]])
+    with pytest.raises(DataError, match="all parts together are flat"):
+        body_of([sheet])
+
+
+def test_ambiguous_poses_spread_the_densities_by_their_difference() -> None:
+    found = [
+        Found(at(Rotation.identity()), loss, np.array(density))
+        for loss, density in ((1.0, [2.0, 4.0]), (1.1, [2.2, 4.0]), (2.0, [9.0, 9.0]))
+    ]
+    sure, unsure = (
+        Registration(tuple(found), 0, 0, {}, flags) for flags in ((), ("pose_ambiguous",))
+    )
+    assert (sure.density_spread() == 0).all()
+    assert unsure.density_spread() == pytest.approx([0.1, 0.0])
+
+
+@pytest.fixture(scope="module")
+def hammer(tmp_path_factory: pytest.TempPathFactory) -> Capture:
+    """A hammer whose meshes lie in the scanner's frame."""
+    folder = tmp_path_factory.mktemp("hammer")
+    write_captures(folder, 1, 4, scanner=SCANNER, categories=["hammer"])
+    captures = CaptureFolder(folder)
+    return captures.read(captures.object_ids[0])
+
+
+TURN = Rotation.from_rotvec([2.0, -1.1, 0.7])
+AWAY_CM = np.array([3.0, -8.0, 5.0])
+
+
+def astray(capture: Capture, scale: float = 1.0) -> Capture:
+    """Put the meshes into a frame of their own."""
+    parts = []
+    for part in capture.parts:
+        vertices = (TURN.apply(part.mesh.vertices) + AWAY_CM) / scale
+        parts.append(replace(part, mesh=trimesh.Trimesh(vertices, part.mesh.faces, process=False)))
+    return replace(capture, parts=tuple(parts), pose="unknown", scale_unknown=scale != 1)
+
+
+def found(capture: Capture) -> Registration:
+    meshes = [part.mesh for part in capture.parts]
+    return register(capture, ownership_order(meshes, [part.priority for part in capture.parts]))
+
+
+def largest_error_cm(capture: Capture, registration: Registration) -> float:
+    return max(
+        np.abs(moved.vertices - part.mesh.vertices).max()
+        for moved, part in zip(
+            registration.moved([each.mesh for each in astray(capture).parts]),
+            capture.parts,
+            strict=True,
+        )
+    )
+
+
+def test_a_hammer_in_any_frame_is_found_to_a_millimetre(hammer: Capture) -> None:
+    registration = found(astray(hammer))
+    assert largest_error_cm(hammer, registration) < 0.1
+    assert registration.flags == ()
+
+
+@pytest.mark.slow
+def test_a_coarse_pose_and_a_chosen_candidate_are_taken(hammer: Capture) -> None:
+    back = TURN.inv()
+    off = Rotation.from_rotvec([0.2, 0.1, -0.2])
+    told = CoarsePose(tuple((off * back).as_quat()), tuple(-(off * back).apply(AWAY_CM) + 1.0))
+    assert largest_error_cm(hammer, found(replace(astray(hammer), pose=told))) < 0.1
+    second = found(replace(astray(hammer), pose=Candidate(2)))
+    assert second.chosen == 1
+    assert largest_error_cm(hammer, second) > 0.1
+    with pytest.raises(DataError, match=r"asks for candidate 99 of \d+ poses that were found"):
+        found(replace(astray(hammer), pose=Candidate(99)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scale", [0.6, 1.7])
+def test_an_unknown_scale_is_found_to_a_percent(hammer: Capture, scale: float) -> None:
+    assert found(astray(hammer, scale)).placement.scale == pytest.approx(scale, rel=0.01)
+
+
+@pytest.mark.slow
+def test_registration_is_the_same_each_time(hammer: Capture) -> None:
+    one, other = (found(astray(hammer)).to_dict() for _ in range(2))
+    assert one == other
+
+
+@pytest.mark.slow
+def test_meshes_of_another_object_are_not_believed(hammer: Capture, tmp_path: Path) -> None:
+    write_captures(tmp_path, 1, 9, scanner=SCANNER, categories=["frying_pan"])
+    captures = CaptureFolder(tmp_path)
+    pan = captures.read(captures.object_ids[0])
+    flags = found(replace(astray(pan), views=hammer.views)).flags
+    assert {"pose_not_found", "shape_differs"} & set(flags)
