@@ -196,7 +196,7 @@ def found(capture: Capture) -> Registration:
 
 def largest_error_cm(capture: Capture, registration: Registration) -> float:
     return max(
-        np.abs(moved.vertices - part.mesh.vertices).max()
+        float(np.abs(moved.vertices - part.mesh.vertices).max())
         for moved, part in zip(
             registration.moved([each.mesh for each in astray(capture).parts]),
             capture.parts,
