@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -157,6 +157,12 @@ def box_object(
         origin_cm=origin,
         voxel_size_cm=voxel,
     )
+
+
+def published_object(object_id: str, boxes: Sequence[Box], **rest: Any) -> DensityObject:
+    """Object of the authors' release: the same without radiographs."""
+    made = box_object(object_id, boxes, source="published", **rest)
+    return replace(made, views=(), flags=("no_radiographs",))
 
 
 def _part(box: Box, density_known: bool) -> Part:

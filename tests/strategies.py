@@ -11,7 +11,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from tests.phantoms import NAN, Box, box_object
-from xden1k.values.types import SPLITS, DensityObject
+from xden1k.values.types import SOURCES, SPLITS, DensityObject
 from xden1k.values.views import XRayView
 
 words = st.text(st.characters(codec="utf-8"), max_size=12)
@@ -47,7 +47,7 @@ def density_objects(draw: st.DrawFn, ids: st.SearchStrategy[str] = object_ids) -
         "density_known": draw(st.booleans()),
         "category": draw(words),
         "split": draw(st.sampled_from(SPLITS)),
-        "source": draw(st.sampled_from(("scan", "phantom", "ct"))),
+        "source": draw(st.sampled_from(SOURCES)),
         "weighed_mass_g": draw(st.none() | st.floats(1e-3, 1e6)),
         "flags": tuple(draw(st.lists(words, max_size=3))),
         "meta": draw(st.dictionaries(words.filter(lambda key: key != "views"), json_values)),

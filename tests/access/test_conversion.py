@@ -16,7 +16,7 @@ import torch
 from datasets import Dataset, DatasetDict, load_dataset, load_from_disk
 
 import xden1k
-from tests.phantoms import objects
+from tests.phantoms import BAR, CUBE, box_object, objects, published_object
 from xden1k.access import conversion
 from xden1k.access.conversion import decode, to_plain, to_tensors
 from xden1k.access.dataset import XDen1K
@@ -198,3 +198,18 @@ def test_the_card_says_in_five_lines_how_to_read_without_the_package(
     exec(code, names)  # noqa: S102
     np.testing.assert_allclose(names["transmission"], rows[0]["xray_pa"], atol=1e-6)
     np.testing.assert_array_equal(names["labels"], rows[0]["labels"])
+
+
+def test_rows_without_radiographs_load_as_none(tmp_path: Path) -> None:
+    published = tmp_path / "folder"
+    made = [published_object("bar-0001", BAR), box_object("cube-0001", CUBE)]
+    write_folder(made, published, version="1.0.0", builder="test")
+    rows = xden1k.load_dataset(root=published, split="test", cache_dir=tmp_path / "cache")
+    assert [rows[k]["xray_pa"] is None for k in range(2)] == [True, False]
+    assert rows[0]["xray_pa_shape"] is rows[0]["preview_pa"] is None
+    assert rows[0]["labels"].shape == (128, 128, 128)
+    batch = rows.with_transform(to_tensors)[:2]
+    assert batch["xray_pa"][0] is None
+    assert batch["xray_pa"][1].shape == (24, 20)
+    streamed = xden1k.load_dataset(root=published, split="test", streaming=True)
+    assert [row["xray_pa"] is None for row in streamed] == [True, False]

@@ -244,3 +244,41 @@ def test_the_folder_is_found_by_the_environment(
 ) -> None:
     monkeypatch.setenv("XDEN1K_ROOT", str(folder))
     assert len(XDen1K(split="test")) == 3
+
+
+@pytest.fixture(scope="module")
+def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One object with radiographs, two without."""
+    out = tmp_path_factory.mktemp("published") / "folder"
+    objects = [
+        phantoms.published_object("bar-0001", phantoms.BAR, category="bar"),
+        phantoms.box_object("cube-0001", phantoms.CUBE, category="cube"),
+        phantoms.published_object("cube-0002", phantoms.CUBE, category="cube"),
+    ]
+    write_folder(objects, out, version="1.0.0", builder="test")
+    return out
+
+
+def test_a_sample_without_radiographs_has_every_field_but_theirs(published: Path) -> None:
+    without, whole, _ = XDen1K(published, "test")
+    assert tuple(whole) == FIELDS
+    assert set(FIELDS) - without.keys() == {name for name in FIELDS if name.startswith("xray_")}
+    assert tuple(XDen1K(published, "test", ["density", "mass_g"])[0]) == ("density", "mass_g")
+
+
+def test_radiographs_that_there_are_none_of_are_refused_with_the_count(published: Path) -> None:
+    with pytest.raises(DataError, match=r"2 of 3 objects .* no radiographs, and so no xray_pa:"):
+        XDen1K(published, "test", ["mass_g", "xray_pa"])
+    with pytest.raises(DataError, match=r"1 of 2 objects .* so no xray_lat_projection"):
+        XDen1K(published, "test", "xray_lat_projection", categories="cube")
+
+
+def test_a_batch_has_none_where_an_object_has_no_radiographs(published: Path) -> None:
+    samples = list(XDen1K(published, "test"))
+    batch = collate(samples)
+    assert batch["density"].shape == (3, 64, 64, 64)
+    assert [one is None for one in batch["xray_pa"]] == [True, False, True]
+    assert batch["xray_lat_projection"][1].shape == (3, 4)
+    assert "xray_pa" not in collate([samples[0], samples[2]])
+    with pytest.raises(DataError, match="xray_pa is in 1 of the 3 samples of one batch"):
+        collate(samples, one_size=True)

@@ -52,6 +52,8 @@ FIELDS = (
     *("part_density_sd", "part_apparent_density", "part_lac", "part_color_rgb"),
 )
 """What a sample may hold."""
+_RADIOGRAPH_FIELDS: Final = frozenset({*_VALID, *_VALID.values(), *_GEOMETRY})
+"""What a sample of an object without radiographs does not hold."""
 RAGGED_FIELDS = frozenset({*_PART_FIGURES, "mesh_vertices", "mesh_faces", "face_part"})
 """Fields whose size is the object's own; :func:`collate` keeps them as lists."""
 
@@ -83,6 +85,8 @@ class XDen1K(Dataset[Sample]):
       ``weighed_mass_g``: float32, 0-d, not a number if never on a scale;
       ``inertia_g_cm2``: float32 (3, 3), about the centre of mass.
 
+    An object without radiographs has a sample without any ``xray_`` field.
+
     Rows are read one at a time, and of a row only what the fields need. Any start method of
     ``DataLoader`` workers will do.
 
@@ -94,7 +98,7 @@ class XDen1K(Dataset[Sample]):
     split
         ``train``, ``val``, ``test``, or ``private`` where a folder withholds answers.
     fields
-        What a sample holds, one or some of :data:`FIELDS`; None = everything.
+        What a sample holds, one or some of :data:`FIELDS`; None = everything there is.
     categories
         Only objects of this category, or of one of these; None = all.
     transform
@@ -105,8 +109,8 @@ class XDen1K(Dataset[Sample]):
     Raises
     ------
     DataError
-        If there is no such folder, split, field or category, or no object of the categories in
-        the split.
+        If there is no such folder, split, field or category, no object of the categories in the
+        split, or a field of radiographs is asked for and objects have none.
     """
 
     def __init__(
@@ -129,6 +133,8 @@ class XDen1K(Dataset[Sample]):
         self.transform = transform
         if self.categories is not None:
             self.ids = _of_categories(self.folder, self.ids, self.categories, split)
+        if fields is not None and (asked := _RADIOGRAPH_FIELDS.intersection(self.fields)):
+            _refuse_without_radiographs(self.folder, split, self.ids, sorted(asked))
         self._columns = list(dict.fromkeys(c for name in self.fields for c in _columns(name)))
 
     def __repr__(self) -> str:
@@ -182,6 +188,16 @@ def _of_categories(
     return chosen
 
 
+def _refuse_without_radiographs(
+    folder: DatasetFolder, split: str, ids: tuple[str, ...], asked: Sequence[str]
+) -> None:
+    if without := folder.without_radiographs(split).intersection(ids):
+        raise DataError(
+            f"{folder.root}: {len(without)} of {len(ids)} objects of the split {split!r} have no "
+            f"radiographs, and so no {', '.join(asked)}: leave these fields out"
+        )
+
+
 def _number(index: Any) -> int:
     try:
         return operator.index(index)
@@ -207,6 +223,8 @@ def _columns(name: str) -> tuple[str, ...]:
 
 def _sample(row: Row, fields: tuple[str, ...]) -> Sample:
     made = _geometry(row) if "meta_json" in row else {}
+    if "meta_json" in row and not made:
+        fields = tuple(name for name in fields if name not in _RADIOGRAPH_FIELDS)
     for valid in [name for name in fields if name in _VALID]:
         codes = decode_codes(row, _VALID[valid])
         made |= {_VALID[valid]: _values(codes, _VALID[valid]), valid: torch.from_numpy(codes > 0)}
@@ -245,7 +263,8 @@ def collate(samples: Sequence[Mapping[str, Any]], *, one_size: bool = False) -> 
     """Join samples to a batch, for ``DataLoader(..., collate_fn=xden1k.collate)``.
 
     Tensors are stacked along a new first axis. Texts, meshes and what is one for each part become
-    lists, and so do radiographs if their sizes differ.
+    lists, and so do radiographs if their sizes differ, or some objects of the batch have none: in
+    these lists, and in those of the radiographs' geometry, None stands for what there is not.
 
     Parameters
     ----------
@@ -257,29 +276,34 @@ def collate(samples: Sequence[Mapping[str, Any]], *, one_size: bool = False) -> 
     Raises
     ------
     DataError
-        If a sample lacks a field that the first one has, or sizes differ that must not.
+        If samples differ in other fields than those of radiographs, or sizes differ that must not.
     """
     if not samples:
         return {}
-    names = list(samples[0])
+    names = dict.fromkeys(name for sample in samples for name in sample)
     for number, sample in enumerate(samples):
-        if sample.keys() != samples[0].keys():
-            odd = sorted(sample.keys() ^ samples[0].keys())
+        if odd := sorted((sample.keys() ^ samples[0].keys()) - _RADIOGRAPH_FIELDS):
             raise DataError(f"samples 0 and {number} of a batch differ in their fields: {odd}")
-    batch = {name: _joined(name, [sample[name] for sample in samples]) for name in names}
+    batch = {name: _joined(name, [sample.get(name) for sample in samples]) for name in names}
     if one_size:
         for name in names:
-            if name not in RAGGED_FIELDS and _is_ragged(batch[name]):
-                sizes = [tuple(value.shape) for value in batch[name]]
-                raise DataError(
-                    f"{name} has different sizes in one batch, {sizes}: crop or pad them to one "
-                    "with xden1k.access.transforms.CropViews(size=...)"
-                )
+            if name not in RAGGED_FIELDS and isinstance(batch[name], list):
+                _refuse_several_sizes(name, batch[name])
     return batch
 
 
-def _is_ragged(values: Any) -> bool:
-    return isinstance(values, list) and isinstance(values[0], torch.Tensor)
+def _refuse_several_sizes(name: str, values: list[Any]) -> None:
+    sizes = [tuple(value.shape) for value in values if isinstance(value, torch.Tensor)]
+    if sizes and len(sizes) < len(values):
+        raise DataError(
+            f"{name} is in {len(sizes)} of the {len(values)} samples of one batch: the others have "
+            "no radiographs; leave it or them out"
+        )
+    if sizes:
+        raise DataError(
+            f"{name} has different sizes in one batch, {sizes}: crop or pad them to one "
+            "with xden1k.access.transforms.CropViews(size=...)"
+        )
 
 
 def _joined(name: str, values: list[Any]) -> Any:

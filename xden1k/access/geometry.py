@@ -183,6 +183,7 @@ def fields_of(sample: Mapping[str, Any], view: str, parts: tuple[str, ...]) -> l
     if missing := [name for name in names if name not in sample]:
         raise DataError(
             f"{sample.get('object_id', 'the sample')} has no {', '.join(missing)}: without "
-            "geometry a radiograph cannot be kept in its place; ask for these fields"
+            "geometry a radiograph cannot be kept in its place; ask for these fields, if the "
+            "object has radiographs"
         )
     return [sample[name] for name in names]

@@ -132,8 +132,16 @@ class SampleView:
 
     @cached_property
     def views(self) -> tuple[XRayView, XRayView]:
-        """The radiographs ``pa`` and ``lat``. Needs ``XRAY``."""
+        """The radiographs ``pa`` and ``lat``. Needs ``XRAY``.
+
+        Raises
+        ------
+        DataError
+            If the object has none.
+        """
         self._need(Modality.XRAY, "views")
+        if not self._object.views:
+            raise DataError(f"{self.object_id} has no radiographs")
         return self._object.views
 
     @cached_property

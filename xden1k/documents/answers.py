@@ -10,7 +10,13 @@ import numpy as np
 
 from xden1k.documents.facts import Facts
 from xden1k.documents.questions import COMMENTS, QUESTIONS
-from xden1k.documents.statements import label_voxels_text, materials_text, provenance_text
+from xden1k.documents.statements import (
+    label_voxels_text,
+    materials_text,
+    provenance_text,
+    published_text,
+    radiographs_text,
+)
 from xden1k.values.types import PRIVATE
 
 __all__ = ["answer", "answered_by_data", "unanswered"]
@@ -121,9 +127,19 @@ def _missing(facts: Facts) -> str:
         f"- without a mass, as a density is unknown or withheld: "
         f"{int((~np.isfinite(_masses(facts))).sum())}",
     ]
+    if without := sum(facts.manifest.without_radiographs.values()):
+        lines.append(f"- without radiographs: {without}")
     if counts := facts.manifest.labels:
         lines.append(f"- without a material that could be published: {counts['no_material']} parts")
     return "\n".join(lines)
+
+
+def _content(facts: Facts) -> str:
+    text = (
+        "Two radiographs (PA and LAT) as transmissions, closed part meshes, a grid of labels, and "
+        "grids of density and of filled shares: `README.md` lists every column."
+    )
+    return " ".join(filter(None, [text, radiographs_text(facts.manifest)]))
 
 
 def _splits(facts: Facts) -> str:
@@ -163,7 +179,8 @@ def _table(what: str, of: str, values: Iterable[str]) -> str:
 
 
 def _done(facts: Facts) -> str:
-    return "\n\n".join(_PROCESSED[source] for source in facts.manifest.density_sources)
+    how = [_PROCESSED[source] for source in facts.manifest.density_sources]
+    return "\n\n".join(filter(None, [*how, published_text(facts.manifest)]))
 
 
 _PROCESSED: Final = {
@@ -185,6 +202,8 @@ _ACQUIRED: Final = {
     "people. `meta_json` has the geometry of each view.",
     "ct": "Objects from a CT: the two views are line integrals through a measured volume. They "
     "have no detector's noise of their own.",
+    "published": "Objects of the authors' release: its meshes, attenuation volumes and tables of "
+    "parts, as downloaded. `meta_json` names the commit and the checksum of each file.",
     "phantom": "Simulated objects: shapes and materials were drawn by a program, and the "
     "radiographs computed from them with a simulated scanner. Nobody made, scanned or weighed "
     "these objects. Results on them do not carry over to real objects by themselves.",
@@ -193,6 +212,8 @@ _MECHANISMS: Final = {
     "scan": "Scanned objects: an X-ray scanner and an annotation of the parts. `xden-build audit` "
     "projects the rebuilt parts again and compares them with the radiographs.",
     "ct": "Objects from a CT: a program that integrates along rays.",
+    "published": "Objects of the authors' release: `xden import`, which registers mesh and volume "
+    "and says in `meta_json` how well they agree.",
     "phantom": "Simulated objects: a program, with the settings that `meta_json` holds. "
     "`xden verify` compares mass, centre of mass, inertia and grids with the meshes.",
 }
@@ -223,10 +244,7 @@ _DATA: Final[Mapping[str, Answer]] = {
         "A sample: the simulator can draw any number of objects of each category. They are as its "
         "authors imagine everyday objects, and represent no population of real ones."
     ),
-    "composition.content": _always(
-        "Two radiographs (PA and LAT) as transmissions, closed part meshes, a grid of labels, and "
-        "grids of density and of filled shares: `README.md` lists every column."
-    ),
+    "composition.content": _content,
     "composition.targets": _targets,
     "composition.missing": _missing,
     "composition.relations": _always("Objects have a `category` in common, and nothing else."),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import pyarrow as pa
 import yaml  # type: ignore[import-untyped]
@@ -12,6 +12,8 @@ from xden1k.documents.statements import (
     label_voxels_text,
     materials_text,
     provenance_text,
+    published_text,
+    radiographs_text,
 )
 from xden1k.format.manifest import Manifest
 from xden1k.format.schema import COLUMNS, IMAGE, LIGHT_COLUMNS, Column
@@ -125,18 +127,31 @@ def yaml_block(values: dict[str, Any]) -> str:
     return f"---\n{yaml.safe_dump(values, sort_keys=False, width=100, allow_unicode=True)}---\n"
 
 
+_OBJECTS: Final = """\
+Everyday objects with two radiographs (PA and LAT), closed part meshes and volumetric density.
+One row is one object. Units are cm, g and g/cm³; attenuation is in 1/cm; a transmission of 1 is
+air."""
+_OBJECTS_WITHOUT_RADIOGRAPHS: Final = """\
+Everyday objects with closed part meshes and volumetric density, without radiographs. One row is one
+object. Units are cm, g and g/cm³; attenuation is in 1/cm."""
+_DECODED_RADIOGRAPH: Final = """\
+planes = np.frombuffer(row["xray_pa"], np.uint8).reshape(2, -1)
+codes = (planes[0] | planes[1].astype(np.uint16) << 8).reshape(row["xray_pa_shape"])
+transmission = codes * (1.25 / 65535)  # 0 = invalid pixel
+"""
+
+
 def readme_text(manifest: Manifest) -> str:
     """Text of ``README.md``: the card of the Hub repository."""
+    decoded = _DECODED_RADIOGRAPH * manifest.has_radiographs
     return (
         yaml_block(header(manifest))
         + f"""
 # {dataset_title(manifest)}, version {manifest.version}
 
-Everyday objects with two radiographs (PA and LAT), closed part meshes and volumetric density.
-One row is one object. Units are cm, g and g/cm³; attenuation is in 1/cm; a transmission of 1 is
-air.
+{_OBJECTS if manifest.has_radiographs else _OBJECTS_WITHOUT_RADIOGRAPHS}
 
-{provenance_text(manifest)}
+{_said(provenance_text(manifest), radiographs_text(manifest), published_text(manifest))}
 
 {_split_table(manifest)}
 
@@ -157,10 +172,7 @@ all second bytes, and so on.
 ```python
 import numpy as np
 
-planes = np.frombuffer(row["xray_pa"], np.uint8).reshape(2, -1)
-codes = (planes[0] | planes[1].astype(np.uint16) << 8).reshape(row["xray_pa_shape"])
-transmission = codes * (1.25 / 65535)  # 0 = invalid pixel
-labels = np.frombuffer(row["labels"], np.uint8).reshape(128, 128, 128)
+{decoded}labels = np.frombuffer(row["labels"], np.uint8).reshape(128, 128, 128)
 ```
 
 The config `metadata` holds the light columns only, for browsing.
@@ -191,6 +203,10 @@ Data: CC-BY-4.0. `DATASHEET.md` says how it was made and what it is not good for
 {bibtex()}
 """
     )
+
+
+def _said(*paragraphs: str) -> str:
+    return "\n\n".join(filter(None, paragraphs))
 
 
 def _withheld_text(manifest: Manifest) -> str:

@@ -21,6 +21,7 @@ _COLLECTION_TYPES: Final = {
     "scan": "Direct measurement",
     "ct": "Secondary Data analysis",
     "phantom": "Software Collection",
+    "published": "Secondary Data analysis",
 }
 """Of each source, in the words of the vocabulary."""
 _ONE_TEXT: Final = {
@@ -43,7 +44,9 @@ def responsible_fields(facts: Facts) -> dict[str, Any]:
     """Give every field that there is something to say in, ``rai:`` before its name."""
     manifest = facts.manifest
     fields: dict[str, Any] = {
-        "dataCollectionType": [_COLLECTION_TYPES[source] for source in manifest.sources],
+        "dataCollectionType": list(
+            dict.fromkeys(_COLLECTION_TYPES[source] for source in manifest.sources)
+        ),
         "dataAnnotationProtocol": [materials_text(manifest)],
         "annotationsPerItem": "One mesh, and one material or none, for each part.",
         "machineAnnotationTools": [manifest.builder],

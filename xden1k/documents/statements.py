@@ -11,11 +11,15 @@ __all__ = [
     "label_voxels_text",
     "materials_text",
     "provenance_text",
+    "published_text",
+    "radiographs_text",
 ]
 
 
 def dataset_title(manifest: Manifest) -> str:
-    """Name of a dataset, which says so where nothing in it is real."""
+    """Name of a dataset, which says so where nothing in it is real, or all of it is imported."""
+    if manifest.sources.keys() == {"published"}:
+        return "XDen-1K, imported from the authors' release"
     return "XDen-1K, simulated objects" if manifest.simulated else "XDen-1K"
 
 
@@ -33,6 +37,7 @@ _SOURCES: Final = {
     "scan": "{} scanned",
     "ct": "{} with views computed from a CT",
     "phantom": "{} simulated, which were never on a scanner",
+    "published": "{} imported from the authors' release",
 }
 _DENSITIES: Final = {
     "xray": "measured by X-ray",
@@ -42,6 +47,32 @@ _DENSITIES: Final = {
     "none": "unknown (attenuation only)",
     "withheld": "withheld (the split private)",
 }
+
+
+def published_text(manifest: Manifest) -> str:
+    """Say what was taken from the authors' release, and what was changed; empty without it."""
+    return _PUBLISHED if "published" in manifest.sources else ""
+
+
+_PUBLISHED: Final = (
+    "Objects of the source `published` are the XDen-1K authors' release (CC-BY-4.0), changed: the "
+    "meshes of their parts were made from its attenuation volume, grids from these. "
+    "`part_lac_per_cm` is its attenuation and `apparent_density` its density, LAC / 0.17, as "
+    "published; `density` with its standard deviation is this project's estimate from attenuation, "
+    "thickness and the likeliest materials, not the authors'. `meta_json` of each object has what "
+    "it was made from, how well mesh and volume agree (`registration`) and the beam that was taken "
+    "(`fit`)."
+)
+
+
+def radiographs_text(manifest: Manifest) -> str:
+    """Say how many objects have no radiographs; empty where all have theirs."""
+    if not (without := sum(manifest.without_radiographs.values())):
+        return ""
+    return (
+        f"{without} of {manifest.objects} objects have no radiographs: `xray_pa`, `xray_lat`, "
+        "their shapes and previews are null, `views` is empty. None was computed in their place."
+    )
 
 
 def label_voxels_text(manifest: Manifest) -> str:
@@ -73,8 +104,10 @@ def _materials(manifest: Manifest) -> list[str]:
         said.append(_TRUE_MATERIALS)
     elif "phantom" in manifest.sources:
         said.append(_ERRING_MATERIALS)
-    if not manifest.simulated:
+    if manifest.sources.keys() - {"phantom", "published"}:
         said.append(_ANNOTATED_MATERIALS)
+    if "published" in manifest.sources:
+        said.append(_LIKELIEST_MATERIALS)
     return said
 
 
@@ -91,6 +124,10 @@ _ERRING_MATERIALS: Final = (
 )
 _ANNOTATED_MATERIALS: Final = (
     "`part_materials` of objects that are not simulated are what annotators took the parts for."
+)
+_LIKELIEST_MATERIALS: Final = (
+    "The authors' release tells no material: `part_materials` of its objects are the likeliest by "
+    "attenuation, thickness and the part's name, a family where no member is, else empty."
 )
 
 

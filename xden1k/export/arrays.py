@@ -11,7 +11,7 @@ import trimesh
 
 from xden1k.export.si import Inertial
 from xden1k.format.records import decode_array, object_row
-from xden1k.format.schema import ARRAY_COLUMNS, COLUMNS, PREVIEW_COLUMNS
+from xden1k.format.schema import ARRAY_COLUMNS, COLUMNS, PREVIEW_COLUMNS, RADIOGRAPH_COLUMNS
 from xden1k.values.mass import mass_of_meshes
 from xden1k.values.types import FIELD_SIZE, DensityObject
 
@@ -25,13 +25,12 @@ def arrays_of(obj: DensityObject) -> dict[str, np.ndarray]:
     """Decode what the dataset stores of an object, previews left out.
 
     Values are those of the dataset, in its precision. A weight or a field that there is none of is
-    not a number; ``part_flags`` is JSON.
+    not a number; ``part_flags`` is JSON. Radiographs that there are none of are left out.
     """
     row = object_row(obj)
+    left_out = PREVIEW_COLUMNS if obj.views else RADIOGRAPH_COLUMNS
     return {
-        column.name: _array(row, column.name)
-        for column in COLUMNS
-        if column.name not in PREVIEW_COLUMNS
+        column.name: _array(row, column.name) for column in COLUMNS if column.name not in left_out
     }
 
 

@@ -40,7 +40,7 @@ def stack(objects: Iterable[DensityObject], path: Path) -> int:
     Parameters
     ----------
     objects
-        All with radiographs of one size.
+        All with radiographs of one size, or all without.
     path
         The ``.h5``.
 
@@ -57,7 +57,13 @@ def stack(objects: Iterable[DensityObject], path: Path) -> int:
     count = 0
     with h5py.File(path, "w", libver="latest") as file:
         for obj in objects:
-            for name, values in arrays_of(obj).items():
+            arrays = arrays_of(obj)
+            if count and (odd := sorted(arrays.keys() ^ file.keys())):
+                raise DataError(
+                    f"{obj.object_id}: it and those before it do not both have {', '.join(odd)}: "
+                    "only objects that all have radiographs, or none, can be stacked"
+                )
+            for name, values in arrays.items():
                 _append(file, obj.object_id, name, values, count)
             count += 1
     return count

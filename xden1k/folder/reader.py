@@ -13,7 +13,7 @@ from typing import Any
 
 from xden1k.errors import DataError, MissingObjectError, did_you_mean
 from xden1k.format.manifest import MANIFEST_NAME, DataFile, Manifest
-from xden1k.format.records import row_object
+from xden1k.format.records import has_radiographs, row_object
 from xden1k.format.remote import RemotePath, root_of
 from xden1k.format.shards import Row, ShardReader
 from xden1k.values.types import DensityObject
@@ -189,6 +189,20 @@ class DatasetFolder:
             for file in self.manifest.shards("metadata", split)
         )
         return [value for file in files for value in self._reader(file).column(name)]
+
+    def without_radiographs(self, split: str) -> frozenset[str]:
+        """Ids of the objects of one split that have no radiographs.
+
+        Raises
+        ------
+        DataError
+            If there is no such split, or a file cannot be read.
+        """
+        ids, count = self.ids(split), self.manifest.without_radiographs.get(split, 0)
+        if count in (0, len(ids)):
+            return frozenset(ids[:count])
+        rows = zip(ids, self.rows(split, ["xray_pa_shape"]), strict=True)
+        return frozenset(object_id for object_id, row in rows if not has_radiographs(row))
 
     @cached_property
     def _places(self) -> dict[str, tuple[DataFile, int]]:

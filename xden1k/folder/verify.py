@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pyarrow as pa
@@ -16,13 +15,14 @@ from xden1k.folder.withheld import leaks
 from xden1k.folder.writer import OBJECT_ID
 from xden1k.format.checksums import CHECKSUMS_NAME, file_sha256, listed_sums
 from xden1k.format.manifest import MANIFEST_NAME, DataFile, Manifest
-from xden1k.format.records import mass_columns, row_object
+from xden1k.format.records import has_radiographs, mass_columns, row_object
 from xden1k.format.schema import (
     DATA_SCHEMA,
     LIGHT_COLUMNS,
     METADATA_SCHEMA,
     NULLABLE_COLUMNS,
     PREVIEW_COLUMNS,
+    RADIOGRAPH_COLUMNS,
 )
 from xden1k.format.shards import Row, ShardReader
 from xden1k.values.closed import edge_faults
@@ -32,9 +32,9 @@ from xden1k.values.types import (
     FIELD_SIZE,
     LABEL_SIZE,
     PRIVATE,
+    SOURCES,
     DensityField,
     DensityObject,
-    Source,
 )
 
 __all__ = ["refuse_unsound", "row_problems", "verify_folder"]
@@ -136,7 +136,7 @@ def _check_split(
         for file in manifest.shards("metadata", split)
         for row in _rows(root, file, METADATA_SCHEMA, report)
     }
-    last = ""
+    last, without = "", 0
     for file in manifest.shards(split=split):
         for row in _rows(root, file, DATA_SCHEMA, report):
             say = partial(_report_at, report, f"{file.path}: {row['object_id']}")
@@ -148,7 +148,10 @@ def _check_split(
             for problem in (*row_problems(row), *_mislabelled(row)):
                 say(problem)
             last = row["object_id"]
+            without += not has_radiographs(row)
             on_row()
+    if without != (told := manifest.without_radiographs.get(split, 0)):
+        report(f"{split}: {without} objects without radiographs, {MANIFEST_NAME} says {told}")
 
 
 def _report_at(report: Report, where: str, problem: str) -> None:
@@ -199,7 +202,7 @@ def row_problems(row: Row) -> list[str]:
         Every problem found; none if the row is sound.
     """
     withheld = ("apparent_density",) if row["split"] == PRIVATE else ()
-    nullable = (*NULLABLE_COLUMNS, *withheld)
+    nullable = (*NULLABLE_COLUMNS, *withheld, *_absent_radiographs(row))
     missing = [name for name, value in row.items() if value is None and name not in nullable]
     if missing:
         return [f"null in {', '.join(sorted(missing))}"]
@@ -218,14 +221,19 @@ def row_problems(row: Row) -> list[str]:
     ]
 
 
+def _absent_radiographs(row: Row) -> tuple[str, ...]:
+    """Columns of the radiographs, where there are none at all: one alone is never null."""
+    return () if has_radiographs(row) else RADIOGRAPH_COLUMNS
+
+
 def _identity_problems(row: Row) -> Iterator[str]:
     if not OBJECT_ID.fullmatch(row["object_id"]):
         yield "object_id must be of A-Z a-z 0-9 . _ -"
-    for name, known in (("split", ALL_SPLITS), ("source", get_args(Source))):
+    for name, known in (("split", ALL_SPLITS), ("source", SOURCES)):
         if row[name] not in known:
             yield f"{name} must be one of {known}, got {row[name]!r}"
     for name in PREVIEW_COLUMNS:
-        if not row[name].startswith(PNG_SIGNATURE):
+        if row[name] is not None and not row[name].startswith(PNG_SIGNATURE):
             yield f"{name} is not a PNG"
 
 

@@ -21,7 +21,7 @@ from xden1k.folder.place import publish, staging
 from xden1k.format.checksums import file_sha256, footer_sha256
 from xden1k.format.label_counts import LABEL_COUNTS, label_counts
 from xden1k.format.manifest import MANIFEST_NAME, DataFile, Manifest
-from xden1k.format.records import object_row
+from xden1k.format.records import has_radiographs, object_row
 from xden1k.format.schema import DATA_SCHEMA, METADATA_SCHEMA
 from xden1k.format.shards import ShardReader, ShardWriter
 from xden1k.values.types import ALL_SPLITS, DensityObject
@@ -133,6 +133,7 @@ def write_rows(
             density_sources=dict(sorted(tally.density_sources.items())),
             files=files,
             labels={name: tally.labels[name] for name in LABEL_COUNTS},
+            without_radiographs=dict(sorted(tally.without_radiographs.items())),
         )
         write_documents(root, read_facts(root, manifest, answers), more)
         for path in (root, *root.rglob("*")):
@@ -162,12 +163,15 @@ class _Tally:
         self.sources: Counter[str] = Counter()
         self.density_sources: Counter[str] = Counter()
         self.labels: Counter[str] = Counter()
+        self.without_radiographs: Counter[str] = Counter()
 
     def counted(self, row: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the row."""
         self.sources[row["source"]] += 1
         self.density_sources.update(row["part_density_source"])
         self.labels.update(label_counts(row))
+        if not has_radiographs(row):
+            self.without_radiographs[row["split"]] += 1
         return row
 
 

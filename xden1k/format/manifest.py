@@ -11,9 +11,11 @@ from xden1k.errors import DataError
 from xden1k.format.checksums import check_document, footer_sha256
 from xden1k.format.remote import RemoteFile, RemotePath
 
-__all__ = ["MANIFEST_NAME", "SCHEMA", "DataFile", "Manifest"]
+__all__ = ["MANIFEST_NAME", "SCHEMA", "SCHEMA_WITHOUT_RADIOGRAPHS", "DataFile", "Manifest"]
 
 SCHEMA = "xden-dataset/1"
+SCHEMA_WITHOUT_RADIOGRAPHS = "xden-dataset/2"
+"""The same, but some objects have no radiographs, at which a reader of the first would fail."""
 MANIFEST_NAME = "manifest.json"
 
 
@@ -102,7 +104,7 @@ class Manifest:
     splits
         Objects in each split.
     sources
-        Objects from each source: ``scan``, ``phantom``, ``ct``.
+        Objects from each source: ``scan``, ``phantom``, ``ct``, ``published``.
     density_sources
         Parts with each source of density: ``xray``, ``prior``, ``weighed``, ``truth``, ``none``,
         ``withheld``.
@@ -111,6 +113,8 @@ class Manifest:
     labels
         Parts by what their labels show, :data:`~xden1k.format.label_counts.LABEL_COUNTS`; empty in
         older folders.
+    without_radiographs
+        Objects without radiographs in each split that has some.
     """
 
     version: str
@@ -121,6 +125,12 @@ class Manifest:
     density_sources: dict[str, int]
     files: tuple[DataFile, ...]
     labels: dict[str, int] = field(default_factory=dict)
+    without_radiographs: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def schema(self) -> str:
+        """What a reader must know of: the first schema, unless radiographs are missing."""
+        return SCHEMA_WITHOUT_RADIOGRAPHS if self.without_radiographs else SCHEMA
 
     @property
     def objects(self) -> int:
@@ -131,6 +141,11 @@ class Manifest:
     def simulated(self) -> bool:
         """Whether no object was ever on a scanner."""
         return self.sources.keys() <= {"phantom"}
+
+    @property
+    def has_radiographs(self) -> bool:
+        """Whether any object has radiographs."""
+        return sum(self.without_radiographs.values()) < self.objects
 
     def shards(self, config: str = "default", split: str | None = None) -> tuple[DataFile, ...]:
         """Files of one config, of one split or of all."""
@@ -151,7 +166,9 @@ class Manifest:
 
     def to_json(self) -> str:
         """Text of ``manifest.json``."""
-        values = {"schema": SCHEMA, "name": "xden1k", "objects": self.objects} | asdict(self)
+        values = {"schema": self.schema, "name": "xden1k", "objects": self.objects} | asdict(self)
+        if not self.without_radiographs:  # a folder with all of them has the bytes it always had
+            del values["without_radiographs"]
         return json.dumps(values, indent=2, ensure_ascii=False) + "\n"
 
     @classmethod
@@ -181,16 +198,21 @@ class Manifest:
             why = "there is no such folder" if missing else f"no {MANIFEST_NAME}{_found(root)}"
             raise DataError(f"{root}: not a dataset folder: {why}") from err
         except (ValueError, TypeError, KeyError) as err:
-            raise DataError(f"{path}: not a manifest of schema {SCHEMA}: {err!r}") from err
+            known = f"{SCHEMA} or {SCHEMA_WITHOUT_RADIOGRAPHS}"
+            raise DataError(f"{path}: not a manifest of schema {known}: {err!r}") from err
 
     @classmethod
     def _from_dict(cls, values: dict[str, Any]) -> Manifest:
-        if values["schema"] != SCHEMA:
+        if values["schema"] not in (SCHEMA, SCHEMA_WITHOUT_RADIOGRAPHS):
             raise ValueError(f"schema is {values['schema']}")
         names = ("version", "builder", "config_sha256", "splits", "sources", "density_sources")
         files = tuple(DataFile(**file) for file in values["files"])
-        counts = dict(values.get("labels", {}))
-        return cls(**{name: values[name] for name in names}, files=files, labels=counts)
+        return cls(
+            **{name: values[name] for name in names},
+            files=files,
+            labels=dict(values.get("labels", {})),
+            without_radiographs=dict(values.get("without_radiographs", {})),
+        )
 
 
 def _found(root: Path | RemotePath) -> str:

@@ -22,7 +22,7 @@ from xden1k.format.codec import (
     encode_transmission,
     to_planes,
 )
-from xden1k.format.schema import ARRAY_COLUMNS, LIGHT_COLUMNS
+from xden1k.format.schema import ARRAY_COLUMNS, LIGHT_COLUMNS, RADIOGRAPH_COLUMNS
 from xden1k.format.shards import Row
 from xden1k.values.arrays import Grid
 from xden1k.values.mass import MassProperties, mass_of_meshes
@@ -33,6 +33,7 @@ __all__ = [
     "decode_array",
     "decode_codes",
     "decode_geometry",
+    "has_radiographs",
     "mass_columns",
     "object_row",
     "preview_png",
@@ -67,7 +68,6 @@ def object_row(obj: DensityObject) -> Row:
 
 def _row(obj: DensityObject) -> Row:
     _check_grids(obj)
-    codes = {view.name: encode_transmission(view.transmission, view.valid) for view in obj.views}
     meshes = [_mesh_as_stored(part.mesh) for part in obj.parts]
     mass = mass_of_meshes(meshes, [part.density_g_cm3 for part in obj.parts])
     return {
@@ -81,9 +81,7 @@ def _row(obj: DensityObject) -> Row:
         "grid_origin_cm": obj.origin_cm.tolist(),
         "voxel_size_cm": float(obj.voxel_size_cm),
         **_part_columns(obj.parts),
-        **{f"preview_{name}": preview_png(image) for name, image in codes.items()},
-        **{f"xray_{name}": to_planes(image) for name, image in codes.items()},
-        **{f"xray_{name}_shape": list(image.shape) for name, image in codes.items()},
+        **_radiograph_columns(obj.views),
         **_grid_columns(obj),
         **_mesh_columns(meshes),
         "meta_json": _meta_json(obj),
@@ -131,6 +129,21 @@ def _part_columns(parts: Sequence[Part]) -> Row:
         "part_flags": [list(part.flags) for part in parts],
         "part_color_rgb": [[float(value) for value in part.color_rgb] for part in parts],
     }
+
+
+def _radiograph_columns(views: Sequence[XRayView]) -> Row:
+    """Return the columns of the radiographs: all null where there are none."""
+    codes = {view.name: encode_transmission(view.transmission, view.valid) for view in views}
+    return dict.fromkeys(RADIOGRAPH_COLUMNS) | {
+        **{f"preview_{name}": preview_png(image) for name, image in codes.items()},
+        **{f"xray_{name}": to_planes(image) for name, image in codes.items()},
+        **{f"xray_{name}_shape": list(image.shape) for name, image in codes.items()},
+    }
+
+
+def has_radiographs(row: Mapping[str, Any]) -> bool:
+    """Whether an encoded row has any of the columns of radiographs, of those that were read."""
+    return any(row.get(name) is not None for name in RADIOGRAPH_COLUMNS)
 
 
 def _grid_columns(obj: DensityObject) -> Row:
@@ -301,6 +314,8 @@ def row_object(row: Mapping[str, Any]) -> DensityObject:
 def decode_geometry(row: Mapping[str, Any]) -> dict[str, ViewGeometry]:
     """Where the radiographs of an encoded row were taken from, by view name: ``pa`` and ``lat``.
 
+    Nothing of an object without radiographs.
+
     Parameters
     ----------
     row
@@ -309,7 +324,7 @@ def decode_geometry(row: Mapping[str, Any]) -> dict[str, ViewGeometry]:
     Raises
     ------
     DataError
-        If the column is no JSON, or has not the geometry of both views.
+        If the column is no JSON, or has not the geometry of both views, nor an empty one.
     """
     return _meta_and_geometry(row)[1]
 
@@ -318,7 +333,8 @@ def _meta_and_geometry(row: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str
     try:
         meta: dict[str, Any] = json.loads(row["meta_json"])
         views = meta.pop("views")
-        return meta, {name: ViewGeometry.from_dict(views[name]) for name in ("pa", "lat")}
+        names = ("pa", "lat") if views != {} else ()
+        return meta, {name: ViewGeometry.from_dict(views[name]) for name in names}
     except DataError:
         raise
     except (ValueError, KeyError, TypeError, AttributeError) as err:
@@ -328,9 +344,15 @@ def _meta_and_geometry(row: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str
         ) from err
 
 
-def _views(row: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[XRayView, XRayView]]:
-    """Return the rest of the meta data, and the radiographs."""
+def _views(
+    row: Mapping[str, Any],
+) -> tuple[dict[str, Any], tuple[XRayView, XRayView] | tuple[()]]:
+    """Return the rest of the meta data, and the radiographs if there are any."""
     meta, places = _meta_and_geometry(row)
+    if not places and not has_radiographs(row):
+        return meta, ()
+    if not places:
+        raise DataError(f"{row['object_id']}: it has radiographs, and meta_json no geometry of any")
     return meta, (_view(row, "pa", places["pa"]), _view(row, "lat", places["lat"]))
 
 

@@ -3,7 +3,8 @@
 Writer, reader, card and Croissant file all follow :data:`COLUMNS`. A figure that was never
 measured is null (``weighed_mass_g``, ``density``); a figure computed from an unknown one is not
 a number (``mass_g``, ``com_cm``, ``inertia_g_cm2`` and the parts' figures of an object of which
-only the attenuation is known). In the split ``private`` every answer is unknown; see
+only the attenuation is known). An object without radiographs has null in all of
+:data:`RADIOGRAPH_COLUMNS`. In the split ``private`` every answer is unknown; see
 :mod:`xden1k.folder.withheld`.
 """
 
@@ -27,6 +28,7 @@ __all__ = [
     "METADATA_SCHEMA",
     "NULLABLE_COLUMNS",
     "PREVIEW_COLUMNS",
+    "RADIOGRAPH_COLUMNS",
     "Column",
     "feature",
 ]
@@ -73,7 +75,11 @@ _LIGHT = (
     Column("object_id", _STRING, "Unique name"),
     Column("category", _STRING, "Class of the object"),
     Column("split", _STRING, "train, val, test, or private (answers withheld)"),
-    Column("source", _STRING, "scan, phantom (simulated, truth known) or ct (views from a CT)"),
+    Column(
+        "source",
+        _STRING,
+        "scan, phantom (simulated, truth known), ct (views from a CT), published (by the authors)",
+    ),
     Column("flags", _lists(_STRING), "Remarks on the object as a whole"),
     Column("weighed_mass_g", _FLOAT, "Mass by a scale, g; null if never on one"),
     Column("mass_g", _FLOAT, "Mass, g, exact from part meshes and densities"),
@@ -153,9 +159,14 @@ LIGHT_COLUMNS = tuple(column.name for column in _LIGHT)
 ARRAY_COLUMNS = {column.name: column.codec for column in COLUMNS if column.codec is not None}
 """How each binary array column is decoded."""
 NULLABLE_COLUMNS = ("weighed_mass_g", "density")
-"""Columns that may be null."""
+"""Columns that may be null, each on its own."""
 PREVIEW_COLUMNS = ("preview_pa", "preview_lat")
 """Columns that hold PNG images."""
+RADIOGRAPH_COLUMNS = (
+    *PREVIEW_COLUMNS,
+    *("xray_pa", "xray_lat", "xray_pa_shape", "xray_lat_shape"),
+)
+"""Columns that are null together: of an object without radiographs."""
 
 _VALUE_NAMES = {pa.float64(): "float64", pa.int32(): "int32", pa.binary(): "binary"}
 

@@ -53,7 +53,8 @@ def _cell(row: Mapping[str, Any], name: str) -> Any:
     value = row[name]
     if isinstance(value, pa.Buffer):  # as a reader gives it
         value = value.to_pybytes()
-    return {"bytes": value, "path": None} if name in PREVIEW_COLUMNS else value
+    is_picture = name in PREVIEW_COLUMNS and value is not None
+    return {"bytes": value, "path": None} if is_picture else value
 
 
 class ShardWriter:

@@ -38,10 +38,13 @@ SOURCE_WORDS = {
     "scan": "scan",
     "phantom": "simulated, never on a scanner",
     "ct": "views computed from a CT",
+    "published": "the authors' release",
 }
 DENSITY_COLOURS, LAC_COLOURS = "magma_r", "viridis_r"
 CROSS = {DENSITY_COLOURS: "#1f9e89", LAC_COLOURS: "#e4572e"}
 """Colour of the centre of mass, by the colours it lies on."""
+RADIOGRAPHS_HEIGHT = 3.6
+"""Of the part of a page that radiographs take, inches."""
 LINE = 0.2
 """Height of a line of the part table, inches."""
 TABLE_ROWS = 12
@@ -67,7 +70,7 @@ class _Cell(NamedTuple):
 
 
 def object_sheet(obj: DensityObject, path: Path) -> None:
-    """Draw one object: radiographs against their reprojection, density slices, parts.
+    """Draw one object: radiographs against their reprojection, if any, density slices, parts.
 
     Parameters
     ----------
@@ -83,12 +86,13 @@ def object_sheet(obj: DensityObject, path: Path) -> None:
     MissingExtraError
         If the projector's libraries (extra ``build``) are not installed.
     """
-    page = _Page(16.7, 7.85)
+    above = RADIOGRAPHS_HEIGHT if obj.views else 0.0
+    page = _Page(16.7, 4.25 + above)
     _title(page, obj)
-    for left, view in zip((0.35, 8.65), obj.views, strict=True):
+    for left, view in zip((0.35, 8.65), obj.views, strict=False):
         _radiographs(page, left, obj, view)
-    _slices(page, obj)
-    _part_table(page, obj.parts)
+    _slices(page, 1.6 + above, obj)
+    _part_table(page, 1.33 + above, obj.parts)
     page.save(path)
 
 
@@ -195,13 +199,13 @@ def _picture(axes: Axes, image: np.ndarray, scale: ScalarMappable, **how: Any) -
         spine.set(linewidth=0.5, color=RULE)
 
 
-def _slices(page: _Page, obj: DensityObject) -> None:
+def _slices(page: _Page, top: float, obj: DensityObject) -> None:
     """Draw three slices through the centre of mass, or of the attenuation if that is all."""
     field, colours = _shown_field(obj)
     what = "density, g/cm³" if obj.density else "LAC, 1/cm"
     centre = field.com_cm if field.mass_g > 0 else field.origin_cm
     cuts = [_cut(field, axis, centre) for axis in (1, 0, 2)]
-    top, size, gap = 5.2, 1.95, 0.56
+    size, gap = 1.95, 0.56
     scale = _scale(colours, Normalize(0, max(1e-3, *(float(cut.max()) for cut in cuts))))
     for number, (axis, cut) in enumerate(zip((1, 0, 2), cuts, strict=True)):
         left = 0.75 + number * (size + gap)
@@ -260,9 +264,9 @@ def _filled(cut: Float[np.ndarray, "down across"], axis: int) -> Float[np.ndarra
     return np.array([filled[0], filled[-1] + 1.0] if len(filled) else [0.0, cut.shape[axis]])
 
 
-def _part_table(page: _Page, parts: Sequence[Part]) -> None:
+def _part_table(page: _Page, top: float, parts: Sequence[Part]) -> None:
     """Draw one line for each part, as many as there is room for."""
-    left, top, width, height = 8.65, 4.93, 7.7, 2.65
+    left, width, height = 8.65, 7.7, 2.65
     axes = page.axes(left, top, width, height)
     axes.set(xlim=(0, width), ylim=(height, 0))
     axes.axis("off")
@@ -313,7 +317,7 @@ def _part_cells(part: Part) -> tuple[str, ...]:
 
 
 def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4) -> None:
-    """Draw many objects: both radiographs, a density slice, name and mass.
+    """Draw many objects: both radiographs where there are any, a density slice, name and mass.
 
     Radiographs are the attenuation -ln T, each on its own scale, air black. The slice is the one of
     the three planes through the centre of mass in which the object is largest; which one is written
@@ -342,7 +346,9 @@ def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4
     if not cells:
         raise DataError("a contact sheet needs at least one object")
     size = 1.25
-    width, height = 3 * size + 2 * CELL_GAP + 0.35, size + 0.62
+    across = 1 + max(len(cell.views) for cell in cells)
+    inner = across * size + (across - 1) * CELL_GAP
+    width, height = inner + 0.35, size + 0.62
     rows = -(-len(cells) // columns)
     columns = min(columns, len(cells))
     page = _Page(columns * width + 0.35, rows * height + 1.2)
@@ -353,7 +359,7 @@ def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4
     }
     for number, cell in enumerate(cells):
         left, top = 0.35 + number % columns * width, 0.15 + number // columns * height
-        _draw_cell(page, left, top, size, cell, looks[cell.colours])
+        _draw_cell(page, left, top, size, inner, cell, looks[cell.colours])
     room = page.width - 0.35
     for number, (colours, look) in enumerate(looks.items()):
         label = "density, g/cm³" if colours == DENSITY_COLOURS else "LAC, 1/cm"
@@ -361,10 +367,11 @@ def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4
         wide = min(5.0, room / len(looks) - 0.35)
         page.colour_bar((start, rows * height + 0.25, wide, 0.09), look, label)
     words = " / ".join(SOURCE_WORDS[source] for source in sorted(sources, reverse=True))
+    shown = "PA, LAT, and the widest slice" if across > 1 else "The widest slice"
     page.text(
         0.35,
         page.height - 0.3,
-        f"PA, LAT, and the widest slice through the centre of mass; {words}",
+        f"{shown} through the centre of mass; {words}",
         fontsize=9,
         color=FAINT,
     )
@@ -372,20 +379,27 @@ def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4
 
 
 def _draw_cell(
-    page: _Page, left: float, top: float, size: float, cell: _Cell, look: ScalarMappable
+    page: _Page,
+    left: float,
+    top: float,
+    size: float,
+    width: float,
+    cell: _Cell,
+    look: ScalarMappable,
 ) -> None:
-    right = left + 3 * size + 2 * CELL_GAP
+    """Draw radiographs from the left, the slice at the right end."""
+    right = left + width
     page.text(left, top + 0.07, cell.name, fontsize=9, weight="bold")
     page.text(right, top + 0.07, cell.note, fontsize=9, ha="right", color=FAINT)
     clear = ScalarMappable(look.norm, look.cmap.with_extremes(bad="white"))
     pictures = [(image, grey_scale(image)) for image in cell.views]
-    aspects = (*cell.aspects, 1.0)
-    for column, (image, scale) in enumerate([*pictures, (cell.cut, clear)]):
+    for column, (image, scale) in enumerate(pictures):
         start = left + column * (size + CELL_GAP)
         axes = page.axes(start, top + 0.3, size, size)
-        _picture(axes, image, scale, aspect=aspects[column])
-        below = ("PA", "LAT", cell.plane)[column]
-        page.text(start, top + 0.33 + size, below, fontsize=7, color=FAINT)
+        _picture(axes, image, scale, aspect=cell.aspects[column])
+        page.text(start, top + 0.33 + size, ("PA", "LAT")[column], fontsize=7, color=FAINT)
+    _picture(page.axes(right - size, top + 0.3, size, size), cell.cut, clear, aspect=1.0)
+    page.text(right - size, top + 0.33 + size, cell.plane, fontsize=7, color=FAINT)
 
 
 def _cell(obj: DensityObject) -> _Cell:
@@ -396,17 +410,15 @@ def _cell(obj: DensityObject) -> _Cell:
     axis = max(cuts, key=lambda each: _filled_area(cuts[each]))
     what = "" if obj.density else "LAC, "
     cut = cuts[axis][::-1]
-    views, aspects = zip(
-        *(_small(view, object_window(obj, view)) for view in obj.views), strict=True
-    )
+    small = [_small(view, object_window(obj, view)) for view in obj.views]
     return _Cell(
         name=obj.object_id,
         note=f"{obj.mass_g:.4g} g" if np.isfinite(obj.mass_g) else "attenuation only",
         plane=f"{what}{AXES[axis]} = {_centimetres(centre[axis])} cm",
-        views=views,
+        views=tuple(image for image, _ in small),
         cut=np.where(cut > 0, cut, np.nan),
         colours=colours,
-        aspects=aspects,
+        aspects=tuple(aspect for _, aspect in small),
     )
 
 

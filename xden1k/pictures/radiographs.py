@@ -15,8 +15,13 @@ from xden1k.values.windows import object_window, pixel_aspect
 
 __all__ = ["MADE_WORDS", "Comparison", "compare"]
 
-MADE_WORDS = {"scan": "measured", "phantom": "simulated", "ct": "computed"}
-"""How the radiographs of each source came to be."""
+MADE_WORDS = {
+    "scan": "measured",
+    "phantom": "simulated",
+    "ct": "computed",
+    "published": "measured",
+}
+"""How the radiographs of each source came to be, where there are any."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,10 +23,12 @@ if TYPE_CHECKING:
 __all__ = [
     "ALL_SPLITS",
     "AXES",
+    "CAPTURED",
     "FIELD_SIZE",
     "LABEL_SIZE",
     "MAX_PARTS",
     "PRIVATE",
+    "SOURCES",
     "SPLITS",
     "Axis",
     "DensityField",
@@ -55,7 +57,10 @@ PRIVATE: Split = "private"
 """The split of a published folder whose objects come without answers."""
 SPLITS = tuple(split for split in ALL_SPLITS if split != PRIVATE)
 """What a capture or a simulator may name."""
-Source = Literal["scan", "phantom", "ct"]
+Source = Literal["scan", "phantom", "ct", "published"]
+SOURCES: tuple[Source, ...] = get_args(Source)
+CAPTURED = tuple(source for source in SOURCES if source != "published")
+"""Sources of objects that have a capture: nobody but an importer writes the other one."""
 DensitySource = Literal["xray", "prior", "weighed", "truth", "none", "withheld"]
 
 
@@ -300,9 +305,10 @@ class DensityObject:
     split
         ``train``, ``val``, ``test`` or ``private``.
     source
-        ``scan``, ``phantom`` (simulated with known truth) or ``ct`` (views computed from a CT).
+        ``scan``, ``phantom`` (simulated with known truth), ``ct`` (views computed from a CT) or
+        ``published`` (attenuation of the authors' release, densities of ours).
     views
-        The radiographs ``pa`` and ``lat``, in this order.
+        The radiographs ``pa`` and ``lat``, in this order; empty where there are none.
     parts
         1 to 255 parts that do not overlap; part k of the labels is ``parts[k - 1]``.
     labels
@@ -328,15 +334,15 @@ class DensityObject:
     Raises
     ------
     DataError
-        If the views are not ``pa`` and ``lat``, the split is unknown, or there are no parts or
-        more than 255, or two of one name.
+        If there are views that are not ``pa`` and ``lat``, the split is unknown, or there are no
+        parts or more than 255, or two of one name.
     """
 
     object_id: str
     category: str
     split: Split
     source: Source
-    views: tuple[XRayView, XRayView]
+    views: tuple[XRayView, XRayView] | tuple[()]
     parts: tuple[Part, ...]
     labels: Labels
     occupancy: Grid
@@ -351,8 +357,8 @@ class DensityObject:
 
     def __post_init__(self) -> None:
         names = [view.name for view in self.views]
-        if names != ["pa", "lat"]:
-            raise DataError(f"{self.object_id}: views must be pa and lat, got {names}")
+        if names not in ([], ["pa", "lat"]):
+            raise DataError(f"{self.object_id}: views must be pa and lat, or none, got {names}")
         if self.split not in ALL_SPLITS:
             raise DataError(
                 f"{self.object_id}: split must be one of {ALL_SPLITS}, got {self.split!r}"

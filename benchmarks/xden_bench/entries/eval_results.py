@@ -25,7 +25,12 @@ TASKS: Final[Mapping[str, str]] = {
 """Metric of each task of the dataset's ``eval.yaml``."""
 
 
-SOURCES: Final = {"scan": "real scans", "phantom": "simulated phantoms", "ct": "views of CTs"}
+SOURCES: Final = {
+    "scan": "real scans",
+    "phantom": "simulated phantoms",
+    "ct": "views of CTs",
+    "published": "the authors' release with densities estimated anew",
+}
 
 
 def left_out_because(entry: Entry) -> str | None:

@@ -72,7 +72,7 @@ def radiograph_pictures(
     found
         The images.
     source
-        ``scan``, ``phantom`` or ``ct``: how the radiograph came to be.
+        ``scan``, ``phantom``, ``ct`` or ``published``: how the radiograph came to be.
     view
         Its name, for the titles.
     """

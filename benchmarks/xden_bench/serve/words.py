@@ -22,6 +22,7 @@ SOURCES: Final = {
     "scan": "scan; the truth is the builder's reconstruction",
     "phantom": "phantom: simulated, never on a scanner",
     "ct": "ct: views computed from a CT",
+    "published": "published: the authors' release; the truth is this project's estimate",
 }
 
 

@@ -9,11 +9,11 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import cast, get_args
+from typing import cast
 
 from xden1k.errors import DataError, MissingObjectError
 from xden1k.values.arrays import Image
-from xden1k.values.types import SPLITS, Source, Split
+from xden1k.values.types import CAPTURED, SPLITS, Source, Split
 from xden1k.values.views import XRayView
 from xden_builder.capture.calibration import CalibratedView, calibrate
 from xden_builder.capture.ct import CTReference, read_ct
@@ -332,7 +332,7 @@ def _object_row(row: CsvRow) -> ObjectRow:
         mesh_units=row.choice("mesh_units", tuple(CM_PER_UNIT), default="cm"),
         weighed_mass_g=_mass_g(row) if row["mass_g"] else None,
         split=cast(Split, row.choice("split", SPLITS)) if row["split"] else None,
-        source=cast(Source, row.choice("source", get_args(Source), default="scan")),
+        source=cast(Source, row.choice("source", CAPTURED, default="scan")),
         notes=row["notes"],
         pose=read_pose(row),
         scale_unknown=read_scale_unknown(row),

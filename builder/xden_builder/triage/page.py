@@ -41,6 +41,7 @@ SOURCES: Final = {
     "scan": "scanned",
     "phantom": "simulated, never on a scanner",
     "ct": "views computed from a CT",
+    "published": "the authors' release",
 }
 
 
