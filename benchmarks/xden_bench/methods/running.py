@@ -36,6 +36,7 @@ from xden_bench.methods.partial import (
     partial_run,
 )
 from xden_bench.methods.rebuilt import Rebuilt
+from xden_bench.scoring.reference import xray_refusal
 from xden_bench.scoring.submission import Progress
 
 __all__ = ["Options", "Report", "run_predictor"]
@@ -140,12 +141,14 @@ def run_predictor(
     ------
     DataError
         If a training object lacks the target, a prediction breaks the format, the options ask for
-        what the method cannot do, or another process is writing the same submission.
+        what the method cannot do, it reads radiographs and objects have none, or another process is
+        writing the same submission.
     ModalityError
         If the method touches what it did not declare.
     """
     options.check(predictor)
     run = _Run(predictor, folder, split, options)
+    run.refuse_without_radiographs()
     with partial_run(out, run.identity) as partial:
         fit = run.made_ready(partial.fit_folder)
         continued = partial.count
@@ -195,6 +198,21 @@ class _Run:
             "split": self.split,
             "model": folder_sha256(model) if model else "",
         }
+
+    def refuse_without_radiographs(self) -> None:
+        """Check that every object that is looked at has what an X-ray method reads.
+
+        Raises
+        ------
+        DataError
+            With the count of those that do not.
+        """
+        if Modality.XRAY not in self.predictor.reads:
+            return
+        learns = self.predictor.trainable and not self.options.model
+        for split in dict.fromkeys([*(["train"] * learns), self.split]):
+            if refusal := xray_refusal(self.folder, split):
+                raise DataError(f"{self.folder.root}: {refusal}")
 
     def made_ready(self, folder: Path) -> Fit | None:
         """Let the method learn, or take up what it learned; None if it learns nothing."""

@@ -18,11 +18,21 @@ from xden1k.predictions import Target
 from xden1k.values.arrays import Grid, Vec3
 from xden1k.values.types import PRIVATE
 
-__all__ = ["BY_ORGANISER", "SELF_REPORTED", "Reference", "Truth"]
+__all__ = ["BY_ORGANISER", "SELF_REPORTED", "Reference", "Truth", "xray_refusal"]
 
 SELF_REPORTED: Final = "self-reported"
 BY_ORGANISER: Final = "by the organiser"
 """Who made the numbers of an entry: whoever sent it, or the keeper of sealed answers."""
+
+
+def xray_refusal(folder: DatasetFolder, split: str) -> str:
+    """Why a split cannot be in the track ``xray``; empty where every object has radiographs."""
+    if not (without := folder.manifest.without_radiographs.get(split, 0)):
+        return ""
+    return (
+        f"the track 'xray' needs radiographs, {without} of {folder.manifest.splits[split]} objects "
+        f"of the split {split!r} have none"
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

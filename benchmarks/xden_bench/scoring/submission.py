@@ -14,7 +14,7 @@ from xden1k.values.arrays import Grid
 from xden1k.values.modality import Modality, Track
 from xden_bench.scoring.expand import PartShares, grid_of_parts, part_shares, sd_grid_of_parts
 from xden_bench.scoring.protocol import Protocol
-from xden_bench.scoring.reference import Reference, Truth
+from xden_bench.scoring.reference import Reference, Truth, xray_refusal
 
 __all__ = ["Check", "Progress", "validate"]
 
@@ -203,6 +203,8 @@ def _meta_problems(
             because = f", from the inputs {list(meta.inputs)}" if name == "track" else ""
             message = f"{name} must be {expected!r} here, got {found!r}{because}"
             yield Problem("E205", None, message)
+    if meta.track == "xray" and (message := xray_refusal(reference.folder, reference.split)):
+        yield Problem("E205", None, message)
     if meta.target not in protocol.targets:
         message = f"target must be one of {list(protocol.targets)}, got {meta.target!r}"
         yield Problem("E205", None, message)

@@ -26,7 +26,8 @@ NO_METHOD: Final = "none: the truth alone"
 RADIOGRAPHS: Final = (
     "### Radiographs\n\nThe reprojection is of the dataset's own parts: exact path lengths through "
     "their meshes with the stored attenuation and geometry, one coefficient for each part. It is "
-    "not of the chosen method: a density says nothing of attenuation without the material."
+    "not of the chosen method: a density says nothing of attenuation without the material. Objects "
+    "of the authors' release have no radiographs, and none are drawn."
 )
 SLICES: Final = (
     "### Slices\n\nVoxel means. White: outside the outer surface, where nothing is scored. Truth "
@@ -196,7 +197,9 @@ class _Page:
 
     @told
     def draw_radiographs(self, object_id: str) -> list[Any]:
-        return [*self.explorer.radiographs(object_id)]
+        pictures = self.explorer.radiographs(object_id)
+        shown = [gr.update(value=one, visible=True) for one in pictures]
+        return shown or [gr.update(value=None, visible=False)] * len(self.radiographs)
 
     @told
     def list_extremes(self, split: str, method: str, metric: str) -> list[Any]:
