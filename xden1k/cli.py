@@ -19,7 +19,7 @@ from xden1k.commands import (
     DONE_IN_PART,
     LOCAL_ROOT,
     ROOT,
-    Group,
+    OpenGroup,
     json_option,
     open_root,
     print_json,
@@ -56,7 +56,7 @@ def choosing_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
-@click.group(cls=Group)
+@click.group(cls=OpenGroup)
 @click.version_option(package_name="xden1k", prog_name="xden")
 def cli() -> None:
     """Look at a dataset of objects with known density, check it, fetch it."""

@@ -9,13 +9,14 @@ import errno
 import json
 import shlex
 import warnings
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 from click.core import ParameterSource
 
-from xden1k.errors import DataError, XDenError
+from xden1k.errors import DataError, MissingExtraError, XDenError, install_command
 from xden1k.values.plain import plain
 
 if TYPE_CHECKING:
@@ -26,12 +27,16 @@ __all__ = [
     "LOCAL_ROOT",
     "ROOT",
     "Group",
+    "OpenGroup",
     "command_line",
     "json_option",
     "open_root",
     "print_json",
 ]
 
+COMMANDS: Final = "xden1k.commands"
+"""Entry points of this group are commands of ``xden``. What one needs beyond this package is the
+extra of its own name."""
 DONE_IN_PART = 3
 """Exit code of a command that finished although some objects failed."""
 
@@ -51,6 +56,62 @@ class Group(click.Group):
             known = err.filename is not None and err.strerror is not None
             said = f"{err.filename}: {err.strerror}" if known else str(err)
             raise click.ClickException(said) from err
+
+
+class OpenGroup(Group):
+    """A group to which packages add commands, by entry points of the group ``xden1k.commands``.
+
+    Its own commands come first. None of the others is imported until it is run, or asked for its
+    help: the list of all imports nothing.
+    """
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names of its own commands and of those that were added."""
+        return sorted({*super().list_commands(ctx), *_added()})
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Return a command; one that was added is not loaded yet."""
+        own = super().get_command(ctx, cmd_name)
+        if own is not None or cmd_name not in (added := _added()):
+            return own
+        return _Later(added[cmd_name])
+
+
+def _added() -> dict[str, EntryPoint]:
+    return {entry.name: entry for entry in entry_points(group=COMMANDS)}
+
+
+class _Later(click.Command):
+    """Stands for a command that was added until it is run."""
+
+    def __init__(self, entry: EntryPoint) -> None:
+        package = entry.module.partition(".")[0]
+        super().__init__(entry.name, short_help=f"Of {package}: ask it for its --help.")
+        self._entry = entry
+
+    def make_context(
+        self,
+        info_name: str | None,
+        args: list[str],
+        parent: click.Context | None = None,
+        **extra: Any,
+    ) -> click.Context:
+        """Load the command, and let it read its arguments."""
+        return self._loaded().make_context(info_name, args, parent, **extra)
+
+    def _loaded(self) -> click.Command:
+        try:
+            command = self._entry.load()
+        except ImportError as err:
+            raise MissingExtraError(
+                f"the command {self.name} needs more than is installed ({err}): "
+                f"{install_command(self._entry.name)}"
+            ) from err
+        except AttributeError as err:
+            raise DataError(f"the command {self.name} does not load: {err}") from err
+        if not isinstance(command, click.Command):
+            raise DataError(f"the command {self.name} is no click command: {self._entry.value}")
+        return command
 
 
 class _Root(click.Path):

@@ -199,8 +199,10 @@ def test_a_repository_of_another_layout_is_refused_before_anything_is_fetched(
     remote: FakeHub,
 ) -> None:
     (remote.folder / "manifest.json").unlink()
-    with pytest.raises(DataError, match=r"owner/name is not laid out as.*no manifest\.json among"):
+    with pytest.raises(DataError, match=r"owner/name is not laid out as.*only folders that xden-"):
         hub.download("owner/name")
+    with pytest.raises(DataError, match=f"authors' release: xden import {hub.REPO_ID} --out ROOT$"):
+        hub.download(hub.REPO_ID)
     assert remote.calls == []
 
 

@@ -190,10 +190,12 @@ def _download(repo_id: str, revision: str | None) -> Path:
 def _check_layout(repo_id: str, files: list[str]) -> None:
     if MANIFEST_NAME not in files:
         shown = ", ".join(sorted(files)[:5]) or "nothing"
+        ours = "only folders that xden-build wrote can be read"
+        release = f"it is the authors' release: xden import {REPO_ID} --out ROOT"
         raise DataError(
             f"the Hub repository {repo_id} is not laid out as this project's dataset folders: no "
-            f"{MANIFEST_NAME} among its {len(files)} files ({shown} ...); only folders that "
-            "xden-build wrote can be read"
+            f"{MANIFEST_NAME} among its {len(files)} files ({shown} ...); "
+            f"{release if repo_id == REPO_ID else ours}"
         )
 
 
