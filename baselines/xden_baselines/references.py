@@ -1,6 +1,6 @@
 """What the truth, the material table or the X-rays alone would give: rows to read others by.
 
-The first three are oracles: they are told what no method knows and have no rank. The last two need
+The first four are oracles: they are told what no method knows and have no rank. The last two need
 the extra ``build``.
 """
 
@@ -29,6 +29,7 @@ from xden_baselines.xray import OPAQUE, back_projected_lac_per_cm
 __all__ = [
     "LabelNominal",
     "PartOracle",
+    "PublishedLac017",
     "TrueMassUniform",
     "XrayMean",
     "XrayUniform",
@@ -47,7 +48,7 @@ PartValues = Float32[np.ndarray, "parts"]
 
 
 class _Oracle:
-    """What the three have in common."""
+    """What the four have in common."""
 
     version = "1"
     trainable = False
@@ -124,6 +125,31 @@ class LabelNominal(_Oracle):
             raise DataError(f"{sample.object_id}: the material table has no {unknown}")
         remark = VAGUE if {*labels} & {*families()} else ""
         return Prediction(_part_values(sample, list(map(_nominal_g_cm3, labels))), remark=remark)
+
+
+class PublishedLac017(_Oracle):
+    """Oracle of what the authors' release has as density: each part's attenuation over 0.17."""
+
+    name = "published-lac017"
+    reads = Modality.PARTS | Modality.TRUTH
+
+    def predict(self, sample: SampleView) -> PartValues:
+        """Predict the published densities.
+
+        Raises
+        ------
+        DataError
+            If the object is not of the release, a part has none, or the target is not the density.
+        """
+        if sample.target != "density":
+            raise DataError("published-lac017 is the apparent density: predict the other one by it")
+        if sample.truth.source != "published":
+            raise DataError(
+                f"published-lac017 is what the authors' release says: {sample.object_id} must be "
+                f"of the source 'published', it is of {sample.truth.source!r}"
+            )
+        apparent = [part.apparent_density_g_cm3 for part in sample.truth.parts]
+        return _part_values(sample, apparent)
 
 
 def _nominal_g_cm3(label: str) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from tests.phantoms import APPARENT, BAR, CUBE, FILLED, HOLLOW, Box, box_object
+from tests.phantoms import APPARENT, BAR, CUBE, FILLED, HOLLOW, Box, box_object, published_object
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder, open_folder, write_folder
 from xden1k.predictor import Examples, Prediction, Predictor, SampleView, Storable
@@ -24,6 +24,7 @@ from xden_baselines.materials import density_range_g_cm3
 from xden_baselines.references import (
     LabelNominal,
     PartOracle,
+    PublishedLac017,
     TrueMassUniform,
     XrayMean,
     XrayUniform,
@@ -109,6 +110,24 @@ def test_oracles_answer_in_the_target_that_is_asked_for(folder: DatasetFolder) -
     assert asked(TrueMassUniform).max() == pytest.approx(4.5 * APPARENT, rel=5e-3)
     with pytest.raises(DataError, match="knows true densities, not apparent ones"):
         asked(LabelNominal)
+
+
+def test_the_release_is_answered_by_what_it_says_and_by_nothing_else(
+    folder: DatasetFolder, tmp_path: Path
+) -> None:
+    reads = PublishedLac017.reads
+    published = folder_of([published_object("x", BAR)], tmp_path / "d")
+    found = PublishedLac017().predict(SampleView(published, "x", reads))
+    assert found.tolist() == [0.0, APPARENT, 8 * APPARENT]
+    with pytest.raises(DataError, match=r"bar-0001 must be .* 'published', it is of 'phantom'"):
+        PublishedLac017().predict(SampleView(folder, "bar-0001", reads))
+    with pytest.raises(DataError, match="is the apparent density"):
+        PublishedLac017().predict(SampleView(published, "x", reads, target="apparent_density"))
+
+
+def test_the_release_is_an_oracle_and_declares_it() -> None:
+    assert isinstance(PublishedLac017(), Predictor)
+    assert PublishedLac017.reads.inputs == ("parts", "truth")
 
 
 def test_a_label_stands_for_what_the_table_calls_usual(folder: DatasetFolder) -> None:
