@@ -1,0 +1,1 @@
+"""The release as its authors published it: read, registered, and given densities of our own."""
