@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from click.testing import CliRunner
 from matplotlib.image import imread
 
 from tests import phantoms
+from xden1k.cli import cli
 from xden1k.errors import DataError
 from xden1k.export import export_stack
 from xden1k.export.arrays import arrays_of
@@ -72,6 +74,14 @@ def test_a_folder_of_some_without_radiographs_is_sound_and_counts_them(mixed: Pa
     assert [len(obj.views) for obj in folder.objects()] == [0, 0, 2]
     light = pq.read_table(mixed / "metadata" / "test.parquet")
     assert light["preview_pa"].null_count == light["preview_lat"].null_count == 2
+
+
+def test_xden_info_counts_them(mixed: Path, complete: Path) -> None:
+    told, whole = (
+        CliRunner().invoke(cli, ["info", "--root", str(root)]).stdout for root in (mixed, complete)
+    )
+    assert "\nno X-rays   test 2\n" in told
+    assert "X-rays" not in whole
 
 
 def test_a_folder_with_all_radiographs_says_nothing_of_them_and_is_of_the_first_schema(

@@ -21,7 +21,8 @@ READING: Final = (
     "A rank is one more than the number of rows that are better beyond doubt: the 95 % interval of "
     "the difference on the same objects excludes zero. Rows that cannot be told apart share a rank "
     "(tie =); trivial rows are never ranked. Source **phantom** means "
-    "simulated objects, never on a scanner. The menu ⋮ of a heading sorts; click on a row to see "
+    "simulated objects, never on a scanner, **published** the authors' release with densities "
+    "estimated by this project. The menu ⋮ of a heading sorts; click on a row to see "
     "how it was made."
 )
 NOTHING: Final = "No entries yet. The first one can be sent on the page *Submit*."
