@@ -19,6 +19,7 @@ from xden_builder.commands.push import push
 from xden_builder.commands.report import report
 from xden_builder.commands.run import run
 from xden_builder.commands.speed import speed
+from xden_builder.commands.twin import twin
 
 __all__ = ["cli"]
 
@@ -32,7 +33,7 @@ def cli() -> None:
 
 _COMMANDS = (
     *(init, calibrate, check, phantoms, run, report, audit, datasheet, push),
-    *(evaluate, bench_scanner, gallery, speed),
+    *(evaluate, bench_scanner, gallery, twin, speed),
 )
 for _command in _COMMANDS:
     cli.add_command(_command)

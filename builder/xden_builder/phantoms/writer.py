@@ -27,7 +27,15 @@ from xden_builder.phantoms.realism import TIDY, Realism
 from xden_builder.phantoms.scanner import VIEWS, Scanner, panel_name, scanner_file
 from xden_builder.workers import run_each
 
-__all__ = ["each_object", "make_scanner", "simulation", "write_captures"]
+__all__ = [
+    "Progress",
+    "each_object",
+    "make_scanner",
+    "refuse_filled",
+    "simulation",
+    "write_captures",
+    "write_planned",
+]
 
 Result = TypeVar("Result")
 Progress = Callable[[str], None]
@@ -96,8 +104,28 @@ def write_captures(
     """
     plans = plan_objects(count, seed, categories, split)
     scanner = make_scanner(size, ideal, scanner)
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise DataError(f"{out}: expected a folder that is empty or does not exist")
+    write_planned(out, plans, scanner, realism, posing=posing, workers=workers, progress=progress)
+
+
+def write_planned(
+    out: Path,
+    plans: Sequence[Plan],
+    scanner: Scanner,
+    realism: Realism,
+    *,
+    posing: Posing = AS_SCANNED,
+    workers: int = 1,
+    progress: Progress = lambda _: None,
+) -> None:
+    """Simulate a capture folder of some objects of one seed; otherwise as :func:`write_captures`.
+
+    Raises
+    ------
+    DataError
+        If the folder is not empty, or an object too large.
+    """
+    refuse_filled(out)
+    seed = plans[0].seed
     out.mkdir(parents=True, exist_ok=True)
     task = partial(_write_object, out, scanner, realism, posing, seed)
     settings = {"standard", *each_object(task, plans, workers, progress)}
@@ -150,6 +178,18 @@ def each_object(
         while expected in early:
             yield early.pop(expected)
             expected = next(waiting, None)
+
+
+def refuse_filled(out: Path) -> None:
+    """Make sure that a new folder may be written.
+
+    Raises
+    ------
+    DataError
+        If something is there that is not an empty folder.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise DataError(f"{out}: expected a folder that is empty or does not exist")
 
 
 def simulation(seed: int, scanner: Scanner, realism: Realism, posing: Posing) -> dict[str, Any]:
