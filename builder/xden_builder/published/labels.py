@@ -1,0 +1,194 @@
+"""From an attenuation volume to the part of each voxel, and how much of the voxel it fills."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int64, UInt8
+
+from xden1k.errors import DataError
+from xden1k.values.types import MAX_PARTS
+from xden_builder.published import kernels
+
+__all__ = ["LabelVolume", "air_per_cm", "label_volume"]
+
+LEAST_PER_CM: Final = 1e-3
+"""Attenuation up to which a voxel is air, 1/cm; air itself has 2e-4."""
+OVER_AIR: Final = 3.0
+MARGIN: Final = 4
+"""Voxels of air around the object."""
+LIKE: Final = 0.004
+"""Share within which two attenuation coefficients are one."""
+ROUNDING: Final = 1e-4
+"""Share by which voxels of one plateau may differ."""
+FLOOR: Final = 0.03
+"""Of the weakest part's level: voxels up to it are air."""
+FEWEST: Final = 12
+"""Voxels that make a level in a volume without a table."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelVolume:
+    """Parts on the volume's own grid, cropped to the object with a margin of air.
+
+    Parameters
+    ----------
+    labels
+        Owner of each voxel: 0 = air, k = part k.
+    share
+        Share of each voxel that its owner fills, 0 to 1.
+    names, lac_per_cm
+        Of the parts; parts that the volume cannot tell apart are one, ``a+b``.
+    lost
+        Parts of the table that no voxel shows, or without an attenuation.
+    flags
+        What was found on the way.
+    """
+
+    labels: UInt8[np.ndarray, "x y z"]
+    share: Float32[np.ndarray, "x y z"]
+    names: tuple[str, ...]
+    lac_per_cm: Float64[np.ndarray, "parts"]
+    lost: tuple[str, ...]
+    flags: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Levels:
+    """What the parts' voxels hold, in the order of the parts."""
+
+    names: tuple[str, ...]
+    lac_per_cm: tuple[float, ...]
+    flags: tuple[str, ...]
+
+
+def air_per_cm(volume: Float32[np.ndarray, "x y z"]) -> float:
+    """Return what the volume holds beside the object: the median of its six faces."""
+    faces = [np.take(volume, end, axis=axis).ravel() for axis in range(3) for end in (0, -1)]
+    return float(np.median(np.concatenate(faces)))
+
+
+def label_volume(
+    volume: Float32[np.ndarray, "x y z"], table_lac_per_cm: Mapping[str, float]
+) -> LabelVolume:
+    """Find the part of each voxel.
+
+    Parameters
+    ----------
+    volume
+        Attenuation coefficient of each voxel, 1/cm.
+    table_lac_per_cm
+        Of each part; empty: levels are looked for in the volume, and parts are named
+        ``region_01`` and so on, the weakest first.
+
+    Raises
+    ------
+    DataError
+        If nothing but air is found.
+
+    Examples
+    --------
+    >>> volume = np.zeros((20, 20, 20), dtype=np.float32)
+    >>> volume[5:15, 5:15, 5:10], volume[5:15, 5:15, 10:15] = 0.2, 1.5
+    >>> found = label_volume(volume, {"head": 1.5, "handle": 0.2})
+    >>> np.bincount(found.labels.ravel())[1:].tolist()
+    [500, 500]
+    """
+    air = max(OVER_AIR * air_per_cm(volume), LEAST_PER_CM)
+    cropped = _cropped(volume, air)
+    usable = {name: lac for name, lac in table_lac_per_cm.items() if lac > air}
+    levels = _from_table(usable) if usable else _from_volume(cropped, air)
+    labels, share = _assigned(cropped, np.array(levels.lac_per_cm), air)
+    return _kept(labels, share, levels, table_lac_per_cm)
+
+
+def _cropped(volume: Float32[np.ndarray, "x y z"], air: float) -> Float32[np.ndarray, "x y z"]:
+    """Cut out what is more than air, with a margin."""
+    above = volume > air
+    box = []
+    for axis in range(3):
+        met = np.flatnonzero(above.any(axis=tuple({0, 1, 2} - {axis})))
+        if not len(met):
+            raise DataError(f"volume: expected values above {air:.2g} 1/cm, got air alone")
+        box.append(slice(int(met[0]), int(met[-1]) + 1))
+    return np.pad(volume[tuple(box)], MARGIN)
+
+
+def _from_table(table_lac_per_cm: Mapping[str, float]) -> _Levels:
+    """Take the table's levels; parts whose voxels cannot be told apart become one."""
+    groups: list[list[str]] = []
+    for name in sorted(table_lac_per_cm, key=lambda each: table_lac_per_cm[each]):
+        last = table_lac_per_cm[groups[-1][0]] if groups else 0.0
+        if table_lac_per_cm[name] <= last * (1 + 2 * LIKE):
+            groups[-1].append(name)
+        else:
+            groups.append([name])
+    order = list(table_lac_per_cm)
+    groups = sorted((sorted(group, key=order.index) for group in groups), key=lambda g: order.index(g[0]))
+    return _Levels(
+        tuple("+".join(group) for group in groups),
+        tuple(float(np.mean([table_lac_per_cm[name] for name in group])) for group in groups),
+        ("equal_levels",) if len(groups) < len(order) else (),
+    )
+
+
+def _from_volume(volume: Float32[np.ndarray, "x y z"], air: float) -> _Levels:
+    """Look for values that many voxels share."""
+    flat = np.zeros(volume.shape, dtype=np.bool_)
+    kernels.plateaus(volume, air, ROUNDING, flat)
+    values = np.sort(volume[flat].astype(np.float64))
+    if not len(values):
+        raise DataError("volume: expected parts of constant attenuation, got none")
+    starts = np.flatnonzero(np.diff(values, prepend=0.0) > LIKE * values)
+    runs = [run for run in np.split(values, starts[1:]) if len(run) >= FEWEST]
+    levels = [float(np.median(run)) for run in runs][:MAX_PARTS]
+    if not levels:
+        raise DataError(f"volume: expected a value that {FEWEST} voxels share, got none")
+    names = tuple(f"region_{number:02d}" for number in range(1, len(levels) + 1))
+    return _Levels(names, tuple(levels), ("parts_from_volume",))
+
+
+def _assigned(
+    volume: Float32[np.ndarray, "x y z"], lac_per_cm: Float64[np.ndarray, "k"], air: float
+) -> tuple[UInt8[np.ndarray, "x y z"], Float32[np.ndarray, "x y z"]]:
+    """Label the voxels by levels in any order."""
+    order = np.argsort(lac_per_cm)
+    levels = lac_per_cm[order]
+    near, labels = (np.zeros(volume.shape, dtype=np.uint8) for _ in range(2))
+    share = np.zeros(volume.shape, dtype=np.float32)
+    kernels.near_levels(volume, levels, LIKE, near)
+    floor = max(FLOOR * float(levels[0]), air)
+    kernels.assign(volume, levels, near, _steps(), floor, labels, share)
+    return np.append(0, order + 1).astype(np.uint8)[labels], share
+
+
+def _steps() -> Int64[np.ndarray, "steps 3"]:
+    """Steps to the voxels within two: six neighbours, then the rest of 26, then those beyond."""
+    steps = np.argwhere(np.ones((5, 5, 5))) - 2
+    far = (steps**2).sum(axis=1)
+    beyond = np.abs(steps).max(axis=1) > 1
+    order = np.lexsort((far, beyond))
+    return steps[order][1 : int(((far <= 4) | ~beyond).sum())]
+
+
+def _kept(
+    labels: UInt8[np.ndarray, "x y z"],
+    share: Float32[np.ndarray, "x y z"],
+    levels: _Levels,
+    table_lac_per_cm: Mapping[str, float],
+) -> LabelVolume:
+    """Leave out parts without a voxel, and number the rest."""
+    counts = np.bincount(labels.ravel(), minlength=len(levels.names) + 1)[1:]
+    shown = np.flatnonzero(counts)
+    numbers = np.zeros(len(counts) + 1, dtype=np.uint8)
+    numbers[shown + 1] = np.arange(1, len(shown) + 1)
+    names = tuple(levels.names[place] for place in shown)
+    told = {name for joined in names for name in joined.split("+")}
+    from_volume = "parts_from_volume" in levels.flags
+    lost = () if from_volume else tuple(name for name in table_lac_per_cm if name not in told)
+    flags = (*levels.flags, *(("lost_parts",) if lost else ()))
+    lac = np.array(levels.lac_per_cm)[shown]
+    return LabelVolume(numbers[labels], share, names, lac, lost, flags)
