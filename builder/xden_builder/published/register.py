@@ -1,0 +1,166 @@
+"""Where a volume lies in its mesh, how sure that is, and how large both are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Float64
+
+from xden1k.errors import DataError
+from xden_builder.published.convention import Convention
+from xden_builder.published.orientation import MODES, ORIENTATIONS, Orientation, overlaps
+from xden_builder.published.refine import Fit, fit_pair, voxel_affine
+from xden_builder.published.shares import BoxShares
+from xden_builder.published.sides import six_side_agreement
+
+__all__ = ["Registration", "cm_per_unit", "register"]
+
+OWN_GAIN: Final = 0.03
+"""Overlap by which another orientation must be better than the convention to be tried."""
+KEPT_LOSS: Final = 0.05
+"""Overlap that the convention may lose by after refinement and still be kept."""
+ALIKE: Final = 0.01
+"""Overlap within which two orientations are one to the object."""
+GOOD_SIDES: Final = 0.6
+NEAR_BEST: Final = 0.02
+MOST_APART: Final = 0.08
+"""Share by which the boxes' proportions may differ where voxels are cubes."""
+FAILED: Final = 0.4
+"""Overlap and agreement both below this are no registration."""
+UPRIGHT: Final = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""From the mesh file's frame, y up, to the object frame, z up."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Registration:
+    """One volume on its mesh.
+
+    Parameters
+    ----------
+    affine
+        Takes points of the cropped volume, voxel i being i to i + 1, to the object frame in cm.
+    way
+        Orientation used.
+    iou, six_side
+        Overlap of shares, and agreement from six sides.
+    meta
+        Figures of JSON's types.
+    flags
+        What to know of it.
+    """
+
+    affine: Float64[np.ndarray, "4 4"]
+    way: Orientation
+    iou: float
+    six_side: float
+    meta: dict[str, Any]
+    flags: tuple[str, ...]
+
+
+def cm_per_unit(
+    extent: Float64[np.ndarray, "3"], size_cm: Float64[np.ndarray, "3"], order: tuple[int, int, int]
+) -> float:
+    """Scale of a mesh from the published sizes of its box.
+
+    Examples
+    --------
+    >>> round(cm_per_unit(np.array([2.0, 1.0, 1.0]), np.array([5.0, 10.0, 5.0]), (1, 0, 2)), 6)
+    5.0
+    """
+    return float(np.exp(np.log(size_cm[list(order)] / extent).mean()))
+
+
+def register(
+    mesh: BoxShares,
+    volume: BoxShares,
+    size_cm: Float64[np.ndarray, "3"],
+    convention: Convention,
+) -> Registration:
+    """Place a volume on its mesh.
+
+    Raises
+    ------
+    DataError
+        If the boxes are of other proportions, or the bodies are not alike at all.
+    """
+    scores = overlaps(mesh, volume)[MODES.index(convention.mode)]
+    place = _chosen(mesh, volume, scores, convention)
+    way = ORIENTATIONS[place]
+    fit = fit_pair(mesh, volume, way, convention.mode)
+    six_side = six_side_agreement(fit.placed, fit.volume)
+    _check(mesh, volume, way, convention.mode, (fit.iou, six_side))
+    rival = _unlike(mesh, volume, scores, place, convention.mode)
+    scale = cm_per_unit(mesh.extent, size_cm, convention.size_order)
+    affine = np.diag([scale, scale, scale, 1.0]) @ voxel_affine(mesh, volume, way, fit)
+    affine[:3] = UPRIGHT @ affine[:3]
+    meta = {
+        "orientation": way.text,
+        "mode": convention.mode,
+        "mirrored": way.mirrored,
+        "iou": round(fit.iou, 4),
+        "six_side": round(six_side, 4),
+        "symmetry": int((scores > scores[place] - ALIKE).sum()),
+        "gap": round(float(scores[place] - np.delete(scores, place).max()), 4),
+        "unlike_six_side": None if rival is None else round(_sides(rival), 4),
+        "cm_per_unit": scale,
+        "volume_to_object_cm": affine.tolist(),
+    }
+    good = six_side >= GOOD_SIDES or (convention.sure and scores[place] >= scores.max() - NEAR_BEST)
+    flags = {
+        "registration_poor": not good,
+        "orientation_unsure": not convention.sure,
+        "orientation_differs": convention.sure and place != convention.place,
+    }
+    raised = tuple(flag for flag, is_raised in flags.items() if is_raised)
+    return Registration(affine, way, fit.iou, six_side, meta, raised)
+
+
+def _chosen(
+    mesh: BoxShares, volume: BoxShares, scores: Float64[np.ndarray, "48"], convention: Convention
+) -> int:
+    """Index of the orientation: the convention, unless the object contradicts it clearly."""
+    own = int(scores.argmax())
+    if not convention.sure:
+        return own
+    if scores[own] - scores[convention.place] <= OWN_GAIN:
+        return convention.place
+    told, better = (
+        fit_pair(mesh, volume, ORIENTATIONS[place], convention.mode).iou
+        for place in (convention.place, own)
+    )
+    return own if better - told > KEPT_LOSS else convention.place
+
+
+def _unlike(
+    mesh: BoxShares, volume: BoxShares, scores: Float64[np.ndarray, "48"], place: int, mode: str
+) -> Fit | None:
+    """Fit in the best orientation that the object tells from the chosen one."""
+    unlike = np.flatnonzero(np.abs(scores - scores[place]) > ALIKE)
+    if not len(unlike):
+        return None
+    return fit_pair(mesh, volume, ORIENTATIONS[unlike[scores[unlike].argmax()]], mode)
+
+
+def _sides(fit: Fit) -> float:
+    return six_side_agreement(fit.placed, fit.volume)
+
+
+def _check(
+    mesh: BoxShares, volume: BoxShares, way: Orientation, mode: str, figures: tuple[float, float]
+) -> None:
+    """Refuse what is no registration."""
+    ratio = volume.extent / mesh.extent[list(way.axes)]
+    apart = float(ratio.max() / ratio.min() - 1)
+    if mode == "isotropic" and apart > MOST_APART:
+        raise DataError(
+            f"registration: boxes of mesh and volume must agree within {MOST_APART:.0%}, "
+            f"got {apart:.0%} apart"
+        )
+    if max(figures) < FAILED:
+        iou, six_side = figures
+        raise DataError(
+            f"registration: expected an overlap or an agreement from six sides of {FAILED} at "
+            f"least, got {iou:.2f} and {six_side:.2f}: mesh and volume are not of one object"
+        )
