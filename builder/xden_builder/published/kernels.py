@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float32, Float64, Int8, Int16, Int32, Int64, UInt8
 
 from xden1k.errors import require
 
-__all__ = ["assign", "cells", "cross", "near_levels", "plateaus", "quads", "runs", "vote"]
+__all__ = ["assign", "cells", "cross", "near_levels", "plateaus", "quads", "vote", "ways"]
 
 compiled = require("numba", "build").njit(cache=True, nogil=True)
 
@@ -230,33 +230,31 @@ def assign(
 
 @compiled
 @no_type_check
-def runs(
+def ways(
     labels: UInt8[np.ndarray, "a b c"],
     share: Float32[np.ndarray, "a b c"],
-    filled: Float64[np.ndarray, "parts"],
-    columns: Int64[np.ndarray, "parts"],
+    lac_per_cm: Float64[np.ndarray, "parts"],
+    paths: Float32[np.ndarray, "parts a b"],
+    depths: Float32[np.ndarray, "a b"],
 ) -> None:
-    """Add up what each part fills, in voxels, and the columns along the last axis that meet it.
+    """Add up each column's way through each part, and its attenuation, in voxels.
 
     Parameters
     ----------
     labels, share
         Owner of each voxel, 0 = air, and how much of it is filled.
-    filled, columns
-        Raised; part k is at k - 1.
+    lac_per_cm
+        Of each part.
+    paths, depths
+        Raised: ways in voxels, and ways times coefficients; part k is at k - 1.
     """
-    last = np.full(len(filled), -1, dtype=np.int64)
     for i in range(labels.shape[0]):
         for j in range(labels.shape[1]):
-            column = i * labels.shape[1] + j
             for k in range(labels.shape[2]):
                 part = labels[i, j, k]
-                if part == 0:
-                    continue
-                filled[part - 1] += share[i, j, k]
-                if last[part - 1] != column:
-                    last[part - 1] = column
-                    columns[part - 1] += 1
+                if part:
+                    paths[part - 1, i, j] += share[i, j, k]
+                    depths[i, j] += share[i, j, k] * lac_per_cm[part - 1]
 
 
 @compiled

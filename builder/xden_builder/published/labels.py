@@ -55,6 +55,12 @@ class LabelVolume:
     lost: tuple[str, ...]
     flags: tuple[str, ...]
 
+    @property
+    def filled_voxels(self) -> Float64[np.ndarray, "parts"]:
+        """Volume of each part."""
+        sums = np.bincount(self.labels.ravel(), self.share.ravel(), len(self.names) + 1)
+        return np.asarray(sums[1:])
+
 
 @dataclass(frozen=True, slots=True)
 class _Levels:

@@ -48,7 +48,9 @@ class Net:
 
 
 def part_nets(
-    labels: UInt8[np.ndarray, "x y z"], share: Float32[np.ndarray, "x y z"], parts: int
+    labels: UInt8[np.ndarray, "x y z"],
+    share: Float32[np.ndarray, "x y z"],
+    filled: Float64[np.ndarray, "parts"],
 ) -> Net:
     """Mesh the parts of a labelled volume, each as large as what it fills.
 
@@ -58,18 +60,17 @@ def part_nets(
         Owner of each voxel, 0 = air, with a margin of air.
     share
         How much of it is filled.
-    parts
-        How many there are; one without a voxel gets no face.
+    filled
+        Volume of each part, in voxels; one without a voxel gets no face.
 
     Examples
     --------
     >>> labels = np.zeros((8, 8, 8), dtype=np.uint8)
     >>> labels[2:6, 2:6, 2:4], labels[2:6, 2:6, 4:6] = 1, 2
-    >>> net = part_nets(labels, (labels > 0).astype(np.float32), 2)
+    >>> net = part_nets(labels, (labels > 0).astype(np.float32), np.full(2, 32.0))
     >>> [len(faces) for faces in net.faces]
     [128, 128]
     """
-    filled = np.bincount(labels.ravel(), share.ravel(), parts + 1)
     kept = np.where(share >= _least_shares(labels, share, filled)[labels], labels, 0)
     kept = kept.astype(np.uint8)
     points, number = _points(kept, share)
@@ -78,24 +79,24 @@ def part_nets(
     sides = np.repeat(sides, 2, axis=0)
     faces = [
         np.concatenate([triangles[sides[:, 0] == part], triangles[sides[:, 1] == part][:, ::-1]])
-        for part in range(1, parts + 1)
+        for part in range(1, len(filled) + 1)
     ]
     movable = _facing_air(len(points), triangles, sides)
     for part, triangles_of in enumerate(faces, start=1):
         mine = movable == part
         if mine.any():
-            _inflate(points, triangles_of, mine, float(filled[part]))
+            _inflate(points, triangles_of, mine, float(filled[part - 1]))
     return Net(points + 0.5, faces)
 
 
 def _least_shares(
     labels: UInt8[np.ndarray, "x y z"],
     share: Float32[np.ndarray, "x y z"],
-    filled: Float64[np.ndarray, "parts1"],
+    filled: Float64[np.ndarray, "parts"],
 ) -> Float64[np.ndarray, "parts1"]:
     """Share from which a voxel is kept, for air and each part."""
-    full = np.bincount(labels.ravel(), np.where(share >= FULL, share, 0).ravel(), len(filled))
-    return np.where(full >= MOST_THIN * filled, FULL, FAINT)
+    full = np.bincount(labels.ravel(), np.where(share >= FULL, share, 0).ravel(), len(filled) + 1)
+    return np.where(full >= MOST_THIN * np.append(0.0, filled), FULL, FAINT)
 
 
 def _points(

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64
 
 from xden_builder.published import kernels
 from xden_builder.published.fill import fill_mesh
@@ -15,6 +15,9 @@ from xden_builder.published.given import PublishedObject
 from xden_builder.published.labels import LabelVolume, label_volume
 from xden_builder.published.orientation import overlaps
 from xden_builder.published.shares import volume_shares
+
+CLASSES: Final = 8
+"""Of ways through a part."""
 
 __all__ = ["PartSeen", "Survey", "parts_seen", "survey_object"]
 
@@ -31,14 +34,19 @@ class PartSeen:
         Attenuation coefficient.
     filled_voxels
         Its volume.
-    paths_voxels
-        Along each axis of the volume: mean way through the part of the rays that meet it.
+    paths_voxels, others_voxels_per_cm
+        Shape (3, 8): for each axis of the volume the ways through the part of the rays along it, in
+        eight classes of as many rays each; and what lies beside it on them, way times coefficient.
+    rays
+        Shape (3,): how many meet it along each axis.
     """
 
     name: str
     lac_per_cm: float
     filled_voxels: float
-    paths_voxels: tuple[float, float, float]
+    paths_voxels: Sequence[Sequence[float]]
+    others_voxels_per_cm: Sequence[Sequence[float]]
+    rays: Sequence[int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +81,7 @@ class Survey:
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Self:
         """Read what :meth:`to_json` gave."""
-        parts = [
-            PartSeen(**{**part, "paths_voxels": tuple(part["paths_voxels"])})
-            for part in values["parts"]
-        ]
+        parts = [PartSeen(**part) for part in values["parts"]]
         sides = {name: tuple(values[name]) for name in ("mesh_extent", "volume_extent", "size_cm")}
         return cls(**{**values, **sides, "parts": tuple(parts)})
 
@@ -103,24 +108,37 @@ def survey_object(given: PublishedObject) -> Survey:
 
 def parts_seen(volume: LabelVolume) -> tuple[PartSeen, ...]:
     """Measure the parts of a volume, in voxels."""
-    paths = np.stack([_mean_paths(volume, axis) for axis in range(3)], axis=1)
-    filled = np.bincount(volume.labels.ravel(), volume.share.ravel(), len(volume.names) + 1)[1:]
+    along = [_along(volume, axis) for axis in range(3)]
     named = "parts_from_volume" not in volume.flags
     return tuple(
-        PartSeen(name if named else "", lac, size, _three(ways))
-        for name, lac, size, ways in zip(
-            volume.names, volume.lac_per_cm.tolist(), filled.tolist(), paths, strict=True
+        PartSeen(name if named else "", lac, size, *zip(*seen, strict=True))
+        for name, lac, size, *seen in zip(
+            volume.names, volume.lac_per_cm.tolist(), volume.filled_voxels.tolist(), *along, strict=True
         )
     )
 
 
-def _mean_paths(volume: LabelVolume, axis: int) -> Float64[np.ndarray, "parts"]:
-    """Mean way through each part along an axis, over the rays that meet it."""
-    filled, columns = np.zeros(len(volume.names)), np.zeros(len(volume.names), dtype=np.int64)
-    kernels.runs(
-        np.moveaxis(volume.labels, axis, 2), np.moveaxis(volume.share, axis, 2), filled, columns
-    )
-    return filled / columns
+def _along(volume: LabelVolume, axis: int) -> list[tuple[list[float], list[float], int]]:
+    """Classes of ways through each part along an axis, what lies beside it, and how many rays."""
+    labels, share = np.moveaxis(volume.labels, axis, 2), np.moveaxis(volume.share, axis, 2)
+    paths = np.zeros((len(volume.names), *labels.shape[:2]), dtype=np.float32)
+    depths = np.zeros(labels.shape[:2], dtype=np.float32)
+    kernels.ways(labels, share, volume.lac_per_cm, paths, depths)
+    return [
+        _classes(path.ravel(), (depths - lac * path).ravel())
+        for path, lac in zip(paths, volume.lac_per_cm.tolist(), strict=True)
+    ]
+
+
+def _classes(
+    paths: Float32[np.ndarray, "rays"], others: Float32[np.ndarray, "rays"]
+) -> tuple[list[float], list[float], int]:
+    """Means of the rays that meet a part, the shortest ways first."""
+    met = np.flatnonzero(paths)
+    order = met[np.argsort(paths[met], kind="stable")]
+    groups = np.array_split(order, CLASSES) if len(order) >= CLASSES else [order] * CLASSES
+    means = [[float(values[group].mean()) for group in groups] for values in (paths, others)]
+    return means[0], [max(value, 0.0) for value in means[1]], len(met)
 
 
 def _three(values: Float64[np.ndarray, "3"]) -> tuple[float, float, float]:

@@ -1,0 +1,173 @@
+"""Density of a part from its published attenuation, its thickness and an effective beam."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64
+
+from xden1k.values.materials import load_materials
+from xden1k.values.types import DensitySource
+from xden_builder.published.beam import Beam, PartRays, fitted_lac_per_cm
+from xden_builder.published.hypotheses import Hypotheses, families_of, hypotheses
+
+__all__ = ["PartEstimate", "estimate", "log_evidence", "log_sd"]
+
+LIGHT_SD: Final = 0.10
+"""Standard deviation of the logarithm of a weak absorber's coefficient: alignment and noise."""
+DEPTH_SD: Final = 0.1
+"""What each unit of depth, coefficient times way, adds to it, times the beam's ``spread``."""
+OUTLIERS: Final = 0.02
+"""Share of parts whose coefficient says nothing, and the range of logarithms they fall into."""
+OUTLIER_RANGE: Final = 6.0
+LEAST_SD: Final = 0.03
+"""Of a density, as a share of it."""
+INFORMED: Final = 0.5
+"""A density whose deviation is below this share of the prior's is measured."""
+CLEAR: Final = 0.8
+"""Probability from which a material, or a family, is named."""
+UNCERTAIN: Final = 0.10
+UNLIKE_SD: Final = 3.0
+"""Standard deviations that a coefficient may be off the chosen material's."""
+
+
+@dataclass(frozen=True, slots=True)
+class PartEstimate:
+    """What a part is.
+
+    Parameters
+    ----------
+    density_g_cm3, sd_g_cm3
+        Median of all that is possible, and half of the range of 68 %.
+    source
+        ``xray`` where the attenuation says more than the name, else ``prior``.
+    material
+        The likeliest, if it is clear; else its family, if that is; else empty.
+    likeliest
+        Three materials and their probability.
+    flags
+        What to know of it.
+    """
+
+    density_g_cm3: float
+    sd_g_cm3: float
+    source: DensitySource
+    material: str
+    likeliest: Mapping[str, float]
+    flags: tuple[str, ...]
+
+
+def log_sd(depth: Float64[np.ndarray, "h"], spread: float) -> Float64[np.ndarray, "h"]:
+    """Standard deviation of the logarithm of a coefficient: wider, the darker the part's shadow.
+
+    Parameters
+    ----------
+    depth
+        Coefficient times mean way.
+    spread
+        Of the beam.
+
+    Examples
+    --------
+    >>> log_sd(np.array([0.0, 3.0]), 1.0).round(2).tolist()
+    [0.1, 0.32]
+    """
+    return np.asarray(np.hypot(LIGHT_SD, DEPTH_SD * spread * depth))
+
+
+def log_evidence(lac_per_cm: float, name: str, rays: PartRays, beam: Beam) -> float:
+    """Logarithm of how probable a beam makes a part's coefficient."""
+    tried = hypotheses(families_of(name))
+    found = fitted_lac_per_cm(rays, tried, beam.filter_mm_al, beam.stray)
+    return evidence_of(lac_per_cm, rays, tried, found, beam.spread)
+
+
+def evidence_of(
+    lac_per_cm: float,
+    rays: PartRays,
+    tried: Hypotheses,
+    found_per_cm: Float64[np.ndarray, "h"],
+    spread: float,
+) -> float:
+    """Do so with the coefficients of the hypotheses at hand."""
+    joint = tried.log_prior + _log_likelihood(lac_per_cm, rays, found_per_cm, spread)[0]
+    return float(np.logaddexp.reduce(joint))
+
+
+def _log_likelihood(
+    lac_per_cm: float, rays: PartRays, found_per_cm: Float64[np.ndarray, "h"], spread: float
+) -> tuple[Float64[np.ndarray, "h"], Float64[np.ndarray, "h"]]:
+    """Of each hypothesis, outliers included, and how many standard deviations it is off."""
+    sd = log_sd(found_per_cm * rays.mean_cm, spread)
+    off = (np.log(lac_per_cm) - np.log(found_per_cm)) / sd
+    normal = np.exp(-(off**2) / 2) / (sd * np.sqrt(2 * np.pi))
+    return np.log((1 - OUTLIERS) * normal + OUTLIERS / OUTLIER_RANGE), off
+
+
+def estimate(lac_per_cm: float, name: str, rays: PartRays, beam: Beam) -> PartEstimate:
+    """Weigh what a part may be.
+
+    Parameters
+    ----------
+    lac_per_cm
+        As published, positive.
+    name
+        Of the part; empty where nothing is told.
+    rays, beam
+        Ways through the part, and what they met.
+    """
+    tried = hypotheses(families_of(name))
+    found = fitted_lac_per_cm(rays, tried, beam.filter_mm_al, beam.stray)
+    log_likelihood, off = _log_likelihood(lac_per_cm, rays, found, beam.spread)
+    prior = np.exp(tried.log_prior)
+    chance = prior * np.exp(log_likelihood)
+    chance /= chance.sum()
+    low, median, high = _quantiles(tried.density_g_cm3, chance)
+    prior_low, _, prior_high = _quantiles(tried.density_g_cm3, prior)
+    sd = max((high - low) / 2, LEAST_SD * median)
+    by_material = _summed(tried, chance)
+    flags = {
+        "material_guessed": True,
+        "uncertain": sd > UNCERTAIN * median,
+        "unlike_lac": abs(off[chance.argmax()]) > UNLIKE_SD,
+    }
+    return PartEstimate(
+        median,
+        sd,
+        "xray" if sd < INFORMED * (prior_high - prior_low) / 2 else "prior",
+        _named(by_material),
+        dict(list(by_material.items())[:3]),
+        tuple(flag for flag, is_raised in flags.items() if is_raised),
+    )
+
+
+def _quantiles(
+    values: Float64[np.ndarray, "h"], weights: Float64[np.ndarray, "h"]
+) -> tuple[float, float, float]:
+    """Where 16, 50 and 84 % of the weight lie below, each value standing for half of its own."""
+    order = np.argsort(values)
+    reached = np.cumsum(weights[order]) - weights[order] / 2
+    low, median, high = np.interp([0.16, 0.5, 0.84], reached / weights.sum(), values[order])
+    return float(low), float(median), float(high)
+
+
+def _summed(tried: Hypotheses, chance: Float64[np.ndarray, "h"]) -> dict[str, float]:
+    """Probability of each material, the likeliest first."""
+    total = np.bincount(tried.material, chance, len(tried.names))
+    order = np.argsort(-total, kind="stable")
+    return {tried.names[place]: round(float(total[place]), 4) for place in order}
+
+
+def _named(by_material: Mapping[str, float]) -> str:
+    first, chance = next(iter(by_material.items()))
+    if chance > CLEAR:
+        return first
+    families: dict[str, float] = {}
+    for name, share in by_material.items():
+        family = load_materials()[name].family
+        families[family] = families.get(family, 0.0) + share
+    likeliest = max(families, key=lambda family: families[family])
+    return likeliest if families[likeliest] > CLEAR else ""

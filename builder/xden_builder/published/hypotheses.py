@@ -1,0 +1,124 @@
+"""What a part of which nothing but its name is known may be, and how dense: before any X-ray."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from xden1k.values.materials import load_materials
+from xden_builder.poly.materials.candidates import Candidate, candidates
+
+__all__ = ["Hypotheses", "families_of", "hypotheses"]
+
+FAMILY_SHARES: Final = MappingProxyType(
+    {
+        "polymer": 0.34,
+        "metal": 0.24,
+        "elastomer": 0.07,
+        "wood": 0.07,
+        "composite": 0.05,
+        "glass": 0.05,
+        "ceramic": 0.05,
+        "paper": 0.03,
+        "textile": 0.03,
+        "foam": 0.03,
+        "liquid": 0.03,
+        "mineral": 0.01,
+    }
+)
+"""Of the parts of everyday things (assumed); families that are not here are not tried."""
+AGAINST: Final = 0.12
+"""Weight of a family that a part's name speaks against, beside 1."""
+NODES: Final = 7
+"""Densities that stand for a candidate's range."""
+WIDTH_SD: Final = 1.8
+"""How far from the mean they reach, in standard deviations."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypotheses:
+    """Pairs of a material and a density.
+
+    Parameters
+    ----------
+    names
+        Materials.
+    material
+        Shape (h,): index of each hypothesis's material.
+    density_g_cm3
+        Shape (h,).
+    log_prior
+        Shape (h,): logarithm of its share.
+    """
+
+    names: tuple[str, ...]
+    material: Int64[np.ndarray, "h"]
+    density_g_cm3: Float64[np.ndarray, "h"]
+    log_prior: Float64[np.ndarray, "h"]
+
+
+@cache
+def hypotheses(families: frozenset[str] = frozenset()) -> Hypotheses:
+    """List what a part may be.
+
+    Parameters
+    ----------
+    families
+        That its name speaks for; empty: it says nothing.
+
+    Examples
+    --------
+    >>> round(float(np.exp(hypotheses().log_prior).sum()), 6)
+    1.0
+    """
+    library = load_materials()
+    tried = [each for each in candidates("") if library[each.material].family in FAMILY_SHARES]
+    of_family: dict[str, float] = dict.fromkeys(FAMILY_SHARES, 0.0)
+    for each in tried:
+        of_family[library[each.material].family] += float(np.exp(each.log_prior))
+    names = tuple(dict.fromkeys(each.material for each in tried))
+    rows = []
+    for each in tried:
+        family = library[each.material].family
+        weight = AGAINST if families and family not in families else 1.0
+        share = weight * FAMILY_SHARES[family] * np.exp(each.log_prior) / of_family[family]
+        rows += [(names.index(each.material), rho, share * part) for rho, part in _nodes(each)]
+    material, density, share = np.array(rows).T
+    return Hypotheses(names, material.astype(np.int64), density, np.log(share / share.sum()))
+
+
+def _nodes(candidate: Candidate) -> list[tuple[float, float]]:
+    """Densities of a candidate, with their shares of it."""
+    steps = np.linspace(-WIDTH_SD, WIDTH_SD, NODES)
+    densities = candidate.mean_g_cm3 + candidate.sd_g_cm3 * steps
+    densities = densities.clip(candidate.low_g_cm3, candidate.high_g_cm3)
+    weights = np.exp(-(steps**2) / 2)
+    return list(zip(densities.tolist(), (weights / weights.sum()).tolist(), strict=True))
+
+
+@cache
+def _words() -> Mapping[str, frozenset[str]]:
+    text = (files(__package__) / "words.csv").read_text(encoding="utf-8")
+    rows = csv.DictReader(text.splitlines())
+    return {row["word"]: frozenset(row["families"].split()) for row in rows}
+
+
+def families_of(name: str) -> frozenset[str]:
+    """Families that the words of a part's name speak for: ``words.csv``; none if it says nothing.
+
+    Examples
+    --------
+    >>> sorted(families_of("Saw_Blade-2")), sorted(families_of("part_3"))
+    (['metal'], [])
+    """
+    known = [_words()[word] for word in re.findall("[a-z]+", name.lower()) if word in _words()]
+    return frozenset().union(*known)

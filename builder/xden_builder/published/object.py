@@ -1,0 +1,183 @@
+"""One published object into one density object."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import trimesh
+from scipy.spatial import cKDTree
+
+from xden1k.errors import DataError
+from xden1k.rays import THINNER_THAN_LABELS, ObjectGrids, object_grids
+from xden1k.values.physics import apparent_density_g_cm3
+from xden1k.values.types import DensityObject, Part, Split
+from xden_builder.published.density import PartEstimate, estimate
+from xden_builder.published.fill import fill_mesh
+from xden_builder.published.given import PublishedObject
+from xden_builder.published.labels import LabelVolume, label_volume
+from xden_builder.published.register import UPRIGHT, Registration, register
+from xden_builder.published.release_fit import ReleaseFit, part_rays
+from xden_builder.published.shares import volume_shares
+from xden_builder.published.solids import part_solids, thickness_voxels
+from xden_builder.published.survey import parts_seen
+
+__all__ = ["import_object"]
+
+THIN: Final = 1.5
+"""Voxels: the volume of a part that is thinner is uncertain by a tenth and more."""
+NO_RADIOGRAPHS: Final = "no_radiographs"
+COLOUR_SAMPLES: Final = 4000
+"""Vertices of the mesh whose colour is looked at."""
+GREY: Final = (0.7, 0.7, 0.7)
+
+Colour = tuple[float, float, float]
+
+
+def import_object(given: PublishedObject, fit: ReleaseFit, split: Split) -> DensityObject:
+    """Register an object, mesh its parts, and give them densities.
+
+    Parameters
+    ----------
+    given
+        As published.
+    fit
+        Of :func:`xden_builder.published.release_fit.fit_release`, over the whole release.
+    split
+        That it belongs to.
+
+    Returns
+    -------
+    DensityObject
+        Without radiographs. ``apparent_density`` is the published figure, ``density`` ours.
+
+    Raises
+    ------
+    DataError
+        If mesh or volume show nothing, are not of one object, or no part is left.
+    """
+    volume = label_volume(given.lac_per_cm, given.table_lac_per_cm)
+    placed = register(
+        fill_mesh(given.mesh), volume_shares(volume), given.size_cm, fit.convention
+    )
+    solids = part_solids(volume, placed.affine)
+    estimates = _estimates(volume, placed, fit)
+    shown = [place for place, solid in enumerate(solids) if solid is not None]
+    meshes = [solid for solid in solids if solid is not None]
+    if not meshes:
+        raise DataError(f"{given.object_id}: volume: no part is left")
+    grids = object_grids(meshes, range(len(meshes)))
+    colours = _colours(given, placed, meshes)
+    thin = thickness_voxels(volume) < THIN
+    parts = tuple(
+        _part(volume, place, mesh, estimates[place], colour, thin=bool(thin[place] or too_thin))
+        for place, mesh, colour, too_thin in zip(
+            shown, meshes, colours, grids.thin(meshes), strict=True
+        )
+    )
+    lost = [*volume.lost, *(volume.names[k] for k in range(len(solids)) if k not in shown)]
+    return DensityObject(
+        object_id=given.object_id,
+        category=given.category,
+        split=split,
+        source="published",
+        views=(),
+        parts=parts,
+        labels=grids.labels,
+        occupancy=grids.occupancy,
+        envelope=grids.envelope,
+        density=grids.density([part.density_g_cm3 for part in parts]),
+        apparent_density=grids.density([part.apparent_density_g_cm3 for part in parts]),
+        origin_cm=grids.field.origin_cm,
+        voxel_size_cm=grids.field.voxel_size_cm,
+        flags=_object_flags(volume, placed, grids, lost),
+        meta=_meta(given, placed, fit, lost, estimates),
+    )
+
+
+def _estimates(
+    volume: LabelVolume, placed: Registration, fit: ReleaseFit
+) -> list[PartEstimate]:
+    """Weigh the materials of every part."""
+    sides = np.linalg.norm(placed.affine[:3, :3], axis=0)
+    beam = fit.beam.beam
+    return [
+        estimate(part.lac_per_cm, part.name, part_rays(part, sides, beam.axes), beam)
+        for part in parts_seen(volume)
+    ]
+
+
+def _part(
+    volume: LabelVolume,
+    place: int,
+    mesh: trimesh.Trimesh,
+    found: PartEstimate,
+    colour: Colour,
+    *,
+    thin: bool,
+) -> Part:
+    lac = float(volume.lac_per_cm[place])
+    return Part(
+        name=volume.names[place],
+        mesh=mesh,
+        material=found.material,
+        lac_per_cm=lac,
+        apparent_density_g_cm3=apparent_density_g_cm3(lac),
+        density_g_cm3=found.density_g_cm3,
+        density_sd_g_cm3=found.sd_g_cm3,
+        density_source=found.source,
+        flags=(*found.flags, *(("thin",) if thin else ())),
+        color_rgb=colour,
+    )
+
+
+def _colours(
+    given: PublishedObject, placed: Registration, meshes: list[trimesh.Trimesh]
+) -> list[Colour]:
+    """Mean texture of the vertices nearest to each part; grey for what lies inside."""
+    if given.colors_rgb is None:
+        return [GREY] * len(meshes)
+    every = max(1, len(given.mesh.vertices) // COLOUR_SAMPLES)
+    points = placed.meta["cm_per_unit"] * np.asarray(given.mesh.vertices)[::every] @ UPRIGHT.T
+    tree = cKDTree(np.concatenate([mesh.vertices for mesh in meshes]))
+    owner = np.repeat(np.arange(len(meshes)), [len(mesh.vertices) for mesh in meshes])
+    nearest = owner[tree.query(points)[1]]
+    colours = given.colors_rgb[::every]
+    return [
+        _mean_colour(colours[nearest == part]) if (nearest == part).any() else GREY
+        for part in range(len(meshes))
+    ]
+
+
+def _mean_colour(colours: np.ndarray) -> Colour:
+    red, green, blue = colours.mean(axis=0).clip(0, 1).round(4).tolist()
+    return red, green, blue
+
+
+def _object_flags(
+    volume: LabelVolume, placed: Registration, grids: ObjectGrids, lost: list[str]
+) -> tuple[str, ...]:
+    raised = {
+        "lost_parts": bool(lost),
+        THINNER_THAN_LABELS: not grids.labels.any(),
+        NO_RADIOGRAPHS: True,
+    }
+    own = (flag for flag in volume.flags if flag != "lost_parts")
+    return (*placed.flags, *own, *(flag for flag, is_raised in raised.items() if is_raised))
+
+
+def _meta(
+    given: PublishedObject,
+    placed: Registration,
+    fit: ReleaseFit,
+    lost: list[str],
+    estimates: list[PartEstimate],
+) -> dict[str, Any]:
+    return {
+        "views": {},
+        "published": dict(given.meta),
+        "registration": placed.meta,
+        "fit": fit.to_json(),
+        "lost_parts": lost,
+        "likeliest_materials": [dict(found.likeliest) for found in estimates],
+    }

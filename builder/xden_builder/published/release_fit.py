@@ -1,0 +1,145 @@
+"""What the objects of a release say together: its axes, its sizes, and its effective beam."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from itertools import product
+from typing import Any, Final, Self
+
+import numpy as np
+from jaxtyping import Float64
+
+from xden_builder.published.beam import Beam, PartRays, fitted_lac_per_cm
+from xden_builder.published.convention import Convention, vote
+from xden_builder.published.density import evidence_of
+from xden_builder.published.hypotheses import families_of, hypotheses
+from xden_builder.published.register import cm_per_unit
+from xden_builder.published.survey import PartSeen, Survey
+
+__all__ = ["BeamFit", "ReleaseFit", "fit_release", "part_rays", "voxels_cm"]
+
+FILTERS_MM_AL: Final = (1.5, 2.5, 4.0, 6.0, 10.0, 15.0, 20.0)
+STRAYS: Final = (0.0, 0.01, 0.02, 0.04, 0.07)
+SPREADS: Final = (0.3, 0.6, 1.0, 1.5, 2.5)
+AXES: Final = ((0, 1), (0, 2), (1, 2))
+"""What is tried for the beam; radiographs were taken along two axes of the volume."""
+MOST_PARTS: Final = 240
+"""Parts that are asked: enough to place the beam, and minutes fewer."""
+
+
+@dataclass(frozen=True, slots=True)
+class BeamFit:
+    """The beam that explains the parts best.
+
+    Parameters
+    ----------
+    beam
+        It.
+    evidence, runner_up
+        Logarithm of its evidence, and of the best with another filter.
+    runner_up_filter_mm_al
+        That filter.
+    parts
+        How many were asked.
+    """
+
+    beam: Beam
+    evidence: float
+    runner_up: float
+    runner_up_filter_mm_al: float
+    parts: int
+
+    @property
+    def at_end(self) -> bool:
+        """Whether the filter is at an end of what was tried."""
+        return self.beam.filter_mm_al in (FILTERS_MM_AL[0], FILTERS_MM_AL[-1])
+
+
+@dataclass(frozen=True, slots=True)
+class ReleaseFit:
+    """All that holds for the whole release.
+
+    Parameters
+    ----------
+    convention
+        Of axes and sizes.
+    beam
+        Of the radiographs behind the coefficients.
+    """
+
+    convention: Convention
+    beam: BeamFit
+
+    def to_json(self) -> dict[str, Any]:
+        """Return values of JSON's types."""
+        return {"convention": self.convention.to_json(), "beam": asdict(self.beam)}
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> Self:
+        """Read what :meth:`to_json` gave."""
+        beam = values["beam"]
+        told = Beam(**{**beam["beam"], "axes": tuple(beam["beam"]["axes"])})
+        return cls(Convention.from_json(values["convention"]), BeamFit(**{**beam, "beam": told}))
+
+
+def fit_release(surveys: Sequence[Survey]) -> ReleaseFit:
+    """Fit axes, sizes and beam to what all objects say.
+
+    Raises
+    ------
+    DataError
+        If there is no object.
+    """
+    convention = vote(surveys)
+    return ReleaseFit(convention, _fit_beam(surveys, convention))
+
+
+def voxels_cm(survey: Survey, convention: Convention) -> Float64[np.ndarray, "3"]:
+    """Sides of a voxel: the box of the volume is that of the mesh."""
+    extent = np.array(survey.mesh_extent)
+    scale = cm_per_unit(extent, np.array(survey.size_cm), convention.size_order)
+    axes = list(convention.orientation.axes)
+    sides = scale * extent[axes] / np.array(survey.volume_extent)
+    return sides if convention.mode == "stretched" else np.full(3, np.exp(np.log(sides).mean()))
+
+
+def part_rays(
+    part: PartSeen, sides_cm: Float64[np.ndarray, "3"], axes: Sequence[int]
+) -> PartRays:
+    """Rays through a part along some axes of the volume."""
+    chosen, sides = list(axes), sides_cm[list(axes), None]
+    areas = sides_cm.prod() / sides_cm[chosen]
+    paths = np.array(part.paths_voxels)[chosen]
+    rays = (np.array(part.rays)[chosen] * areas)[:, None] * np.ones_like(paths)
+    others = np.exp(-np.array(part.others_voxels_per_cm)[chosen] * sides)
+    return PartRays((paths * sides).ravel(), others.ravel(), (rays / rays.sum()).ravel())
+
+
+def _fit_beam(surveys: Sequence[Survey], convention: Convention) -> BeamFit:
+    """Choose the beam of the most evidence."""
+    asked = list(_asked(surveys, convention))
+    total: dict[Beam, float] = {}
+    for axes, filter_mm_al, stray in product(AXES, FILTERS_MM_AL, STRAYS):
+        sums = np.zeros(len(SPREADS))
+        for part, sides in asked:
+            rays = part_rays(part, sides, axes)
+            tried = hypotheses(families_of(part.name))
+            found = fitted_lac_per_cm(rays, tried, filter_mm_al, stray)
+            sums += [evidence_of(part.lac_per_cm, rays, tried, found, each) for each in SPREADS]
+        for spread, evidence in zip(SPREADS, sums.tolist(), strict=True):
+            total[Beam(filter_mm_al, stray, spread, axes)] = evidence
+    best = max(total, key=lambda beam: total[beam])
+    others = [beam for beam in total if beam.filter_mm_al != best.filter_mm_al]
+    second = max(others, key=lambda beam: total[beam])
+    return BeamFit(best, total[best], total[second], second.filter_mm_al, len(asked))
+
+
+def _asked(
+    surveys: Sequence[Survey], convention: Convention
+) -> Iterator[tuple[PartSeen, Float64[np.ndarray, "3"]]]:
+    """Parts spread evenly over the release, and the sides of their voxels."""
+    every = [(part, survey) for survey in surveys for part in survey.parts]
+    for part, survey in every[:: math.ceil(len(every) / MOST_PARTS)]:
+        yield part, voxels_cm(survey, convention)

@@ -1,0 +1,81 @@
+"""Closed part meshes in the object frame, from a labelled volume and where it lies."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import trimesh
+from jaxtyping import Float32, Float64, UInt8
+
+from xden1k.values.arrays import Faces
+from xden_builder.published.labels import LabelVolume
+from xden_builder.published.nets import Net, part_nets
+
+__all__ = ["part_solids", "thickness_voxels"]
+
+MOST_FACES: Final = 200_000
+"""Triangles of an object; one with more is meshed in voxels twice as large."""
+BLOCK: Final = 2
+
+
+def part_solids(
+    volume: LabelVolume, affine: Float64[np.ndarray, "4 4"]
+) -> list[trimesh.Trimesh | None]:
+    """Mesh each part; None for one that no voxel shows by a tenth.
+
+    Parameters
+    ----------
+    volume
+        Labelled, with a margin of air.
+    affine
+        Takes its points, voxel i being i to i + 1, to the object frame in cm.
+    """
+    filled = volume.filled_voxels
+    net = part_nets(volume.labels, volume.share, filled)
+    if sum(map(len, net.faces)) > MOST_FACES:
+        coarse = part_nets(*_coarse(volume), filled / BLOCK**3)
+        net = Net(coarse.points * BLOCK, coarse.faces)
+    points = net.points @ affine[:3, :3].T + affine[:3, 3]
+    mirrored = np.linalg.det(affine[:3, :3]) < 0
+    return [
+        _solid(points, faces[:, ::-1] if mirrored else faces) if len(faces) else None
+        for faces in net.faces
+    ]
+
+
+def _solid(points: Float64[np.ndarray, "n 3"], faces: Faces) -> trimesh.Trimesh:
+    """Take the points that a part uses."""
+    used, index = np.unique(faces, return_inverse=True)
+    return trimesh.Trimesh(points[used], index.reshape(-1, 3), process=False)
+
+
+def _coarse(
+    volume: LabelVolume,
+) -> tuple[UInt8[np.ndarray, "x y z"], Float32[np.ndarray, "x y z"]]:
+    """Pool blocks of voxels: each goes to the part that fills most of it."""
+    odd = [(0, side % BLOCK) for side in volume.labels.shape]
+    labels, share = np.pad(volume.labels, odd), np.pad(volume.share, odd)
+    shape = [size for side in labels.shape for size in (side // BLOCK, BLOCK)]
+    most = np.zeros(shape[::2], dtype=np.float32)
+    owner, total = np.zeros(most.shape, dtype=np.uint8), np.zeros_like(most)
+    for part in range(1, len(volume.names) + 1):
+        mine = np.where(labels == part, share, 0).reshape(shape).mean(axis=(1, 3, 5))
+        owner[mine > most] = part
+        most, total = np.maximum(most, mine), total + mine
+    return owner, total
+
+
+def thickness_voxels(volume: LabelVolume) -> Float64[np.ndarray, "parts"]:
+    """Mean thickness of each part: of a sheet its own, of a rod half of its diameter.
+
+    Volume over half of the surface, which columns along three axes count: a plane shows the sum of
+    its three shadows, 1.5 times its area on average over all directions.
+    """
+    sides = np.zeros(len(volume.names))
+    for axis in range(3):
+        labels = np.moveaxis(volume.labels, axis, 0)
+        for step in (1, -1):
+            edges = labels[:: step][:-1][labels[::step][:-1] != labels[::step][1:]]
+            sides += np.bincount(edges, minlength=len(sides) + 1)[1:]
+    return np.asarray(2 * volume.filled_voxels / (sides / 1.5))
