@@ -7,7 +7,7 @@ only.
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int8, Int16, Int32, Int64, UInt8
+from jaxtyping import Float32, Float64, Int8, Int16, Int32, Int64, UInt8
 
 from xden1k.errors import require
 
@@ -127,11 +127,12 @@ def plateaus(
     volume: Float32[np.ndarray, "x y z"],
     least: float,
     tolerance: float,
-    flat: Bool[np.ndarray, "x y z"],
+    flat: UInt8[np.ndarray, "x y z"],
 ) -> None:
     """Mark voxels that share their value with their neighbours.
 
-    With five of six; or with two, where no neighbour among 26 has more: thin parts.
+    With five of six: 1. With four, where no neighbour among 26 has more, so that it is no edge of
+    something stronger: 2, a sheet.
 
     Parameters
     ----------
@@ -159,7 +160,10 @@ def plateaus(
                             top = top and other <= most
                             beside = abs(di) + abs(dj) + abs(dk) == 1
                             equal += beside and abs(other - value) <= tolerance * value
-                flat[i, j, k] = equal >= 5 or (equal >= 2 and top)
+                if equal >= 5:
+                    flat[i, j, k] = 1
+                elif equal == 4 and top:
+                    flat[i, j, k] = 2
 
 
 @compiled

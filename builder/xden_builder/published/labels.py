@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -26,8 +27,8 @@ ROUNDING: Final = 1e-4
 """Share by which voxels of one plateau may differ."""
 FLOOR: Final = 0.03
 """Of the weakest part's level: voxels up to it are air."""
-FEWEST: Final = 12
-"""Voxels that make a level in a volume without a table."""
+FEWEST: Final = MappingProxyType({1: 12, 2: 100})
+"""Voxels that make a level in a volume without a table: inside of a part, and in a sheet."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,18 +144,24 @@ def _from_table(table_lac_per_cm: Mapping[str, float]) -> _Levels:
 
 def _from_volume(volume: Float32[np.ndarray, "x y z"], air: float) -> _Levels:
     """Look for values that many voxels share."""
-    flat = np.zeros(volume.shape, dtype=np.bool_)
-    kernels.plateaus(volume, air, ROUNDING, flat)
-    values = np.sort(volume[flat].astype(np.float64))
-    if not len(values):
-        raise DataError("volume: expected parts of constant attenuation, got none")
-    starts = np.flatnonzero(np.diff(values, prepend=0.0) > LIKE * values)
-    runs = [run for run in np.split(values, starts[1:]) if len(run) >= FEWEST]
-    levels = [float(np.median(run)) for run in runs][:MAX_PARTS]
+    kinds = np.zeros(volume.shape, dtype=np.uint8)
+    kernels.plateaus(volume, air, ROUNDING, kinds)
+    inner, sheets = (_shared_values(volume[kinds == kind], FEWEST[kind]) for kind in (1, 2))
+    known = np.array(inner)
+    new = [value for value in sheets if not (np.abs(known - value) <= LIKE * value).any()]
+    levels = sorted([*inner, *new])[:MAX_PARTS]
     if not levels:
-        raise DataError(f"volume: expected a value that {FEWEST} voxels share, got none")
+        raise DataError(f"volume: expected a value that {FEWEST[1]} voxels share, got none")
     names = tuple(f"region_{number:02d}" for number in range(1, len(levels) + 1))
     return _Levels(names, tuple(levels), ("parts_from_volume",))
+
+
+def _shared_values(values: Float32[np.ndarray, "n"], fewest: int) -> list[float]:
+    """Return values that many voxels have, ascending."""
+    ordered = np.sort(values.astype(np.float64))
+    starts = np.flatnonzero(np.diff(ordered, prepend=0.0) > LIKE * ordered)
+    groups = np.split(ordered, starts[1:])
+    return [float(np.median(group)) for group in groups if len(group) >= fewest]
 
 
 def _assigned(

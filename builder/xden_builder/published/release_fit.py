@@ -25,7 +25,9 @@ STRAYS: Final = (0.0, 0.01, 0.02, 0.04, 0.07)
 SPREADS: Final = (0.3, 0.6, 1.0, 1.5, 2.5)
 AXES: Final = ((0, 1), (0, 2), (1, 2))
 """What is tried for the beam; radiographs were taken along two axes of the volume."""
-MOST_PARTS: Final = 240
+START: Final = (4.0, 0.02)
+"""Filter and stray light with which the axes are chosen."""
+MOST_PARTS: Final = 160
 """Parts that are asked: enough to place the beam, and minutes fewer."""
 
 
@@ -118,22 +120,37 @@ def part_rays(
 
 
 def _fit_beam(surveys: Sequence[Survey], convention: Convention) -> BeamFit:
-    """Choose the beam of the most evidence."""
+    """Choose the beam of the most evidence: where it was looked along first, then how hard it is."""
     asked = list(_asked(surveys, convention))
     total: dict[Beam, float] = {}
-    for axes, filter_mm_al, stray in product(AXES, FILTERS_MM_AL, STRAYS):
-        sums = np.zeros(len(SPREADS))
-        for part, sides in asked:
-            rays = part_rays(part, sides, axes)
-            tried = hypotheses(families_of(part.name))
-            found = fitted_lac_per_cm(rays, tried, filter_mm_al, stray)
-            sums += [evidence_of(part.lac_per_cm, rays, tried, found, each) for each in SPREADS]
-        for spread, evidence in zip(SPREADS, sums.tolist(), strict=True):
-            total[Beam(filter_mm_al, stray, spread, axes)] = evidence
+    for axes in AXES:
+        total |= _weighed(asked, axes, *START)
+    axes = max(total, key=lambda beam: total[beam]).axes
+    for filter_mm_al, stray in product(FILTERS_MM_AL, STRAYS):
+        total |= _weighed(asked, axes, filter_mm_al, stray)
     best = max(total, key=lambda beam: total[beam])
     others = [beam for beam in total if beam.filter_mm_al != best.filter_mm_al]
     second = max(others, key=lambda beam: total[beam])
     return BeamFit(best, total[best], total[second], second.filter_mm_al, len(asked))
+
+
+def _weighed(
+    asked: Sequence[tuple[PartSeen, Float64[np.ndarray, "3"]]],
+    axes: tuple[int, ...],
+    filter_mm_al: float,
+    stray: float,
+) -> dict[Beam, float]:
+    """Evidence of a beam of all parts, with each spread."""
+    sums = np.zeros(len(SPREADS))
+    for part, sides in asked:
+        rays = part_rays(part, sides, axes)
+        tried = hypotheses(families_of(part.name))
+        found = fitted_lac_per_cm(rays, tried, filter_mm_al, stray)
+        sums += [evidence_of(part.lac_per_cm, rays, tried, found, each) for each in SPREADS]
+    return {
+        Beam(filter_mm_al, stray, spread, axes): evidence
+        for spread, evidence in zip(SPREADS, sums.tolist(), strict=True)
+    }
 
 
 def _asked(

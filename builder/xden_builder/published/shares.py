@@ -52,14 +52,16 @@ class BoxShares:
 
 def volume_shares(volume: LabelVolume) -> BoxShares:
     """Put a labelled volume on the grid of its box, in its own voxels: voxel i is i to i + 1."""
-    bounds = [_bounds(volume.share, axis) for axis in range(3)]
-    values = volume.share
-    for axis, (low, high) in enumerate(bounds):
+    values, bounds = volume.share, []
+    for axis in range(3):
+        low, high = _bounds(volume.share, axis)
         overlap = _overlap(values.shape[axis], low, high)
         values = np.moveaxis(np.tensordot(overlap, values, (1, axis)), 0, axis)
-    solid = np.maximum(values, enclosed(values > WALL))
-    low, high = np.array(bounds).T
-    return BoxShares(low, high, pooled(values), pooled(solid))
+        bounds.append((low, high))
+    wall = values > WALL
+    solid = np.where(enclosed(wall) & ~wall, np.float32(1), values)
+    low_corner, high_corner = np.array(bounds).T
+    return BoxShares(low_corner, high_corner, pooled(values), pooled(solid))
 
 
 def _bounds(share: Float32[np.ndarray, "x y z"], axis: int) -> tuple[float, float]:
@@ -70,11 +72,15 @@ def _bounds(share: Float32[np.ndarray, "x y z"], axis: int) -> tuple[float, floa
 
 
 def _overlap(count: int, low: float, high: float) -> Float32[np.ndarray, "fine count"]:
-    """Share of each fine cell that each voxel covers."""
+    """Share of each fine cell that each voxel covers.
+
+    The outermost voxels reach no farther than the body, and are as much fuller.
+    """
     edges = np.linspace(low, high, FINE_SIZE + 1)
-    voxels = np.arange(count)
-    shared = np.minimum(edges[1:, None], voxels + 1) - np.maximum(edges[:-1, None], voxels)
-    return (shared.clip(0) * FINE_SIZE / (high - low)).astype(np.float32)
+    starts, ends = np.arange(count).clip(low, high), np.arange(1, count + 1).clip(low, high)
+    shared = np.minimum(edges[1:, None], ends) - np.maximum(edges[:-1, None], starts)
+    fuller = 1 / np.where(ends > starts, ends - starts, 1.0)
+    return (shared.clip(0) * fuller * FINE_SIZE / (high - low)).astype(np.float32)
 
 
 def enclosed(inside: Bool[np.ndarray, "x y z"]) -> Bool[np.ndarray, "x y z"]:
