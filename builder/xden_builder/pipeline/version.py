@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import platform
+from collections.abc import Hashable
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Final
+from typing import Final, Protocol
 
 from xden1k import __version__
 from xden1k.errors import XDenError
-from xden_builder.reconstruct.settings import BuildSettings
 
 __all__ = ["BUILDER", "OtherVersionError", "made_by_checksum", "refuse_other_code"]
 
@@ -20,12 +20,20 @@ NOT_IN_ROWS: Final = frozenset({"calibrate", "phantoms", "triage"})
 """Rooms that rows do not depend on: a change there makes no object anew."""
 
 
+class Settings(Hashable, Protocol):
+    """Whatever changes the result of a run."""
+
+    @property
+    def digest(self) -> str:
+        """Checksum of the settings."""
+
+
 class OtherVersionError(XDenError):
     """A worker's machine has other code than the one that started the run."""
 
 
 @cache
-def made_by_checksum(settings: BuildSettings) -> str:
+def made_by_checksum(settings: Settings) -> str:
     """Checksum of settings and code, so that a corrected builder makes its objects anew."""
     digest = hashlib.sha256(f"{BUILDER}\n{settings.digest}\n".encode())
     for package, folder in ((name, Path(str(files(name)))) for name in ("xden1k", "xden_builder")):
@@ -37,7 +45,7 @@ def made_by_checksum(settings: BuildSettings) -> str:
     return digest.hexdigest()
 
 
-def refuse_other_code(settings: BuildSettings, made_by: str) -> None:
+def refuse_other_code(settings: Settings, made_by: str) -> None:
     """Make sure that a worker has the code of the machine that the run started on.
 
     Raises

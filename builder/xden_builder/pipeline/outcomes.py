@@ -1,0 +1,100 @@
+"""What became of each object of a run, and of all of them."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Final, Literal
+
+from xden1k.values.plain import plain
+from xden_builder.pipeline.version import BUILDER
+from xden_builder.poly.hardness import Hardness
+from xden_builder.triage.findings import Findings
+
+__all__ = ["REPORT_NAME", "BuildReport", "Outcome", "Status"]
+
+REPORT_NAME: Final = "build_report.json"
+
+Status = Literal["built", "kept", "failed"]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of one object.
+
+    Parameters
+    ----------
+    object_id
+        Which.
+    status
+        ``built`` now, ``kept`` from an earlier run, or ``failed``.
+    message
+        Why it failed; empty otherwise.
+    findings
+        Flags and numbers by which the object is judged; None if it failed.
+    seconds
+        Wall time in the worker.
+    digest
+        Checksum of all it was made from; empty if it failed.
+    """
+
+    object_id: str
+    status: Status
+    message: str = ""
+    findings: Findings | None = None
+    seconds: float = 0.0
+    digest: str = ""
+
+    @property
+    def needs_you(self) -> bool:
+        """Whether a person must look: it failed, or its gravest flag says so."""
+        return self.findings is None or self.findings.severity == "needs_you"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values for JSON."""
+        found = {"severity": "needs_you"} if self.findings is None else self.findings.to_dict()
+        return {
+            "object_id": self.object_id,
+            "status": self.status,
+            "message": self.message,
+            **found,
+            "seconds": self.seconds,
+            "digest": self.digest,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class BuildReport:
+    """What became of every object of a rebuild, sorted by id, and the beam that was found."""
+
+    outcomes: tuple[Outcome, ...]
+    beam: Hardness | None = None
+
+    def count(self, status: Status) -> int:
+        """How many objects ended so."""
+        return sum(outcome.status == status for outcome in self.outcomes)
+
+    @property
+    def failures(self) -> tuple[Outcome, ...]:
+        """The objects that failed."""
+        return tuple(outcome for outcome in self.outcomes if outcome.status == "failed")
+
+    @property
+    def judged(self) -> tuple[Findings, ...]:
+        """Findings of the objects that are there, the worst first."""
+        found = [outcome.findings for outcome in self.outcomes if outcome.findings is not None]
+        return tuple(sorted(found, key=lambda findings: findings.order))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values for JSON."""
+        counts = {status: self.count(status) for status in ("built", "kept", "failed")}
+        values: dict[str, Any] = plain(
+            {
+                "schema": "xden-build-report/2",
+                "builder": BUILDER,
+                **counts,
+                "beam": None if self.beam is None else asdict(self.beam),
+                "needs_you": sum(outcome.needs_you for outcome in self.outcomes),
+                "objects": [outcome.to_dict() for outcome in self.outcomes],
+            }
+        )
+        return values
