@@ -13,6 +13,7 @@ from xden_builder.commands.calibrate import calibrate
 from xden_builder.commands.check import check
 from xden_builder.commands.datasheet import datasheet
 from xden_builder.commands.evaluate import evaluate
+from xden_builder.commands.import_release import import_release
 from xden_builder.commands.init import init
 from xden_builder.commands.phantoms import gallery, phantoms
 from xden_builder.commands.push import push
@@ -32,7 +33,7 @@ def cli() -> None:
 
 
 _COMMANDS = (
-    *(init, calibrate, check, phantoms, run, report, audit, datasheet, push),
+    *(init, calibrate, check, phantoms, run, import_release, report, audit, datasheet, push),
     *(evaluate, bench_scanner, gallery, twin, speed),
 )
 for _command in _COMMANDS:

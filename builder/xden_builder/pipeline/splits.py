@@ -21,7 +21,7 @@ from xden1k.values.types import SPLITS, Split
 from xden_builder.capture import ObjectRow
 from xden_builder.pipeline.storage import Place, inside, read_bytes, write_bytes
 
-__all__ = ["SPLITS_NAME", "draw_splits", "with_splits"]
+__all__ = ["SPLITS_NAME", "draw_splits", "read_splits", "with_splits"]
 
 SPLITS_NAME: Final = "splits.csv"
 SHARES: Final[Mapping[Split, int]] = {"train": 7, "val": 1, "test": 2}
@@ -49,7 +49,7 @@ def with_splits(captures: Place, rows: Mapping[str, ObjectRow]) -> dict[str, Obj
     DataError
         If ``splits.csv`` is not what an earlier build wrote; the message names the row.
     """
-    remembered = _read(captures)
+    remembered = read_splits(inside(captures, SPLITS_NAME))
     stated = {object_id: row.split for object_id, row in rows.items() if row.split is not None}
     known = {name: split for name, split in remembered.items() if name in rows} | stated
     splits = draw_splits({name: row.category for name, row in rows.items()}, known)
@@ -100,12 +100,17 @@ def _checksum(object_id: str) -> int:
     return int.from_bytes(hashlib.sha256(object_id.encode()).digest())
 
 
-def _read(captures: Place) -> dict[str, Split]:
-    """Read the splits of an earlier build, by object id; none where there is no file."""
-    content = read_bytes(inside(captures, SPLITS_NAME))
+def read_splits(file: Place) -> dict[str, Split]:
+    """Read a table of splits, by object id; none where there is no file.
+
+    Raises
+    ------
+    DataError
+        If it is no table of ids, each once, and splits; the message names the row.
+    """
+    content = read_bytes(file)
     if content is None:
         return {}
-    file = inside(captures, SPLITS_NAME)
     try:
         header, *lines = list(csv.reader(io.StringIO(content.decode("utf-8-sig"))))
     except (UnicodeDecodeError, ValueError, csv.Error) as err:

@@ -16,7 +16,7 @@ import numpy as np
 
 from xden1k.errors import DataError
 from xden_builder.published.given import PublishedObject
-from xden_builder.published.reading import HubSource, Item, Release, Unit, read_item
+from xden_builder.published.reading import HubSource, Item, Release, Unit, read_item, unit_of
 from xden_builder.published.reading.item import read_part_table
 from xden_builder.published.reading.layout import ObjectFolder
 from xden_builder.published.reading.roles import Role
@@ -73,7 +73,9 @@ def _line(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def dry_run(release: Release, folders: Sequence[ObjectFolder], unit: Unit) -> DryRun:
+def dry_run(
+    release: Release, folders: Sequence[ObjectFolder], size_unit: Unit | None = None
+) -> DryRun:
     """Look at a release.
 
     Of a repository only the names and the metadata are looked at; nothing else is downloaded.
@@ -84,9 +86,10 @@ def dry_run(release: Release, folders: Sequence[ObjectFolder], unit: Unit) -> Dr
         What to look at.
     folders
         Objects that were asked for.
-    unit
-        Of the sizes.
+    size_unit
+        Of the sizes; None: cm, which is checked.
     """
+    unit, of_unit = _unit(release, folders, size_unit)
     values: dict[str, Any] = {
         "source": _source(release, folders),
         "objects": _objects(folders),
@@ -96,7 +99,7 @@ def dry_run(release: Release, folders: Sequence[ObjectFolder], unit: Unit) -> Dr
     values |= {role: _role(folders, role) for role in COUNTED}
     if isinstance(release.source, HubSource):
         values["not looked at"] = "what is in the files: they are not downloaded"
-        return DryRun(values, tuple(_of_names(release, folders)))
+        return DryRun(values, (*of_unit, *_of_names(release, folders)))
     items = release.items(folders, release.source.fetch(()), unit)
     headers, tables, wrong = _heads(items)
     values["volumes"] = _volumes(headers)
@@ -110,7 +113,17 @@ def dry_run(release: Release, folders: Sequence[ObjectFolder], unit: Unit) -> Dr
     }
     mismatches = {**wrong, **unread, **_problems(items)}
     found = [mismatches[item.object_id] for item in items if item.object_id in mismatches]
-    return DryRun(values, tuple(found))
+    return DryRun(values, (*of_unit, *found))
+
+
+def _unit(
+    release: Release, folders: Sequence[ObjectFolder], told: Unit | None
+) -> tuple[Unit, tuple[str, ...]]:
+    """Give the unit of the sizes, and what is wrong with it."""
+    try:
+        return told or unit_of(release, folders), ()
+    except DataError as err:
+        return "cm", (str(err),)
 
 
 def _source(release: Release, folders: Sequence[ObjectFolder]) -> dict[str, Any]:
