@@ -174,7 +174,6 @@ def _meta(
     estimates: list[PartEstimate],
 ) -> dict[str, Any]:
     return {
-        "views": {},
         "published": dict(given.meta),
         "registration": placed.meta,
         "fit": fit.to_json(),
