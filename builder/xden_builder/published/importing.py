@@ -91,7 +91,7 @@ def plan(
     if release.metadata is None:
         raise DataError(release.problem)
     folders = chosen_folders(release, objects)
-    unit = size_unit or unit_of(release, folders)
+    unit = size_unit or unit_of(release)
     drawn = _splits(release, splits)
     told = _announced(release, folders)
     run = partial(_fetch_and_import, release, folders, unit, drawn, _settings(roles))

@@ -89,7 +89,7 @@ def dry_run(
     size_unit
         Of the sizes; None: cm, which is checked.
     """
-    unit, of_unit = _unit(release, folders, size_unit)
+    unit, of_unit = _unit(release, size_unit)
     values: dict[str, Any] = {
         "source": _source(release, folders),
         "objects": _objects(folders),
@@ -116,12 +116,10 @@ def dry_run(
     return DryRun(values, (*of_unit, *found))
 
 
-def _unit(
-    release: Release, folders: Sequence[ObjectFolder], told: Unit | None
-) -> tuple[Unit, tuple[str, ...]]:
+def _unit(release: Release, told: Unit | None) -> tuple[Unit, tuple[str, ...]]:
     """Give the unit of the sizes, and what is wrong with it."""
     try:
-        return told or unit_of(release, folders), ()
+        return told or unit_of(release), ()
     except DataError as err:
         return "cm", (str(err),)
 

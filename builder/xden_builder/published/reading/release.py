@@ -150,8 +150,8 @@ def _spelt_out(told: str, known: dict[str, ObjectFolder]) -> Iterator[str]:
             yield word
 
 
-def unit_of(release: Release, folders: Sequence[ObjectFolder]) -> Unit:
-    """Check that sizes are in centimetres, as the release's are known to be.
+def unit_of(release: Release) -> Unit:
+    """Check that sizes of all objects are in centimetres, as the release's are known to be.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def unit_of(release: Release, folders: Sequence[ObjectFolder]) -> Unit:
         If their median is no everyday object's; it says which unit they look like.
     """
     longest = []
-    for folder in folders:
+    for folder in release.layout.objects:
         try:
             longest.append(max(release.entry(folder.key).size))
         except DataError:
