@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from types import SimpleNamespace
 from typing import Any
@@ -20,7 +21,10 @@ from tests.hub_server import HubServer
 from xden1k.cli import cli as xden
 from xden1k.folder import open_folder
 from xden1k.values.types import DensityObject, Split
+from xden_builder.capture import write_scanner
+from xden_builder.capture.writing import write_image
 from xden_builder.cli import cli as xden_build
+from xden_builder.phantoms.scanner import Scanner, scanner_file
 from xden_builder.pipeline.splits import read_splits
 from xden_builder.published import run
 from xden_builder.published.given import PublishedObject
@@ -306,3 +310,42 @@ def test_the_tiny_twin_becomes_a_sound_dataset_and_a_rerun_the_same_bytes(tmp_pa
     for path in (tmp_path / "one").rglob("*.parquet"):
         other = tmp_path / "other" / path.relative_to(tmp_path / "one")
         assert other.read_bytes() == path.read_bytes()
+
+
+# Radiographs, where a mapping file says so
+
+
+@pytest.fixture
+def mapped(release: Path, tmp_path: Path) -> Path:
+    """A mapping file by which two images of object 1 are its views."""
+    scanner = replace(Scanner.monochromatic().ideal(), size_px=16)
+    write_scanner(scanner_file(scanner), tmp_path / "scanner.toml")
+    rows = np.linspace(0.5, 1.0, 16 * 16, dtype=np.float32).reshape(16, 16)
+    for view in ("pa", "lat"):
+        write_image(release / "dataset" / "1" / f"{view}.tif", rows)
+    (tmp_path / "map.toml").write_text('scanner = "scanner.toml"\n')
+    return tmp_path / "map.toml"
+
+
+def test_images_become_radiographs_only_where_a_mapping_file_says_so(
+    release: Path, tmp_path: Path, mapped: Path, quick: SimpleNamespace
+) -> None:
+    imported(release, tmp_path / "without", "--objects", "1")
+    result = imported(release, tmp_path / "with", "--objects", "1-2", "--map", mapped)
+    assert result.exit_code == 0, result.output
+    without, folder = open_folder(tmp_path / "without"), open_folder(tmp_path / "with")
+    assert without.object("xden1k-0001").views == ()
+    seen, unseen = folder.object("xden1k-0001"), folder.object("xden1k-0002")
+    assert [view.name for view in seen.views] == ["pa", "lat"]
+    assert "no_radiographs" not in seen.flags
+    assert unseen.views == ()
+
+
+def test_a_view_that_is_missing_fails_the_object_alone(
+    release: Path, tmp_path: Path, mapped: Path, quick: SimpleNamespace
+) -> None:
+    (release / "dataset" / "1" / "lat.tif").unlink()
+    result = imported(release, tmp_path / "out", "--objects", "1-2", "--map", mapped)
+    assert result.exit_code == 3
+    assert "failed: xden1k-0001: " in result.stderr
+    assert "lat.tif" in result.stderr

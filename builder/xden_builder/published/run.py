@@ -36,6 +36,7 @@ from xden_builder.pipeline.storage import inside, read_bytes, refuse_other_folde
 from xden_builder.pipeline.version import made_by_checksum, refuse_other_code
 from xden_builder.pipeline.work import load_row, save_row
 from xden_builder.published.object import import_object
+from xden_builder.published.radiographs import with_radiographs
 from xden_builder.published.reading import Item, read_item
 from xden_builder.published.release_fit import ReleaseFit, fit_release
 from xden_builder.published.survey import Survey, survey_object
@@ -229,6 +230,8 @@ def _make(task: _Task, fit: ReleaseFit, splits: Mapping[str, Split], item: Item)
         given = read_item(item)
         made = import_object(given, fit, split)
         made = replace(made, flags=(*made.flags, *given.meta["flags"]))
+        if task.settings.scanner is not None:
+            made = with_radiographs(made, item, task.settings.scanner)
         row = object_row(made)
         save_row(task.work, item.object_id, digest, row)
     seconds = time.perf_counter() - start

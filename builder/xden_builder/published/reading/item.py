@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from xden1k.errors import DataError
+from xden1k.values.arrays import Vec3
 from xden_builder.published.given import PublishedObject
 from xden_builder.published.reading.layout import ObjectFolder
 from xden_builder.published.reading.mesh import read_mesh
@@ -23,8 +24,6 @@ __all__ = ["Item", "object_id_of", "read_item"]
 
 PLAUSIBLE_CM: Final = (0.5, 300.0)
 """Longest sides of what people scan."""
-SIZE_UNLIKELY: Final = "size_unlikely"
-LONGEST_SIDE_ONLY: Final = "longest_side_only"
 
 
 @dataclass(frozen=True)
@@ -47,6 +46,8 @@ class Item:
         Of the repository it came from; empty for a folder.
     problem
         Why it cannot be read, if that is known from names alone; empty otherwise.
+    with_images
+        Whether its images are read as well, as radiographs.
     """
 
     object_id: str
@@ -56,11 +57,12 @@ class Item:
     cm_per_unit: float
     commit: str = ""
     problem: str = ""
+    with_images: bool = False
 
     @property
     def files(self) -> list[PurePosixPath]:
-        """Files that are read: mesh, volume and table."""
-        return [file for role in ("mesh", "volume", "table") for file in self.folder.files[role]]
+        """Files that are read."""
+        return self.folder.read(self.with_images)
 
     @property
     def size_cm(self) -> tuple[float, ...]:
@@ -106,8 +108,7 @@ def read_item(item: Item) -> PublishedObject:
         raise DataError(item.problem)
     mesh, colors_rgb = read_mesh(item.root / item.folder.one("mesh"))
     table = read_part_table(item)
-    volume, flags = read_volume(item.root / item.folder.one("volume"), table)
-    size_cm, size_flags = _size_cm(item, np.ptp(mesh.bounds, axis=0))
+    volume, was_density = read_volume(item.root / item.folder.one("volume"), table)
     return PublishedObject(
         object_id=item.object_id,
         category=item.entry.category,
@@ -115,8 +116,8 @@ def read_item(item: Item) -> PublishedObject:
         colors_rgb=colors_rgb,
         lac_per_cm=volume,
         table_lac_per_cm={} if table is None else dict(table.lac_per_cm),
-        size_cm=size_cm,
-        meta=_provenance(item, item.entry, table, (*flags, *size_flags)),
+        size_cm=_size_cm(item, np.ptp(mesh.bounds, axis=0)),
+        meta=_provenance(item, item.entry, table, _flags(item, was_density)),
     )
 
 
@@ -132,14 +133,20 @@ def read_part_table(item: Item) -> PartTable | None:
     return None if file is None else read_table((item.root / file).read_bytes(), item.root / file)
 
 
-def _size_cm(item: Item, extents: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+def _size_cm(item: Item, extents: Vec3) -> Vec3:
     """Give three sides; a single number is the longest, and the mesh has the others."""
     told = np.array(item.size_cm)
-    low, high = PLAUSIBLE_CM
-    flags = () if low <= told.max() <= high else (SIZE_UNLIKELY,)
-    if len(told) == 1:
-        return told * extents / extents.max(), (*flags, LONGEST_SIDE_ONLY)
-    return told, flags
+    return told if len(told) > 1 else told * extents / extents.max()
+
+
+def _flags(item: Item, was_density: bool) -> tuple[str, ...]:
+    least, most = PLAUSIBLE_CM
+    raised = {
+        "size_unlikely": not least <= max(item.size_cm) <= most,
+        "longest_side_only": len(item.size_cm) == 1,
+        "density_volume": was_density,
+    }
+    return tuple(flag for flag, is_raised in raised.items() if is_raised)
 
 
 def _provenance(

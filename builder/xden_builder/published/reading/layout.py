@@ -45,6 +45,15 @@ class ObjectFolder:
             raise DataError(f"{self.path}: expected one file for the {role}, got {names}")
         return found[0]
 
+    def read(self, with_images: bool) -> list[PurePosixPath]:
+        """List the files that are read to make the object."""
+        roles: tuple[Role, ...] = ("mesh", "volume", "table")
+        return [
+            file
+            for role in (*roles, *(("image",) if with_images else ()))
+            for file in self.files[role]
+        ]
+
     def one_or_none(self, role: Role) -> PurePosixPath | None:
         """Return the file of a role that may be missing.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Final, Literal, get_args
@@ -36,6 +37,8 @@ class Release:
         All of them.
     layout
         Which is what.
+    with_images
+        Whether images are radiographs.
     metadata
         None where no file tells categories and sizes, which ``problem`` says.
     problem
@@ -45,6 +48,7 @@ class Release:
     source: Source
     files: Sequence[Listed]
     layout: Layout
+    with_images: bool
     metadata: Metadata | None
     problem: str = ""
 
@@ -67,12 +71,7 @@ class Release:
 
     def needed(self, folders: Sequence[ObjectFolder]) -> list[Listed]:
         """Files that are read to import some objects."""
-        read = {
-            file
-            for folder in folders
-            for role in ("mesh", "volume", "table")
-            for file in folder.files[role]
-        }
+        read = {file for folder in folders for file in folder.read(self.with_images)}
         told = {self.metadata.path} if self.metadata else set()
         return [file for file in self.files if file.path in read | told]
 
@@ -92,7 +91,13 @@ class Release:
 
     def _item(self, folder: ObjectFolder, root: Path, unit: Unit) -> Item:
         item = Item(
-            object_id_of(folder.key), root, folder, None, CM_PER_UNIT[unit], self.source.commit
+            object_id_of(folder.key),
+            root,
+            folder,
+            entry=None,
+            cm_per_unit=CM_PER_UNIT[unit],
+            commit=self.source.commit,
+            with_images=self.with_images,
         )
         try:
             return replace(item, entry=self.entry(folder.key))
@@ -114,11 +119,12 @@ def open_release(source: Source, roles: Roles) -> Release:
     except DataError as err:
         raise DataError(f"{source.name}: {err}") from None
     keys = [folder.key for folder in layout.objects]
+    known = partial(Release, source, files, layout, roles.scanner is not None)
     try:
         told = [(path, source.read(path)) for path in layout.metadata]
-        return Release(source, files, layout, find_metadata(told, keys))
+        return known(find_metadata(told, keys))
     except DataError as err:
-        return Release(source, files, layout, None, f"{source.name}: {err}")
+        return known(None, f"{source.name}: {err}")
 
 
 def chosen_folders(release: Release, told: str) -> list[ObjectFolder]:

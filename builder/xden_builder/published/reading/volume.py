@@ -16,10 +16,8 @@ from xden_builder.capture.damage import decoding
 from xden_builder.published.labels import air_per_cm
 from xden_builder.published.reading.table import PartTable
 
-__all__ = ["DENSITY_VOLUME", "VolumeHeader", "read_header", "read_volume"]
+__all__ = ["VolumeHeader", "read_header", "read_volume"]
 
-DENSITY_VOLUME: Final = "density_volume"
-"""Flag: the file held LAC / 0.17, and was taken back to LAC."""
 MOST_AIR_PER_CM: Final = 0.005
 LIKE: Final = 0.004
 """Share within which a voxel is at a level."""
@@ -64,15 +62,15 @@ def read_header(path: Path) -> VolumeHeader:
         )
 
 
-def read_volume(path: Path, table: PartTable | None) -> tuple[Volume, tuple[str, ...]]:
-    """Read a volume and what is to be said of it.
+def read_volume(path: Path, table: PartTable | None) -> tuple[Volume, bool]:
+    """Read a volume of attenuation coefficients.
 
     Returns
     -------
     volume
         1/cm.
-    flags
-        :data:`DENSITY_VOLUME`, or none.
+    was_density
+        Whether the file held LAC / 0.17, by the levels of the table, and was taken back to LAC.
 
     Raises
     ------
@@ -95,8 +93,8 @@ def read_volume(path: Path, table: PartTable | None) -> tuple[Volume, tuple[str,
         )
     _check_air(path, values)
     if table is not None and _holds_densities(values, table):
-        return np.float32(PAPER_MAC_CM2_G) * values, (DENSITY_VOLUME,)
-    return values, ()
+        return np.float32(PAPER_MAC_CM2_G) * values, True
+    return values, False
 
 
 def _opened(path: Path) -> Any:
