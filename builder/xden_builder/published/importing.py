@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from xden1k.errors import DataError
+from xden1k.errors import DataError, require
 from xden1k.values.types import Split
 from xden_builder.pipeline.outcomes import BuildReport
 from xden_builder.pipeline.splits import draw_splits, read_splits
@@ -99,6 +99,7 @@ def plan(
 
 
 def _opened(source: str, revision: str | None, roles: Path | None) -> Release:
+    require("nibabel", "import")  # before objects fail for want of it, one by one
     told = Roles() if roles is None else read_roles(roles)
     return open_release(find_source(source, revision), told)
 
