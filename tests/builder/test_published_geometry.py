@@ -143,7 +143,7 @@ def test_parts_that_the_volume_cannot_show_are_merged_or_lost():
     volume = label_volume(body_volume(0), {**TABLE, "cap": 2.0, "string": 0.0})
     assert volume.names == ("head+cap", "handle")
     assert volume.lost == ("string",)
-    assert set(volume.flags) == {"equal_levels", "lost_parts"}
+    assert volume.flags == ("equal_levels",)
 
 
 def test_air_alone_is_refused():

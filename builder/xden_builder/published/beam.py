@@ -20,7 +20,7 @@ from xden_builder.physics.source import Tube
 from xden_builder.physics.spectrum import tube_spectrum
 from xden_builder.published.hypotheses import Hypotheses
 
-__all__ = ["Beam", "PartRays", "fitted_lac_per_cm"]
+__all__ = ["Beam", "PartRays", "fitted_depth"]
 
 TUBE_KV: Final = 100.0
 """Voltage of the paper's scanner."""
@@ -42,6 +42,8 @@ class Beam:
         Aluminium that hardens a bare tungsten tube's spectrum as much as all filters together.
     stray
         Stray light as a share of the open field.
+    deepest
+        Depth, coefficient times way, that no part's coefficient exceeds by much.
     spread
         How much wider than a light part's a strong absorber's coefficient scatters; see
         :func:`xden_builder.published.density.log_sd`.
@@ -51,6 +53,7 @@ class Beam:
 
     filter_mm_al: float
     stray: float
+    deepest: float
     spread: float
     axes: tuple[int, ...]
 
@@ -78,6 +81,11 @@ class PartRays:
         """Mean way."""
         return float(np.average(self.paths_cm, weights=self.weights))
 
+    @property
+    def clear(self) -> float:
+        """Mean transmission of all else."""
+        return max(float(np.average(self.others, weights=self.weights)), LEAST)
+
 
 @lru_cache(maxsize=64)
 def _transmissions(names: tuple[str, ...], filter_mm_al: float) -> Float64[np.ndarray, "names q"]:
@@ -96,10 +104,10 @@ def _transmissions(names: tuple[str, ...], filter_mm_al: float) -> Float64[np.nd
     return np.stack([np.exp(-np.outer(AREAL_G_CM2, each)) @ weights for each in mac])
 
 
-def fitted_lac_per_cm(
+def fitted_depth(
     rays: PartRays, tried: Hypotheses, filter_mm_al: float, stray: float
 ) -> Float64[np.ndarray, "h"]:
-    """Coefficient that the paper's fit finds, for each hypothesis, 1/cm."""
+    """Coefficient that a perfect fit finds, times the mean way, for each hypothesis."""
     table = _transmissions(tried.names, filter_mm_al)
     areal = np.log(tried.density_g_cm3[:, None] * rays.paths_cm)
     low, step = np.log(AREAL_G_CM2[0]), np.log(AREAL_G_CM2[1] / AREAL_G_CM2[0])
@@ -109,10 +117,9 @@ def fitted_lac_per_cm(
     rows = tried.material[:, None]
     through = (1 - share) * table[rows, below] + share * table[rows, below + 1]
     seen = (rays.others - stray).clip(LEAST) * through + np.minimum(stray, rays.others)
-    lac = DEPTHS / rays.mean_cm
-    model = rays.others * np.exp(-lac[:, None] * rays.paths_cm)
+    model = rays.others * np.exp(-DEPTHS[:, None] * rays.paths_cm / rays.mean_cm)
     loss = (model**2) @ rays.weights - 2 * (seen * rays.weights) @ model.T
-    return np.exp(_lowest(np.log(lac), loss))
+    return np.exp(_lowest(np.log(DEPTHS), loss))
 
 
 def _lowest(

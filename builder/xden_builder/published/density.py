@@ -11,18 +11,29 @@ from jaxtyping import Float64
 
 from xden1k.values.materials import load_materials
 from xden1k.values.types import DensitySource
-from xden_builder.published.beam import Beam, PartRays, fitted_lac_per_cm
+from xden_builder.published.beam import Beam, PartRays, fitted_depth
 from xden_builder.published.hypotheses import Hypotheses, families_of, hypotheses
 
-__all__ = ["PartEstimate", "estimate", "log_evidence", "log_sd"]
+__all__ = ["PartEstimate", "estimate", "log_evidence", "log_sd", "saturated"]
 
-LIGHT_SD: Final = 0.10
-"""Standard deviation of the logarithm of a weak absorber's coefficient: alignment and noise."""
+LIGHT_SD: Final = 0.08
+"""Standard deviation of the logarithm of a coefficient that nothing disturbs."""
 DEPTH_SD: Final = 0.1
-"""What each unit of depth, coefficient times way, adds to it, times the beam's ``spread``."""
+"""What each unit of depth, coefficient times way, adds, times the beam's ``spread``."""
+HIDDEN_SD: Final = 0.15
+"""What other parts on the way add, for each unit of 1 / transmission - 1."""
+FAINT_SD: Final = 0.006
+"""What noise and the open field add, as a depth."""
 OUTLIERS: Final = 0.02
 """Share of parts whose coefficient says nothing, and the range of logarithms they fall into."""
 OUTLIER_RANGE: Final = 6.0
+LOST_CM: Final = 0.1
+MOST_LOST: Final = 0.5
+"""The same of strong absorbers that the fit hardly found, by the ratio of how far meshes lie off
+their shadows to the mean way, and at most."""
+LOST_RANGE: Final = 4.0
+BEND: Final = 3.0
+"""How sharply depth is limited."""
 LEAST_SD: Final = 0.03
 """Of a density, as a share of it."""
 INFORMED: Final = 0.5
@@ -60,51 +71,78 @@ class PartEstimate:
     flags: tuple[str, ...]
 
 
-def log_sd(depth: Float64[np.ndarray, "h"], spread: float) -> Float64[np.ndarray, "h"]:
-    """Standard deviation of the logarithm of a coefficient: wider, the darker the part's shadow.
+def saturated(depth: Float64[np.ndarray, "h"], deepest: float) -> Float64[np.ndarray, "h"]:
+    """Depth that the fit reaches: a squared loss does not see what is darker than its errors.
+
+    Examples
+    --------
+    >>> saturated(np.array([0.1, 4.0, 100.0]), 4.0).round(2).tolist()
+    [0.1, 3.17, 4.0]
+    """
+    return np.asarray(depth / (1 + (depth / deepest) ** BEND) ** (1 / BEND))
+
+
+def log_sd(
+    depth: Float64[np.ndarray, "h"], clear: float, spread: float
+) -> Float64[np.ndarray, "h"]:
+    """Standard deviation of the logarithm of a coefficient.
 
     Parameters
     ----------
     depth
         Coefficient times mean way.
+    clear
+        Transmission of all else on the way.
     spread
         Of the beam.
 
     Examples
     --------
-    >>> log_sd(np.array([0.0, 3.0]), 1.0).round(2).tolist()
-    [0.1, 0.32]
+    >>> log_sd(np.array([0.2, 3.0]), 1.0, 1.0).round(2).tolist()
+    [0.09, 0.31]
     """
-    return np.asarray(np.hypot(LIGHT_SD, DEPTH_SD * spread * depth))
+    disturbed = np.hypot(LIGHT_SD, HIDDEN_SD * (1 / clear - 1))
+    return np.asarray(np.hypot(np.hypot(disturbed, DEPTH_SD * spread * depth), FAINT_SD / depth))
 
 
-def log_evidence(lac_per_cm: float, name: str, rays: PartRays, beam: Beam) -> float:
-    """Logarithm of how probable a beam makes a part's coefficient."""
-    tried = hypotheses(families_of(name))
-    found = fitted_lac_per_cm(rays, tried, beam.filter_mm_al, beam.stray)
-    return evidence_of(lac_per_cm, rays, tried, found, beam.spread)
-
-
-def evidence_of(
+def log_evidence(
     lac_per_cm: float,
     rays: PartRays,
     tried: Hypotheses,
-    found_per_cm: Float64[np.ndarray, "h"],
-    spread: float,
+    depth: Float64[np.ndarray, "h"],
+    beam: Beam,
 ) -> float:
-    """Do so with the coefficients of the hypotheses at hand."""
-    joint = tried.log_prior + _log_likelihood(lac_per_cm, rays, found_per_cm, spread)[0]
-    return float(np.logaddexp.reduce(joint))
+    """Logarithm of how probable a beam makes a part's coefficient.
+
+    Parameters
+    ----------
+    lac_per_cm
+        As published, positive.
+    rays
+        Through the part.
+    tried, depth
+        What it may be, and :func:`xden_builder.published.beam.fitted_depth` of each.
+    beam
+        Of the same filter and stray light.
+    """
+    likelihood, _ = _log_likelihood(lac_per_cm, rays, depth, beam)
+    return float(np.logaddexp.reduce(tried.log_prior + likelihood))
 
 
 def _log_likelihood(
-    lac_per_cm: float, rays: PartRays, found_per_cm: Float64[np.ndarray, "h"], spread: float
+    lac_per_cm: float, rays: PartRays, depth: Float64[np.ndarray, "h"], beam: Beam
 ) -> tuple[Float64[np.ndarray, "h"], Float64[np.ndarray, "h"]]:
     """Of each hypothesis, outliers included, and how many standard deviations it is off."""
-    sd = log_sd(found_per_cm * rays.mean_cm, spread)
-    off = (np.log(lac_per_cm) - np.log(found_per_cm)) / sd
+    reached = saturated(depth, beam.deepest)
+    sd = log_sd(reached, rays.clear, beam.spread)
+    ratio = np.log(lac_per_cm * rays.mean_cm / reached)
+    off = ratio / sd
     normal = np.exp(-(off**2) / 2) / (sd * np.sqrt(2 * np.pi))
-    return np.log((1 - OUTLIERS) * normal + OUTLIERS / OUTLIER_RANGE), off
+    lost = min(LOST_CM / rays.mean_cm, MOST_LOST) * -np.expm1(-depth / 2)
+    missing = np.log(depth / (lac_per_cm * rays.mean_cm))
+    below = (missing > 0) & (missing < LOST_RANGE)
+    chance = (1 - OUTLIERS - lost) * normal + lost * below / LOST_RANGE + OUTLIERS / OUTLIER_RANGE
+    return np.log(chance), off
 
 
 def estimate(lac_per_cm: float, name: str, rays: PartRays, beam: Beam) -> PartEstimate:
@@ -120,8 +158,8 @@ def estimate(lac_per_cm: float, name: str, rays: PartRays, beam: Beam) -> PartEs
         Ways through the part, and what they met.
     """
     tried = hypotheses(families_of(name))
-    found = fitted_lac_per_cm(rays, tried, beam.filter_mm_al, beam.stray)
-    log_likelihood, off = _log_likelihood(lac_per_cm, rays, found, beam.spread)
+    depth = fitted_depth(rays, tried, beam.filter_mm_al, beam.stray)
+    log_likelihood, off = _log_likelihood(lac_per_cm, rays, depth, beam)
     prior = np.exp(tried.log_prior)
     chance = prior * np.exp(log_likelihood)
     chance /= chance.sum()
@@ -129,19 +167,24 @@ def estimate(lac_per_cm: float, name: str, rays: PartRays, beam: Beam) -> PartEs
     prior_low, _, prior_high = _quantiles(tried.density_g_cm3, prior)
     sd = max((high - low) / 2, LEAST_SD * median)
     by_material = _summed(tried, chance)
-    flags = {
-        "material_guessed": True,
-        "uncertain": sd > UNCERTAIN * median,
-        "unlike_lac": abs(off[chance.argmax()]) > UNLIKE_SD,
-    }
     return PartEstimate(
         median,
         sd,
         "xray" if sd < INFORMED * (prior_high - prior_low) / 2 else "prior",
         _named(by_material),
         dict(list(by_material.items())[:3]),
-        tuple(flag for flag, is_raised in flags.items() if is_raised),
+        _flags(sd / median, float(off[chance.argmax()])),
     )
+
+
+def _flags(relative_sd: float, off_sd: float) -> tuple[str, ...]:
+    """Of a density, and of how far the coefficient is off the likeliest hypothesis."""
+    raised = {
+        "material_guessed": True,
+        "uncertain": relative_sd > UNCERTAIN,
+        "unlike_lac": abs(off_sd) > UNLIKE_SD,
+    }
+    return tuple(flag for flag, is_raised in raised.items() if is_raised)
 
 
 def _quantiles(

@@ -38,9 +38,12 @@ FAMILY_SHARES: Final = MappingProxyType(
 """Of the parts of everyday things (assumed); families that are not here are not tried."""
 AGAINST: Final = 0.12
 """Weight of a family that a part's name speaks against, beside 1."""
-NODES: Final = 7
+NODES_NARROW: Final = 3
+NODES_WIDE: Final = 7
 """Densities that stand for a candidate's range."""
-WIDTH_SD: Final = 1.8
+NARROW: Final = 0.06
+"""Standard deviation, as a share, up to which three densities do."""
+WIDTH_SD: Final = 1.5
 """How far from the mean they reach, in standard deviations."""
 
 
@@ -98,7 +101,8 @@ def hypotheses(families: frozenset[str] = frozenset()) -> Hypotheses:
 
 def _nodes(candidate: Candidate) -> list[tuple[float, float]]:
     """Densities of a candidate, with their shares of it."""
-    steps = np.linspace(-WIDTH_SD, WIDTH_SD, NODES)
+    narrow = candidate.sd_g_cm3 < NARROW * candidate.mean_g_cm3
+    steps = np.linspace(-WIDTH_SD, WIDTH_SD, NODES_NARROW if narrow else NODES_WIDE)
     densities = candidate.mean_g_cm3 + candidate.sd_g_cm3 * steps
     densities = densities.clip(candidate.low_g_cm3, candidate.high_g_cm3)
     weights = np.exp(-(steps**2) / 2)

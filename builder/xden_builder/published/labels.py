@@ -27,6 +27,8 @@ ROUNDING: Final = 1e-4
 """Share by which voxels of one plateau may differ."""
 FLOOR: Final = 0.03
 """Of the weakest part's level: voxels up to it are air."""
+JOINED: Final = "+"
+"""Between the names of parts that are one."""
 FEWEST: Final = MappingProxyType({1: 12, 2: 100})
 """Voxels that make a level in a volume without a table: inside of a part, and in a sheet."""
 
@@ -69,7 +71,6 @@ class _Levels:
 
     names: tuple[str, ...]
     lac_per_cm: tuple[float, ...]
-    flags: tuple[str, ...]
 
 
 def air_per_cm(volume: Float32[np.ndarray, "x y z"]) -> float:
@@ -109,7 +110,7 @@ def label_volume(
     usable = {name: lac for name, lac in table_lac_per_cm.items() if lac > air}
     levels = _from_table(usable) if usable else _from_volume(cropped, air)
     labels, share = _assigned(cropped, np.array(levels.lac_per_cm), air)
-    return _kept(labels, share, levels, table_lac_per_cm)
+    return _kept(labels, share, levels, usable, tuple(table_lac_per_cm))
 
 
 def _cropped(volume: Float32[np.ndarray, "x y z"], air: float) -> Float32[np.ndarray, "x y z"]:
@@ -134,11 +135,10 @@ def _from_table(table_lac_per_cm: Mapping[str, float]) -> _Levels:
         else:
             groups.append([name])
     order = list(table_lac_per_cm)
-    groups = sorted((sorted(group, key=order.index) for group in groups), key=lambda g: order.index(g[0]))
+    groups = sorted((sorted(group, key=order.index) for group in groups), key=lambda each: order.index(each[0]))
     return _Levels(
-        tuple("+".join(group) for group in groups),
+        tuple(JOINED.join(group) for group in groups),
         tuple(float(np.mean([table_lac_per_cm[name] for name in group])) for group in groups),
-        ("equal_levels",) if len(groups) < len(order) else (),
     )
 
 
@@ -153,7 +153,7 @@ def _from_volume(volume: Float32[np.ndarray, "x y z"], air: float) -> _Levels:
     if not levels:
         raise DataError(f"volume: expected a value that {FEWEST[1]} voxels share, got none")
     names = tuple(f"region_{number:02d}" for number in range(1, len(levels) + 1))
-    return _Levels(names, tuple(levels), ("parts_from_volume",))
+    return _Levels(names, tuple(levels))
 
 
 def _shared_values(values: Float32[np.ndarray, "n"], fewest: int) -> list[float]:
@@ -191,7 +191,8 @@ def _kept(
     labels: UInt8[np.ndarray, "x y z"],
     share: Float32[np.ndarray, "x y z"],
     levels: _Levels,
-    table_lac_per_cm: Mapping[str, float],
+    usable: Mapping[str, float],
+    told: tuple[str, ...],
 ) -> LabelVolume:
     """Leave out parts without a voxel, and number the rest."""
     counts = np.bincount(labels.ravel(), minlength=len(levels.names) + 1)[1:]
@@ -199,9 +200,12 @@ def _kept(
     numbers = np.zeros(len(counts) + 1, dtype=np.uint8)
     numbers[shown + 1] = np.arange(1, len(shown) + 1)
     names = tuple(levels.names[place] for place in shown)
-    told = {name for joined in names for name in joined.split("+")}
-    from_volume = "parts_from_volume" in levels.flags
-    lost = () if from_volume else tuple(name for name in table_lac_per_cm if name not in told)
-    flags = (*levels.flags, *(("lost_parts",) if lost else ()))
+    here = {name for joined in names for name in joined.split(JOINED)}
+    lost = tuple(name for name in told if name not in here)
     lac = np.array(levels.lac_per_cm)[shown]
+    raised = {
+        "equal_levels": 0 < len(levels.names) < len(usable),
+        "parts_from_volume": not usable,
+    }
+    flags = tuple(flag for flag, is_raised in raised.items() if is_raised)
     return LabelVolume(numbers[labels], share, names, lac, lost, flags)

@@ -26,7 +26,6 @@ __all__ = ["import_object"]
 
 THIN: Final = 1.5
 """Voxels: the volume of a part that is thinner is uncertain by a tenth and more."""
-NO_RADIOGRAPHS: Final = "no_radiographs"
 COLOUR_SAMPLES: Final = 4000
 """Vertices of the mesh whose colour is looked at."""
 GREY: Final = (0.7, 0.7, 0.7)
@@ -126,9 +125,14 @@ def _part(
         density_g_cm3=found.density_g_cm3,
         density_sd_g_cm3=found.sd_g_cm3,
         density_source=found.source,
-        flags=(*found.flags, *(("thin",) if thin else ())),
+        flags=_part_flags(found, thin=thin),
         color_rgb=colour,
     )
+
+
+def _part_flags(found: PartEstimate, *, thin: bool) -> tuple[str, ...]:
+    """Of its density, and of its mesh."""
+    return (*found.flags, "thin") if thin else found.flags
 
 
 def _colours(
@@ -160,10 +164,9 @@ def _object_flags(
     raised = {
         "lost_parts": bool(lost),
         THINNER_THAN_LABELS: not grids.labels.any(),
-        NO_RADIOGRAPHS: True,
+        "no_radiographs": True,
     }
-    own = (flag for flag in volume.flags if flag != "lost_parts")
-    return (*placed.flags, *own, *(flag for flag, is_raised in raised.items() if is_raised))
+    return (*placed.flags, *volume.flags, *(flag for flag, is_raised in raised.items() if is_raised))
 
 
 def _meta(

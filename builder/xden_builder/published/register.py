@@ -27,6 +27,8 @@ GOOD_SIDES: Final = 0.6
 NEAR_BEST: Final = 0.02
 MOST_APART: Final = 0.08
 """Share by which the boxes' proportions may differ where voxels are cubes."""
+EDGE_VOXELS: Final = 1.0
+"""By which a side of the volume's box may be off."""
 FAILED: Final = 0.4
 """Overlap and agreement both below this are no registration."""
 UPRIGHT: Final = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -108,13 +110,13 @@ def register(
         "volume_to_object_cm": affine.tolist(),
     }
     good = six_side >= GOOD_SIDES or (convention.sure and scores[place] >= scores.max() - NEAR_BEST)
-    flags = {
+    raised = {
         "registration_poor": not good,
         "orientation_unsure": not convention.sure,
         "orientation_differs": convention.sure and place != convention.place,
     }
-    raised = tuple(flag for flag, is_raised in flags.items() if is_raised)
-    return Registration(affine, way, fit.iou, six_side, meta, raised)
+    flags = tuple(flag for flag, is_raised in raised.items() if is_raised)
+    return Registration(affine, way, fit.iou, six_side, meta, flags)
 
 
 def _chosen(
@@ -151,8 +153,9 @@ def _check(
     mesh: BoxShares, volume: BoxShares, way: Orientation, mode: str, figures: tuple[float, float]
 ) -> None:
     """Refuse what is no registration."""
-    ratio = volume.extent / mesh.extent[list(way.axes)]
-    apart = float(ratio.max() / ratio.min() - 1)
+    sides = mesh.extent[list(way.axes)]
+    least, most = ((volume.extent + step) / sides for step in (-EDGE_VOXELS, EDGE_VOXELS))
+    apart = float(least.max() / most.min() - 1)
     if mode == "isotropic" and apart > MOST_APART:
         raise DataError(
             f"registration: boxes of mesh and volume must agree within {MOST_APART:.0%}, "

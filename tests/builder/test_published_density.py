@@ -1,0 +1,117 @@
+"""Density from published attenuation: what the paper's fit makes of known materials, and back."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from xden1k.values.materials import load_materials
+from xden_builder.physics.attenuation import mac_cm2_g
+from xden_builder.physics.source import Tube
+from xden_builder.physics.spectrum import tube_spectrum
+from xden_builder.published.beam import Beam, PartRays, fitted_depth
+from xden_builder.published.convention import vote
+from xden_builder.published.density import estimate
+from xden_builder.published.hypotheses import Hypotheses, families_of, hypotheses
+from xden_builder.published.orientation import ORIENTATIONS
+from xden_builder.published.release_fit import BeamFit, ReleaseFit, part_rays, voxels_cm
+from xden_builder.published.survey import PartSeen, Survey
+
+BEAM = Beam(filter_mm_al=4.0, stray=0.02, deepest=3.5, spread=1.2, axes=(0, 1))
+
+
+def slab(thickness_cm: float, clear: float = 1.0) -> PartRays:
+    return PartRays(np.full(4, thickness_cm), np.full(4, clear), np.full(4, 0.25))
+
+
+def one(material: str) -> Hypotheses:
+    nominal = load_materials()[material].density_nominal_g_cm3
+    return Hypotheses((material,), np.zeros(1, dtype=np.int64), np.array([nominal]), np.zeros(1))
+
+
+def lac_of(material: str, rays: PartRays) -> float:
+    depth = fitted_depth(rays, one(material), BEAM.filter_mm_al, BEAM.stray)
+    return float(depth[0] / rays.mean_cm)
+
+
+@cache
+def survey() -> Survey:
+    part = PartSeen("cap", 0.2, 1000.0, [[10.0] * 8] * 3, [[0.0] * 8] * 3, [100, 100, 100])
+    scores = [[0.5] * 48 for _ in range(2)]
+    scores[0][0] = 0.9
+    return Survey("one", scores, (2.0, 1.0, 1.0), (100.0, 50.0, 50.0), (20.0, 10.0, 10.0), (part,))
+
+
+@pytest.mark.parametrize("material", ["water", "aluminium", "steel"])
+def test_a_slab_gives_the_coefficient_of_its_own_transmission(material):
+    rays, known = slab(0.05), load_materials()[material]
+    spectrum = tube_spectrum(Tube(kv=100.0, filtration_cm={"Al": 0.4}))
+    path = mac_cm2_g(known.composition, spectrum.energies_kev) * known.density_nominal_g_cm3 * 0.05
+    expected = -np.log(float(spectrum.transmission(path)))
+    assert fitted_depth(rays, one(material), 4.0, 0.0)[0] == pytest.approx(expected, rel=0.01)
+
+
+def test_stray_light_and_hardening_lower_what_is_found():
+    thin, thick = (lac_of("steel", slab(cm)) for cm in (0.01, 2.0))
+    assert thick < 0.3 * thin
+    clean, stray = (fitted_depth(slab(1.0), one("steel"), 4.0, share)[0] for share in (0.0, 0.05))
+    assert stray == pytest.approx(-np.log(0.05), abs=0.05)
+    assert stray < clean
+
+
+@pytest.mark.parametrize("material", ["water", "wood_oak", "pvc_rigid", "glass_soda_lime"])
+def test_a_material_behind_the_known_beam_is_within_its_deviation(material):
+    rays, known = slab(1.0), load_materials()[material]
+    found = estimate(lac_of(material, rays), "", rays, BEAM)
+    assert abs(found.density_g_cm3 - known.density_nominal_g_cm3) < 2 * found.sd_g_cm3
+
+
+def test_aluminium_is_told_from_steel_by_its_attenuation_and_thickness():
+    rays = slab(0.5)
+    light, heavy = (
+        estimate(lac_of(name, rays), "bracket", rays, BEAM) for name in ("aluminium", "steel")
+    )
+    assert light.density_g_cm3 < 3.2
+    assert heavy.density_g_cm3 > 6.5
+
+
+def test_a_coefficient_behind_a_wall_says_little():
+    seen, hidden = (estimate(0.25, "", slab(1.0, clear), BEAM) for clear in (1.0, 0.02))
+    assert hidden.sd_g_cm3 > 3 * seen.sd_g_cm3
+    assert hidden.source == "prior"
+
+
+def test_a_name_speaks_for_its_families_and_against_the_others():
+    assert families_of("Left_grip-2") == {"elastomer", "polymer", "wood"}
+    assert families_of("part_3") == frozenset()
+    rays = slab(1.0)
+    plain, named = (estimate(0.19, name, rays, BEAM) for name in ("plastic", "rubber"))
+    families = [load_materials()[next(iter(found.likeliest))].family for found in (plain, named)]
+    assert families == ["polymer", "elastomer"]
+
+
+def test_no_deviation_is_below_three_per_cent_and_every_label_is_a_guess():
+    found = estimate(lac_of("water", slab(3.0)), "water", slab(3.0), BEAM)
+    assert found.sd_g_cm3 >= 0.03 * found.density_g_cm3
+    assert "material_guessed" in found.flags
+
+
+def test_priors_add_up_to_one_whatever_the_name_says():
+    for families in (frozenset(), frozenset({"metal"})):
+        assert np.exp(hypotheses(families).log_prior).sum() == pytest.approx(1.0)
+
+
+def test_voxels_and_ways_are_in_centimetres():
+    convention = vote([survey()] * 3)
+    assert ORIENTATIONS[convention.place].text == "+x +y +z"
+    assert voxels_cm(survey(), convention) == pytest.approx([0.2, 0.2, 0.2])
+    rays = part_rays(survey().parts[0], voxels_cm(survey(), convention), (0, 1))
+    assert rays.mean_cm == pytest.approx(2.0)
+    assert rays.clear == 1.0
+
+
+def test_a_release_fit_survives_json():
+    fit = ReleaseFit(vote([survey()] * 3), BeamFit(BEAM, -3.0, -4.0, 7.0, 3))
+    assert ReleaseFit.from_json(fit.to_json()) == fit
