@@ -147,7 +147,7 @@ def test_parts_that_the_volume_cannot_show_are_merged_or_lost():
 
 
 def test_air_alone_is_refused():
-    with pytest.raises(DataError, match="expected values above .* got air alone"):
+    with pytest.raises(DataError, match=r"expected values above .* got air alone"):
         label_volume(np.zeros((8, 8, 8), dtype=np.float32), TABLE)
 
 
@@ -188,9 +188,7 @@ def test_registration_finds_a_known_pose(place):
     assert (told.place, told.sure, told.size_order) == (place, True, (1, 2, 0))
     told = replace(told, mode="isotropic")
     volume = label_volume(body_volume(place), TABLE)
-    found = register(
-        fill_mesh(body_mesh()), volume_shares(volume), given(place).size_cm, told
-    )
+    found = register(fill_mesh(body_mesh()), volume_shares(volume), given(place).size_cm, told)
     start = np.argwhere(body_volume(place) > 1e-3).min(axis=0) - 4
     corners = np.stack(np.meshgrid(*([0, 40],) * 3), axis=-1).reshape(-1, 3)
     truth = affine_of(ORIENTATIONS[place])
@@ -242,4 +240,6 @@ def test_a_cavity_that_nothing_opens_is_not_seen_from_outside():
 
 
 def test_scale_is_the_geometric_mean_of_the_sides():
-    assert cm_per_unit(np.array([1.0, 1.0, 1.0]), np.array([1.0, 2.0, 4.0]), (2, 0, 1)) == pytest.approx(2)
+    assert cm_per_unit(
+        np.array([1.0, 1.0, 1.0]), np.array([1.0, 2.0, 4.0]), (2, 0, 1)
+    ) == pytest.approx(2)

@@ -97,7 +97,9 @@ def _transmissions(names: tuple[str, ...], filter_mm_al: float) -> Float64[np.nd
     library = load_materials()
     mac = np.stack(
         [
-            spectrum.group_means(mac_cm2_g(library[name].composition, spectrum.energies_kev), GROUPS)
+            spectrum.group_means(
+                mac_cm2_g(library[name].composition, spectrum.energies_kev), GROUPS
+            )
             for name in names
         ]
     )

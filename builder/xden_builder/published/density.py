@@ -24,13 +24,17 @@ HIDDEN_SD: Final = 0.15
 """What other parts on the way add, for each unit of 1 / transmission - 1."""
 FAINT_SD: Final = 0.006
 """What noise and the open field add, as a depth."""
-OUTLIERS: Final = 0.02
-"""Share of parts whose coefficient says nothing, and the range of logarithms they fall into."""
-OUTLIER_RANGE: Final = 6.0
+TOO_LOW: Final = 0.016
+TOO_HIGH: Final = 0.004
+"""Share of parts whose coefficient is far below or above what any material explains: what lies
+wrong is found too light, seldom too heavy."""
+OUTLIER_RANGE: Final = 3.0
+"""Of the logarithms they fall into, on either side."""
 LOST_CM: Final = 0.1
+LEAST_LOST: Final = 0.1
 MOST_LOST: Final = 0.5
-"""The same of strong absorbers that the fit hardly found, by the ratio of how far meshes lie off
-their shadows to the mean way, and at most."""
+"""Share of strong absorbers that the fit hardly found, by the ratio of how far meshes lie off
+their shadows to the mean way, at least and at most."""
 LOST_RANGE: Final = 4.0
 BEND: Final = 3.0
 """How sharply depth is limited."""
@@ -85,7 +89,7 @@ def saturated(depth: Float64[np.ndarray, "h"], deepest: float) -> Float64[np.nda
 def log_sd(
     depth: Float64[np.ndarray, "h"], clear: float, spread: float
 ) -> Float64[np.ndarray, "h"]:
-    """Standard deviation of the logarithm of a coefficient.
+    """Return the standard deviation of the logarithm of a coefficient.
 
     Parameters
     ----------
@@ -138,10 +142,11 @@ def _log_likelihood(
     ratio = np.log(lac_per_cm * rays.mean_cm / reached)
     off = ratio / sd
     normal = np.exp(-(off**2) / 2) / (sd * np.sqrt(2 * np.pi))
-    lost = min(LOST_CM / rays.mean_cm, MOST_LOST) * -np.expm1(-depth / 2)
+    lost = np.clip(LOST_CM / rays.mean_cm, LEAST_LOST, MOST_LOST) * -np.expm1(-depth / 2)
     missing = np.log(depth / (lac_per_cm * rays.mean_cm))
-    below = (missing > 0) & (missing < LOST_RANGE)
-    chance = (1 - OUTLIERS - lost) * normal + lost * below / LOST_RANGE + OUTLIERS / OUTLIER_RANGE
+    dim = (missing > 0) & (missing < LOST_RANGE)
+    outside = np.where(ratio < 0, TOO_LOW, TOO_HIGH) / OUTLIER_RANGE
+    chance = (1 - TOO_LOW - TOO_HIGH - lost) * normal + lost * dim / LOST_RANGE + outside
     return np.log(chance), off
 
 
@@ -163,17 +168,17 @@ def estimate(lac_per_cm: float, name: str, rays: PartRays, beam: Beam) -> PartEs
     prior = np.exp(tried.log_prior)
     chance = prior * np.exp(log_likelihood)
     chance /= chance.sum()
-    low, median, high = _quantiles(tried.density_g_cm3, chance)
+    low, density, high = _quantiles(tried.density_g_cm3, chance)
     prior_low, _, prior_high = _quantiles(tried.density_g_cm3, prior)
-    sd = max((high - low) / 2, LEAST_SD * median)
+    sd = max((high - low) / 2, LEAST_SD * density)
     by_material = _summed(tried, chance)
     return PartEstimate(
-        median,
+        density,
         sd,
         "xray" if sd < INFORMED * (prior_high - prior_low) / 2 else "prior",
         _named(by_material),
         dict(list(by_material.items())[:3]),
-        _flags(sd / median, float(off[chance.argmax()])),
+        _flags(sd / density, float(off[chance.argmax()])),
     )
 
 

@@ -64,7 +64,7 @@ def _welded(
     """
     vertices = np.asarray(mesh.vertices, dtype=np.float64)
     step = MERGE_SHARE * float(np.ptp(vertices, axis=0).max())
-    places, kept, index = np.unique(
+    _, kept, index = np.unique(
         np.round(vertices / step), axis=0, return_index=True, return_inverse=True
     )
     faces = index.reshape(-1)[np.asarray(mesh.faces)].astype(np.int64)

@@ -63,6 +63,4 @@ class PublishedObject:
         if not len(self.mesh.faces):
             raise DataError(f"{self.object_id}: mesh: expected faces, got none")
         if not (self.size_cm > 0).all():
-            raise DataError(
-                f"{self.object_id}: size must be positive, got {self.size_cm.tolist()}"
-            )
+            raise DataError(f"{self.object_id}: size must be positive, got {self.size_cm.tolist()}")

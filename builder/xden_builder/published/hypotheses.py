@@ -37,7 +37,9 @@ FAMILY_SHARES: Final = MappingProxyType(
 )
 """Of the parts of everyday things (assumed); families that are not here are not tried."""
 AGAINST: Final = 0.12
-"""Weight of a family that a part's name speaks against, beside 1."""
+AGAINST_CLEAR: Final = 0.03
+"""Weight of a family that a part's name speaks against, beside 1; the second where the name speaks
+for one family alone."""
 NODES_NARROW: Final = 3
 NODES_WIDE: Final = 7
 """Densities that stand for a candidate's range."""
@@ -90,9 +92,10 @@ def hypotheses(families: frozenset[str] = frozenset()) -> Hypotheses:
         of_family[library[each.material].family] += float(np.exp(each.log_prior))
     names = tuple(dict.fromkeys(each.material for each in tried))
     rows = []
+    against = AGAINST_CLEAR if len(families) == 1 else AGAINST
     for each in tried:
         family = library[each.material].family
-        weight = AGAINST if families and family not in families else 1.0
+        weight = against if families and family not in families else 1.0
         share = weight * FAMILY_SHARES[family] * np.exp(each.log_prior) / of_family[family]
         rows += [(names.index(each.material), rho, share * part) for rho, part in _nodes(each)]
     material, density, share = np.array(rows).T

@@ -135,7 +135,9 @@ def _from_table(table_lac_per_cm: Mapping[str, float]) -> _Levels:
         else:
             groups.append([name])
     order = list(table_lac_per_cm)
-    groups = sorted((sorted(group, key=order.index) for group in groups), key=lambda each: order.index(each[0]))
+    groups = sorted(
+        (sorted(group, key=order.index) for group in groups), key=lambda each: order.index(each[0])
+    )
     return _Levels(
         tuple(JOINED.join(group) for group in groups),
         tuple(float(np.mean([table_lac_per_cm[name] for name in group])) for group in groups),
@@ -179,7 +181,7 @@ def _assigned(
 
 
 def _steps() -> Int64[np.ndarray, "steps 3"]:
-    """Steps to the voxels within two: six neighbours, then the rest of 26, then those beyond."""
+    """Return the steps to the voxels within two: six neighbours, then the rest of 26, then those beyond."""
     steps = np.argwhere(np.ones((5, 5, 5))) - 2
     far = (steps**2).sum(axis=1)
     beyond = np.abs(steps).max(axis=1) > 1

@@ -56,9 +56,7 @@ def import_object(given: PublishedObject, fit: ReleaseFit, split: Split) -> Dens
         If mesh or volume show nothing, are not of one object, or no part is left.
     """
     volume = label_volume(given.lac_per_cm, given.table_lac_per_cm)
-    placed = register(
-        fill_mesh(given.mesh), volume_shares(volume), given.size_cm, fit.convention
-    )
+    placed = register(fill_mesh(given.mesh), volume_shares(volume), given.size_cm, fit.convention)
     solids = part_solids(volume, placed.affine)
     estimates = _estimates(volume, placed, fit)
     shown = [place for place, solid in enumerate(solids) if solid is not None]
@@ -94,9 +92,7 @@ def import_object(given: PublishedObject, fit: ReleaseFit, split: Split) -> Dens
     )
 
 
-def _estimates(
-    volume: LabelVolume, placed: Registration, fit: ReleaseFit
-) -> list[PartEstimate]:
+def _estimates(volume: LabelVolume, placed: Registration, fit: ReleaseFit) -> list[PartEstimate]:
     """Weigh the materials of every part."""
     sides = np.linalg.norm(placed.affine[:3, :3], axis=0)
     beam = fit.beam.beam
@@ -166,7 +162,11 @@ def _object_flags(
         THINNER_THAN_LABELS: not grids.labels.any(),
         "no_radiographs": True,
     }
-    return (*placed.flags, *volume.flags, *(flag for flag, is_raised in raised.items() if is_raised))
+    return (
+        *placed.flags,
+        *volume.flags,
+        *(flag for flag, is_raised in raised.items() if is_raised),
+    )
 
 
 def _meta(

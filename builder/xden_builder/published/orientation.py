@@ -108,7 +108,9 @@ def _flipped(
 
 
 def _best(
-    placed: Float32[np.ndarray, "n n n"], whole: float, others: Sequence[Float32[np.ndarray, "n n n"]]
+    placed: Float32[np.ndarray, "n n n"],
+    whole: float,
+    others: Sequence[Float32[np.ndarray, "n n n"]],
 ) -> float:
     """Intersection over union with the best; what reaches beyond the grid counts as well.
 

@@ -112,9 +112,7 @@ def voxels_cm(survey: Survey, convention: Convention) -> Float64[np.ndarray, "3"
     return sides if convention.mode == "stretched" else np.full(3, np.exp(np.log(sides).mean()))
 
 
-def part_rays(
-    part: PartSeen, sides_cm: Float64[np.ndarray, "3"], axes: Sequence[int]
-) -> PartRays:
+def part_rays(part: PartSeen, sides_cm: Float64[np.ndarray, "3"], axes: Sequence[int]) -> PartRays:
     """Rays through a part along some axes of the volume."""
     chosen, sides = list(axes), sides_cm[list(axes), None]
     areas = sides_cm.prod() / sides_cm[chosen]
@@ -125,7 +123,7 @@ def part_rays(
 
 
 def _fit_beam(surveys: Sequence[Survey], convention: Convention) -> BeamFit:
-    """Choose the beam of the most evidence: where it was looked along first, then how hard it is."""
+    """Choose the beam of the most evidence: first where it ran, then how hard it is."""
     asked = list(_asked(surveys, convention))
     total: dict[Beam, float] = {}
     for axes in AXES:

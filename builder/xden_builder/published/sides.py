@@ -45,4 +45,4 @@ def _depth(body: Bool[np.ndarray, "x y z"], axis: int, step: int) -> Int64[np.nd
     """Cells before the first one met; beyond all of them and far off where none is."""
     seen = np.flip(body, axis) if step < 0 else body
     miss = 2 * body.shape[axis]
-    return np.where(seen.any(axis=axis), seen.argmax(axis=axis), miss)
+    return np.asarray(np.where(seen.any(axis=axis), seen.argmax(axis=axis), miss))

@@ -76,6 +76,6 @@ def thickness_voxels(volume: LabelVolume) -> Float64[np.ndarray, "parts"]:
     for axis in range(3):
         labels = np.moveaxis(volume.labels, axis, 0)
         for step in (1, -1):
-            edges = labels[:: step][:-1][labels[::step][:-1] != labels[::step][1:]]
+            edges = labels[::step][:-1][labels[::step][:-1] != labels[::step][1:]]
             sides += np.bincount(edges, minlength=len(sides) + 1)[1:]
     return np.asarray(2 * volume.filled_voxels / (sides / 1.5))

@@ -113,7 +113,11 @@ def parts_seen(volume: LabelVolume) -> tuple[PartSeen, ...]:
     return tuple(
         PartSeen(name if named else "", lac, size, *zip(*seen, strict=True))
         for name, lac, size, *seen in zip(
-            volume.names, volume.lac_per_cm.tolist(), volume.filled_voxels.tolist(), *along, strict=True
+            volume.names,
+            volume.lac_per_cm.tolist(),
+            volume.filled_voxels.tolist(),
+            *along,
+            strict=True,
         )
     )
 
