@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,6 +48,26 @@ class RigidPlacement:
     def moved(self, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
         """Give a mesh whose vertices are moved; its faces stay as they are."""
         return trimesh.Trimesh(self.apply(np.asarray(mesh.vertices)), mesh.faces, process=False)
+
+    def undone(self, points_cm: Points) -> Float64[np.ndarray, "n 3"]:
+        """Move points back.
+
+        Examples
+        --------
+        >>> there = RigidPlacement(np.eye(3), np.array([0.0, 0.0, 1.0]), 2.0)
+        >>> there.undone(np.array([[2.0, 0.0, 1.0]])).tolist()
+        [[1.0, 0.0, 0.0]]
+        """
+        return np.asarray((points_cm - self.translation_cm) @ self.rotation / self.scale)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> RigidPlacement:
+        """Read what :meth:`to_dict` gives, beside other keys."""
+        return cls(
+            Rotation.from_quat(values["quaternion_xyzw"]).as_matrix(),
+            np.array(values["translation_cm"]),
+            values["scale"],
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Values for JSON, as ``truth.json`` of simulated captures has them."""
