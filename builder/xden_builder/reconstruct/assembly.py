@@ -13,7 +13,8 @@ from xden1k.rays import THINNER_THAN_LABELS, ObjectGrids, PathLengths, object_gr
 from xden1k.values.physics import apparent_density_g_cm3
 from xden1k.values.types import DensityObject, Part, Split
 from xden_builder.capture import CapturePart
-from xden_builder.fit.density import PartDensity, part_densities
+from xden_builder.fit.density import PartDensity
+from xden_builder.reconstruct.densities import densities_of
 from xden_builder.reconstruct.explained import Explained
 from xden_builder.reconstruct.plausible import view_flags
 from xden_builder.reconstruct.report import report
@@ -36,8 +37,7 @@ def assemble(space: Space, explained: Explained, settings: BuildSettings) -> Den
     DataError
         If the photon energy of a monochromatic source lies outside the tables.
     """
-    capture, poly = explained.capture, explained.poly
-    densities = poly.parts if poly else part_densities(explained.fit, capture.parts, capture.tube)
+    capture, densities = explained.capture, densities_of(explained)
     grids = object_grids(space.meshes, space.order, settings.column_samples)
     parts = [
         _part(*of_part)
@@ -45,7 +45,7 @@ def assemble(space: Space, explained: Explained, settings: BuildSettings) -> Den
             capture.parts,
             space.regions,
             explained.fit.lac_per_cm.tolist(),
-            densities,
+            densities.parts,
             _unseen_flags(explained.lengths),
             _cut_flags(space.regions, grids),
             _thin_flags(space.regions, grids),
@@ -126,11 +126,13 @@ def _thin_flags(regions: Sequence[trimesh.Trimesh], grids: ObjectGrids) -> list[
 
 
 def _object_flags(explained: Explained) -> tuple[str, ...]:
-    """Of the capture, of its source, and of the scale."""
+    """Of the capture, of its pose, of its source, and of the scale."""
     capture, poly = explained.capture, explained.poly
     raised = {
         "attenuation_only": capture.tube is None,
         "weighed_disagrees": poly and poly.weighing and poly.weighing.disagrees,
     }
     views = () if poly is None else tuple(f"{view}:at_bound" for view in poly.views_at_bound)
-    return (*capture.flags, *(flag for flag, is_raised in raised.items() if is_raised), *views)
+    pose = () if explained.registration is None else explained.registration.flags
+    said = (flag for flag, is_raised in raised.items() if is_raised)
+    return (*capture.flags, *pose, *said, *views)

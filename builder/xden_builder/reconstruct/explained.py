@@ -18,6 +18,7 @@ from xden_builder.poly.judgement import PolyFit
 from xden_builder.poly.line import fit_poly
 from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.reconstruct.space import Space
+from xden_builder.registration.placement import Registration
 
 __all__ = ["Explained", "ModelUsed", "explain"]
 
@@ -42,6 +43,8 @@ class Explained:
         None where the source has no spectrum.
     audits
         How well the fit explains each view.
+    registration
+        How the parts came into the scanner's frame; None where they were there already.
     """
 
     capture: Capture
@@ -50,10 +53,24 @@ class Explained:
     fit: LacFit
     poly: PolyFit | None
     audits: tuple[ViewAudit, ...]
+    registration: Registration | None
 
 
-def explain(capture: Capture, space: Space, settings: BuildSettings) -> Explained:
+def explain(
+    capture: Capture, space: Space, settings: BuildSettings, registration: Registration | None
+) -> Explained:
     """Fit everything that the source allows.
+
+    Parameters
+    ----------
+    capture
+        Its parts stand in the scanner's frame.
+    space
+        What is each part's.
+    settings
+        How to rebuild.
+    registration
+        How the parts came there, if they had to.
 
     Raises
     ------
@@ -77,7 +94,7 @@ def explain(capture: Capture, space: Space, settings: BuildSettings) -> Explaine
     ]
     fit = _fit(capture, lengths, settings, poly)
     audits = _audits(capture, lengths, fit, poly)
-    return Explained(capture, model, tuple(lengths), fit, poly, audits)
+    return Explained(capture, model, tuple(lengths), fit, poly, audits, registration)
 
 
 def _model_used(capture: Capture, settings: BuildSettings) -> ModelUsed:

@@ -1,4 +1,4 @@
-"""One capture into one density object: space, fits, checks, parts and voxels, in this order."""
+"""One capture into one density object: registration, space, fits, checks, parts and voxels."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from xden_builder.reconstruct.plausible import (
 )
 from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.reconstruct.space import divide
+from xden_builder.registration.capture import registered
 
 __all__ = ["reconstruct"]
 
@@ -39,7 +40,7 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
     Returns
     -------
     DensityObject
-        Its parts are the annotated ones less what stronger parts own. ``density`` is None where a
+        In the scanner's frame. Its parts are the annotated ones less what stronger parts own. ``density`` is None where a
         part has no density that can be told; a part that no ray met adds nothing to
         ``apparent_density``.
 
@@ -47,13 +48,15 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
     ------
     DataError
         If stronger parts leave nothing of one, two parts are the same mesh, a part reaches behind
-        the source or through the detector, most of the object is saturated, or the meshes are in
-        other units than ``objects.csv`` says.
+        the source or through the detector, most of the object is saturated, the meshes are in
+        other units than ``objects.csv`` says, or their pose is unknown and cannot be looked for.
     """
+    there = registered(capture)
+    capture = there.capture
     check_places(capture.parts, capture.fitted_views)
     check_twins(capture.parts)
     space = divide(capture.parts)
-    explained = explain(capture, space, settings)
+    explained = explain(capture, space, settings, there.registration)
     check_exposure(
         (view.name, _shadow(lengths), ~view.valid)
         for view, lengths in zip(capture.fitted_views, explained.lengths, strict=True)

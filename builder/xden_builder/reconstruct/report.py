@@ -11,9 +11,8 @@ import trimesh
 
 from xden1k.rays import PathLengths
 from xden1k.values.plain import plain
-from xden_builder.fit.density import PartDensity
-from xden_builder.poly.judgement import PolyFit
 from xden_builder.poly.posterior.problem import MASS_SD_SHARE
+from xden_builder.reconstruct.densities import Densities
 from xden_builder.reconstruct.explained import Explained
 from xden_builder.reconstruct.rigid import rigid_sd
 from xden_builder.reconstruct.settings import BuildSettings
@@ -24,7 +23,7 @@ __all__ = ["report"]
 def report(
     explained: Explained,
     regions: Sequence[trimesh.Trimesh],
-    densities: Sequence[PartDensity],
+    densities: Densities,
     settings: BuildSettings,
 ) -> Mapping[str, Any]:
     """Give what ``meta`` keeps: nothing of the machine or the hour, so that bytes repeat.
@@ -38,12 +37,14 @@ def report(
     settings
         How it was rebuilt.
     """
-    capture, poly = explained.capture, explained.poly
+    capture, poly, registration = explained.capture, explained.poly, explained.registration
     names = [part.name for part in capture.parts]
+    weighed_g = None if poly is None else capture.weighed_mass_g
     return (
         _fits(explained, settings)
-        | _uncertainty(regions, densities, poly, capture.weighed_mass_g)
+        | _uncertainty(regions, densities, weighed_g)
         | ({} if poly is None else {"poly": plain(poly.report(names))})
+        | ({} if registration is None else {"registration": plain(registration.to_dict())})
     )
 
 
@@ -91,20 +92,18 @@ def _overlap_share(lengths: PathLengths) -> float:
 
 def _uncertainty(
     regions: Sequence[trimesh.Trimesh],
-    densities: Sequence[PartDensity],
-    poly: PolyFit | None,
+    densities: Densities,
     weighed_mass_g: float | None,
 ) -> dict[str, Any]:
-    """Give standard deviations of the mass properties, if every density is known."""
-    known = np.array([density.density_g_cm3 for density in densities])
+    """Give standard deviations of the mass properties, if every density is known.
+
+    The weighed mass is one that the densities were fitted to.
+    """
+    known = np.array([density.density_g_cm3 for density in densities.parts])
     if np.isnan(known).any():
         return {}
-    sds = np.array([density.sd_g_cm3 for density in densities])
-    covariance = np.diag(sds**2) if poly is None else poly.covariance
-    weighed_sd_g = None
-    if poly is not None and weighed_mass_g is not None:
-        weighed_sd_g = MASS_SD_SHARE * weighed_mass_g
-    sd = rigid_sd(regions, known, covariance, weighed_sd_g=weighed_sd_g)
+    weighed_sd_g = None if weighed_mass_g is None else MASS_SD_SHARE * weighed_mass_g
+    sd = rigid_sd(regions, known, densities.covariance, weighed_sd_g=weighed_sd_g)
     return {
         "uncertainty": {
             "mass_sd_g": sd.mass_g,

@@ -1,0 +1,56 @@
+"""A capture with its parts where they stand before the scanner, wherever their files have them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from xden1k.rays import ownership_order
+from xden_builder.capture import Capture, CapturePart
+from xden_builder.registration.placement import Registration, RigidPlacement
+from xden_builder.registration.search import register
+
+__all__ = ["Registered", "registered"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Registered:
+    """A capture whose pose is ``near``.
+
+    Parameters
+    ----------
+    capture
+        Its parts stand in the scanner's frame.
+    registration
+        How they came there; None where they were there already.
+    """
+
+    capture: Capture
+    registration: Registration | None
+
+    @property
+    def placement(self) -> RigidPlacement | None:
+        """By which they came there."""
+        return None if self.registration is None else self.registration.placement
+
+
+def registered(capture: Capture) -> Registered:
+    """Put the parts of a capture into the scanner's frame, where they are not in it.
+
+    Raises
+    ------
+    DataError
+        As :func:`xden_builder.registration.search.register`.
+    """
+    if capture.pose == "near":
+        return Registered(capture, None)
+    meshes = [part.mesh for part in capture.parts]
+    order = ownership_order(meshes, [part.priority for part in capture.parts])
+    registration = register(capture, order)
+    parts = tuple(_moved(capture.parts, registration))
+    return Registered(replace(capture, parts=parts, pose="near", scale_unknown=False), registration)
+
+
+def _moved(parts: tuple[CapturePart, ...], registration: Registration) -> Iterator[CapturePart]:
+    for part in parts:
+        yield replace(part, mesh=registration.placement.moved(part.mesh))
