@@ -24,8 +24,8 @@ def check(captures: Path, workers: int, as_json: bool) -> None:
     """Say what a rebuild would refuse, and what cannot all be true.
 
     Reads every capture as a rebuild does, and compares outlines with shadows, pictures with each
-    other, meshes with each other, and weighed masses with volumes and materials. Nothing is fitted
-    and nothing written. Exits with 1 if anything is wrong.
+    other, meshes with each other, and weighed masses with volumes and materials. Nothing is fitted,
+    but for the pose of meshes that lie in a frame of their own, and nothing written. Exits with 1 if anything is wrong.
     """
     from xden_builder.capture import CaptureFolder
     from xden_builder.pipeline.check.run import check_folder

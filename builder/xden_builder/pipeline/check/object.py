@@ -19,6 +19,9 @@ from xden_builder.reconstruct.plausible import (
     check_twins,
 )
 from xden_builder.reconstruct.space import divide
+from xden_builder.registration.capture import registered
+from xden_builder.registration.placement import Registration
+from xden_builder.triage.flags import flag_kind
 
 __all__ = ["Finding", "Kind", "ObjectCheck", "check_object"]
 
@@ -99,6 +102,8 @@ def _judged(capture: Capture, refused: list[str]) -> Iterator[str]:
     """Yield contradictions, and add what a rebuild refuses."""
     try:
         _check_source(capture)
+        there = registered(capture)
+        capture = there.capture
         check_places(capture.parts, capture.fitted_views)
         check_twins(capture.parts)
         volumes_cm3 = divide(capture.parts).volumes_cm3.tolist()
@@ -110,11 +115,22 @@ def _judged(capture: Capture, refused: list[str]) -> Iterator[str]:
     except XDenError as err:
         refused.append(str(err))
         return
-    yield from contradictions(pa, lat, turned=lat.name in capture.turned)
+    turned = lat.name in capture.turned
+    yield from _of_pose(there.registration) or contradictions(pa, lat, turned=turned)
     if capture.weighed_mass_g is not None:
         said = weight_contradiction(capture.weighed_mass_g, capture.parts, volumes_cm3)
         if said:
             yield said
+
+
+def _of_pose(registration: Registration | None) -> list[str]:
+    """Say that meshes and shadows do not go together in any pose."""
+    raised = () if registration is None else registration.flags
+    return [
+        f"{flag}: {flag_kind(flag).meaning}"
+        for flag in ("pose_not_found", "shape_differs")
+        if flag in raised
+    ]
 
 
 def _check_source(capture: Capture) -> None:
