@@ -15,6 +15,7 @@ from xden1k.values.types import DensityObject, Part
 from xden_builder.capture import CaptureFolder
 from xden_builder.evaluate.run import PartCheck
 from xden_builder.evaluate.truth import Errors, errors_of, read_truth
+from xden_builder.registration.placement import RigidPlacement
 
 __all__ = ["RebuiltObject", "RebuiltPart", "RebuiltSet", "read_rebuilt"]
 
@@ -96,7 +97,7 @@ def read_rebuilt(captures: Path, root: Path) -> RebuiltSet:
 
 
 def _compared(folder: Path, rebuilt: DensityObject) -> RebuiltObject:
-    truth = read_truth(folder, rebuilt.parts)
+    truth = read_truth(folder, rebuilt.parts, _placement(rebuilt))
     regions = [part.mesh for part in rebuilt.parts]
     density_g_cm3 = np.array([part.density_g_cm3 for part in rebuilt.parts])
     volumes = np.array([float(region.volume) for region in regions])
@@ -108,6 +109,12 @@ def _compared(folder: Path, rebuilt: DensityObject) -> RebuiltObject:
         errors,
         tuple(_part(part, known[part.name], density, share) for part, density, share in parts),
     )
+
+
+def _placement(rebuilt: DensityObject) -> RigidPlacement | None:
+    """By which its meshes came into the scanner's frame; None where they were there already."""
+    found = rebuilt.meta.get("registration")
+    return None if found is None else RigidPlacement.from_dict(found)
 
 
 def _part(part: Part, known: Mapping[str, Any], truth_g_cm3: float, share: float) -> RebuiltPart:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import process_time
@@ -31,9 +31,12 @@ from xden_builder.evaluate.methods import (
 )
 from xden_builder.evaluate.quality import SHOWN, QualityPair, quality_of
 from xden_builder.evaluate.truth import Errors, Truth, errors_of, read_truth
+from xden_builder.fit.spread import spread
 from xden_builder.poly.judgement import PolyFit
 from xden_builder.poly.settings import PolySettings
 from xden_builder.reconstruct.rigid import rigid_sd
+from xden_builder.registration.capture import registered
+from xden_builder.registration.placement import Registration
 from xden_builder.workers import explain, run_each
 
 __all__ = ["BodyCheck", "Evaluation", "ObjectResult", "PartCheck", "evaluate"]
@@ -169,17 +172,18 @@ def _draw(object_id: str) -> bytes:
 
 
 def _evaluate_object(captures: Path, drawn: frozenset[str], object_id: str) -> ObjectResult:
-    capture = CaptureFolder(captures).read(object_id)
+    there = registered(CaptureFolder(captures).read(object_id))
+    capture = there.capture
     if capture.tube is None or capture.tube.kv is None:
         raise DataError(f"{object_id}: expected a tube, got another source")
-    truth = read_truth(captures / object_id, capture.parts)
+    truth = read_truth(captures / object_id, capture.parts, there.placement)
     meshes = [part.mesh for part in capture.parts]
     order = ownership_order(meshes, [part.priority for part in capture.parts])
     bench = _Bench(capture, order, disjoint_regions(meshes, order), truth, {}, {})
     bench.paper()
     checks = {}
     for mode in MODES:
-        fit = bench.mode(mode)
+        fit = _as_unsure_as_its_pose(bench.mode(mode), there.registration)
         checks[mode] = _part_checks(fit, truth)
         if mode == "labels":
             body, quality = _body_check(fit, bench.regions, truth), None
@@ -233,6 +237,13 @@ class _Bench:
 
     def _keep(self, method: str, mode: str, density: Float64[np.ndarray, "k"]) -> None:
         self.errors[method, mode] = errors_of(density, self.regions, self.truth)
+
+
+def _as_unsure_as_its_pose(fit: PolyFit, registration: Registration | None) -> PolyFit:
+    if registration is None:
+        return fit
+    parts, covariance = spread(fit.parts, fit.covariance, registration.density_spread())
+    return replace(fit, parts=parts, covariance=covariance)
 
 
 def _part_checks(fit: PolyFit, truth: Truth) -> tuple[PartCheck, ...]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -16,6 +17,7 @@ from xden1k.values.arrays import Vec3
 from xden1k.values.mass import mass_of_meshes
 from xden1k.values.types import Part
 from xden_builder.capture import CapturePart
+from xden_builder.registration.placement import RigidPlacement
 
 __all__ = ["Errors", "Truth", "errors_of", "read_truth"]
 
@@ -58,7 +60,11 @@ class Errors:
     com_l1_cm: float
 
 
-def read_truth(folder: Path, parts: Sequence[CapturePart | Part]) -> Truth:
+def read_truth(
+    folder: Path,
+    parts: Sequence[CapturePart | Part],
+    placement: RigidPlacement | None = None,
+) -> Truth:
     """Read ``truth.json`` of a simulated capture.
 
     Parameters
@@ -67,6 +73,8 @@ def read_truth(folder: Path, parts: Sequence[CapturePart | Part]) -> Truth:
         Of the object.
     parts
         As the capture, or what was made of it, has them.
+    placement
+        By which they came into the scanner's frame; None where they were there already.
 
     Raises
     ------
@@ -80,12 +88,26 @@ def read_truth(folder: Path, parts: Sequence[CapturePart | Part]) -> Truth:
     known = {part["name"]: part["density_g_cm3"] for part in values["parts"]}
     if missing := [part.name for part in parts if part.name not in known]:
         raise DataError(f"{path}: no part {missing[0]!r}; parts are {sorted(known)}")
-    matrix = np.array(values["mesh_error"]["matrix"])
     return Truth(
         np.array([known[part.name] for part in parts]),
         float(values["mass_g"]),
-        np.asarray(matrix[:3, :3] @ np.array(values["com_cm"]) + matrix[:3, 3]),
+        _com_cm(values, placement),
     )
+
+
+def _com_cm(values: Mapping[str, Any], placement: RigidPlacement | None) -> Vec3:
+    """Centre of mass where the meshes show it: as handed over, or where they were found to be.
+
+    Meshes of an unknown pose that are said to stand in the scanner's frame stand as the object.
+    """
+    com_cm = np.array(values["com_cm"])
+    if "mesh_pose" not in values:
+        matrix = np.array(values["mesh_error"]["matrix"])
+        return np.asarray(matrix[:3, :3] @ com_cm + matrix[:3, 3])
+    if placement is None:
+        return com_cm
+    handed_over = RigidPlacement.from_dict(values["mesh_pose"]).undone(com_cm[None])
+    return placement.apply(handed_over)[0]
 
 
 def errors_of(
