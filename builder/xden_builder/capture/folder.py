@@ -24,8 +24,10 @@ from xden_builder.capture.scanner import DATASET_VIEWS, ScannerFile, read_scanne
 from xden_builder.capture.tables import CsvRow, read_csv
 from xden_builder.physics.source import Detector, Tube
 
-__all__ = ["Capture", "CaptureFolder", "ObjectRow"]
+__all__ = ["REGISTRATION_NAME", "Capture", "CaptureFolder", "ObjectRow"]
 
+REGISTRATION_NAME = "registration.json"
+"""Beside parts that were put into the scanner's frame: how."""
 _REQUIRED = ("object_id", "category")
 _OPTIONAL = ("mesh_units", "mass_g", "split", "source", "notes", "pose", "mesh_scale")
 
@@ -146,7 +148,8 @@ class CaptureFolder:
     parts_root
         Another folder of ``OBJECT_ID/parts/NAME.ply`` (or ``OBJECT_ID/mesh.glb``), in the same
         units, in place of the annotated meshes. ``OBJECT_ID/parts.csv`` there, if any, replaces the
-        annotated one; without it a part keeps what the annotated one says of its name.
+        annotated one; without it a part keeps what the annotated one says of its name. Parts
+        beside a ``registration.json`` stand in the scanner's frame, whatever ``objects.csv`` says.
     rows
         The objects by id; those of ``objects.csv`` where none are given. A folder of one row is
         small enough to be sent to another process.
@@ -183,6 +186,7 @@ class CaptureFolder:
             If a package that decoding needs is not installed.
         """
         row = self._row(object_id)
+        in_place = self._is_registered(object_id)
         scanner = self._scanner(object_id)
         views = {view.view.name: view for view in self._views(object_id, scanner)}
         pa, lat = (views[name].view for name in DATASET_VIEWS)
@@ -209,8 +213,8 @@ class CaptureFolder:
             at_least={
                 name: view.at_least for name, view in views.items() if view.at_least is not None
             },
-            pose=row.pose,
-            scale_unknown=row.scale_unknown,
+            pose="near" if in_place else row.pose,
+            scale_unknown=row.scale_unknown and not in_place,
             further_views=tuple(views[name].view for name in scanner.further_names),
             turned=frozenset(name for name, stored in scanner.views.items() if stored.turned),
         )
@@ -292,6 +296,11 @@ class CaptureFolder:
         own_table = (other / "parts.csv").is_file()
         return other, (other if own_table else annotated) / "parts.csv", own_table
 
+    def _is_registered(self, object_id: str) -> bool:
+        """Whether the parts that are read were put into the scanner's frame."""
+        meshes, _, _ = self._part_files(object_id)
+        return (meshes / REGISTRATION_NAME).is_file()
+
     def _inputs(self, object_id: str) -> Iterator[tuple[str, Path]]:
         """Yield every file that reading may open, under a name that does not tell the root."""
         folder = self.root / object_id
@@ -304,6 +313,7 @@ class CaptureFolder:
         meshes, table, _ = self._part_files(object_id)
         yield "parts.csv", table
         yield "mesh.glb", meshes / "mesh.glb"
+        yield REGISTRATION_NAME, meshes / REGISTRATION_NAME
         for path in (meshes / "parts").glob("*"):
             if path.suffix.lower() in MESH_SUFFIXES:
                 yield f"parts/{path.name}", path
