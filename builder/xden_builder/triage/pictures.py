@@ -22,7 +22,7 @@ from xden1k.values.windows import Window, object_window, pixel_aspect
 from xden_builder.audit.replay import stored_model
 from xden_builder.poly.model.frames import binned, coarse
 
-__all__ = ["RESIDUAL_LIMIT", "Frame", "Picture", "ViewPictures", "draw"]
+__all__ = ["RESIDUAL_LIMIT", "Frame", "Picture", "ViewPictures", "draw", "picture"]
 
 PICTURE_PX: Final = 200
 """Longest side of a picture."""
@@ -112,9 +112,9 @@ def draw(obj: DensityObject, view: XRayView, unexplained: Mapping[str, Any]) -> 
     dark = attenuation(measured), attenuation(model)
     grey, split = grey_scale(*dark), _residual_colours()
     pictures = (
-        _picture(MADE_WORDS[obj.source], grey.to_rgba(dark[0], bytes=True), aspect),
-        _picture("reprojected", grey.to_rgba(dark[1], bytes=True), aspect),
-        _picture("difference", split.to_rgba(measured - model, bytes=True), aspect),
+        picture(MADE_WORDS[obj.source], grey.to_rgba(dark[0], bytes=True), aspect),
+        picture("reprojected", grey.to_rgba(dark[1], bytes=True), aspect),
+        picture("difference", split.to_rgba(measured - model, bytes=True), aspect),
     )
     frames = (_frame(kind, box, window, binning) for kind, box in boxes.items())
     return ViewPictures(pictures, tuple(frames))
@@ -143,11 +143,29 @@ def _residual_colours() -> ScalarMappable:
     return ScalarMappable(Normalize(-RESIDUAL_LIMIT, RESIDUAL_LIMIT), colours)
 
 
-def _picture(label: str, colours: UInt8[np.ndarray, "rows columns 4"], aspect: float) -> Picture:
+def picture(
+    label: str,
+    colours: UInt8[np.ndarray, "rows columns 4"],
+    aspect: float,
+    longest_px: int = PICTURE_PX,
+) -> Picture:
+    """Make an image for a page.
+
+    Parameters
+    ----------
+    label
+        What it shows.
+    colours
+        Red, green, blue and what is not looked at.
+    aspect
+        Height of a pixel over its width.
+    longest_px
+        Its longest side.
+    """
     from PIL import Image
 
     rows, columns = colours.shape[0] * aspect, colours.shape[1]
-    scale = PICTURE_PX / max(rows, columns)
+    scale = longest_px / max(rows, columns)
     size = max(round(columns * scale), 1), max(round(rows * scale), 1)
     file = io.BytesIO()
     image = Image.fromarray(np.ascontiguousarray(colours[..., :3])).resize(size)
