@@ -7,6 +7,7 @@ import logging
 import click
 
 from xden1k.commands import Group
+from xden_builder.commands.align import align
 from xden_builder.commands.audit import audit
 from xden_builder.commands.bench_scanner import bench_scanner
 from xden_builder.commands.calibrate import calibrate
@@ -33,7 +34,7 @@ def cli() -> None:
 
 
 _COMMANDS = (
-    *(init, calibrate, check, phantoms, run, import_release, report, audit, datasheet, push),
+    *(init, calibrate, check, phantoms, align, run, import_release, report, audit, datasheet, push),
     *(evaluate, bench_scanner, gallery, twin, speed),
 )
 for _command in _COMMANDS:

@@ -5,7 +5,10 @@ from typing import Any
 
 import pytest
 
-POOLS = ("audit.run", "evaluate.run", "phantoms.writer", "pipeline.run", "triage.report")
+POOLS = (
+    *("audit.run", "evaluate.run", "phantoms.writer"),
+    *("pipeline.align.run", "pipeline.run", "triage.report"),
+)
 """The modules that work in a pool of processes."""
 
 

@@ -25,7 +25,8 @@ def check(captures: Path, workers: int, as_json: bool) -> None:
 
     Reads every capture as a rebuild does, and compares outlines with shadows, pictures with each
     other, meshes with each other, and weighed masses with volumes and materials. Nothing is fitted,
-    but for the pose of meshes that lie in a frame of their own, and nothing written. Exits with 1 if anything is wrong.
+    but for the pose of meshes that lie in a frame of their own, and nothing written. Exits with 1
+    if anything is wrong.
     """
     from xden_builder.capture import CaptureFolder
     from xden_builder.pipeline.check.run import check_folder

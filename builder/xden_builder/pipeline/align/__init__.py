@@ -1,0 +1,1 @@
+"""Registration alone: meshes into the scanner's frame, with a page to look at."""

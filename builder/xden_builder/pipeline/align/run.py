@@ -1,0 +1,177 @@
+"""Register every object of a capture folder: meshes, a table of poses and a page."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from xden1k.errors import DataError, MissingObjectError, require
+from xden1k.folder.place import publish, staging
+from xden_builder.capture import CaptureFolder
+from xden_builder.capture.writing import write_table
+from xden_builder.pipeline.align.card import AlignCard
+from xden_builder.pipeline.align.object import align_object
+from xden_builder.pipeline.align.page import render
+from xden_builder.pipeline.storage import FULL
+from xden_builder.workers import explain, run_each
+
+__all__ = ["PAGE_NAME", "Alignment", "align_folder"]
+
+PAGE_NAME: Final = "index.html"
+TABLE_NAME: Final = "poses.csv"
+COLUMNS: Final = (
+    *("object_id", "candidate", "loss", "runner_up_loss", "candidates", "equal_poses"),
+    *("scale", "flags", "pose"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """What became of every object.
+
+    Parameters
+    ----------
+    aligned
+        Those that were registered, flagged ones first.
+    near
+        Ids of those that were said to be near their place, and written as they are.
+    failures
+        Object id and reason of the others.
+    """
+
+    aligned: tuple[AlignCard, ...]
+    near: tuple[str, ...]
+    failures: tuple[tuple[str, str], ...]
+
+    @property
+    def need_you(self) -> tuple[AlignCard, ...]:
+        """Those that a person must look at."""
+        return tuple(card for card in self.aligned if card.flags)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values for JSON."""
+        return {
+            "schema": "xden-align/1",
+            "needs_you": len(self.need_you),
+            "objects": [card.to_dict() for card in self.aligned],
+            "near": list(self.near),
+            "failures": [{"object_id": key, "message": why} for key, why in self.failures],
+        }
+
+
+def align_folder(
+    captures: Path,
+    out: Path,
+    *,
+    object_ids: Sequence[str] = (),
+    near_too: bool = False,
+    workers: int,
+    on_start: Callable[[int], None] = lambda _: None,
+    on_done: Callable[[str], None] = lambda _: None,
+) -> Alignment:
+    """Put the meshes of every object into the scanner's frame, into a folder of their own.
+
+    Parameters
+    ----------
+    captures
+        The capture folder, which is left as it is.
+    out
+        A folder that is empty or does not exist; it appears complete or not at all.
+    object_ids
+        Only these, if any.
+    near_too
+        Whether meshes that are said to be near their place are looked for as well; else they are
+        written as they are.
+    workers
+        Number of processes.
+    on_start
+        Called with the number of objects.
+    on_done
+        Called with each object's id as it is done.
+
+    Raises
+    ------
+    DataError
+        If the capture folder as a whole cannot be read, ``out`` is not empty, or not one object
+        could be put in place; then nothing is written.
+    MissingObjectError
+        If one of ``object_ids`` is not in ``objects.csv``.
+    OSError
+        If the disk is full.
+    """
+    require("matplotlib", "view")
+    require("jinja2", "build")
+    folder = _chosen(CaptureFolder(captures.absolute()), object_ids)
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise DataError(f"{out}: expected a folder that is empty or does not exist")
+    on_start(len(folder.rows))
+    out.absolute().parent.mkdir(parents=True, exist_ok=True)
+    with staging(out.absolute()) as beside:
+        made = beside / "aligned"
+        made.mkdir()
+        alignment = _gather(folder, made, near_too, workers, on_done)
+        _refuse_nothing(alignment, captures, out)
+        _write_poses(alignment, made / TABLE_NAME)
+        render(alignment.aligned, alignment.failures, captures.absolute().name, made / PAGE_NAME)
+        publish(made, out)
+    return alignment
+
+
+def _chosen(folder: CaptureFolder, object_ids: Sequence[str]) -> CaptureFolder:
+    """Leave out the rows that nobody asked for."""
+    for object_id in object_ids:
+        if object_id not in folder.rows:
+            raise MissingObjectError(f"{folder.root / 'objects.csv'}: no object {object_id!r}")
+    wanted = object_ids or folder.object_ids
+    return CaptureFolder(folder.root, None, {key: folder.rows[key] for key in wanted})
+
+
+def _gather(
+    folder: CaptureFolder,
+    out: Path,
+    near_too: bool,
+    workers: int,
+    on_done: Callable[[str], None],
+) -> Alignment:
+    """Take the answers as they come; of an object that failed nothing is kept."""
+    cards, near, failures = [], [], []
+    task = partial(align_object, folder, out, near_too)
+    for object_id, answer in run_each(task, folder.object_ids, workers):
+        if isinstance(answer, OSError) and answer.errno in FULL:
+            raise answer
+        if isinstance(answer, BaseException):
+            shutil.rmtree(out / object_id, ignore_errors=True)
+            failures.append((object_id, explain(object_id, answer)))
+        elif answer is None:
+            near.append(object_id)
+        else:
+            cards.append(answer)
+        on_done(object_id)
+    cards.sort(key=lambda card: (not card.flags, card.object_id))
+    return Alignment(tuple(cards), tuple(sorted(near)), tuple(sorted(failures)))
+
+
+def _refuse_nothing(alignment: Alignment, captures: Path, out: Path) -> None:
+    if not alignment.aligned and not alignment.near:
+        object_id, why = alignment.failures[0]
+        raise DataError(
+            f"{captures}: no object could be put in place, {out} is not written; the first, "
+            f"{object_id}: {why}"
+        )
+
+
+def _write_poses(alignment: Alignment, path: Path) -> None:
+    cards = sorted(alignment.aligned, key=lambda card: card.object_id)
+    write_table(path, COLUMNS, [_row(card) for card in cards])
+
+
+def _row(card: AlignCard) -> list[str]:
+    runner_up = "" if card.runner_up is None else f"{card.runner_up.loss:.6g}"
+    used = card.used
+    numbers = f"{used.loss:.6g}", runner_up, str(len(card.candidates)), str(card.equal_poses)
+    scale, flags = f"{used.scale:.6g}", " ".join(card.flags)
+    return [card.object_id, str(card.chosen), *numbers, scale, flags, used.pose]

@@ -1,0 +1,228 @@
+"""xden-build align: meshes, poses and a page, of every object that can be had."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from click.testing import CliRunner, Result
+
+from tests.builder.folders import contents
+from tests.builder.registration_scenes import THERE, TrueSearch
+from xden1k.errors import DataError
+from xden1k.rays import path_lengths
+from xden1k.values.views import ViewGeometry, XRayView
+from xden_builder.capture import CaptureFolder
+from xden_builder.capture.pose import CoarsePose
+from xden_builder.capture.writing import write_table
+from xden_builder.cli import cli
+from xden_builder.phantoms import Scanner, write_captures
+from xden_builder.phantoms.posing import Posing
+from xden_builder.pipeline.align.card import pose_text
+from xden_builder.pipeline.align.pictures import FOUND, Sheet, whole
+from xden_builder.registration import capture as registration_capture
+from xden_builder.registration.capture import registered
+from xden_builder.registration.shadow import shadow_of
+
+pytestmark = pytest.mark.usefixtures("in_this_process")
+CATEGORIES = ("eraser", "mug", "pencil")
+
+
+@pytest.fixture(scope="module")
+def pristine(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three objects of unknown pose and scale, which no test may change."""
+    out = tmp_path_factory.mktemp("align") / "captures"
+    posing = Posing("unknown", "unknown")
+    write_captures(out, 3, 2, scanner=Scanner(size_px=48), posing=posing, categories=CATEGORIES)
+    return out
+
+
+@pytest.fixture(autouse=True)
+def search(pristine: Path, monkeypatch: pytest.MonkeyPatch) -> TrueSearch:
+    """Finds the truth; the mug's shape differs."""
+    search = TrueSearch(pristine, mug=["shape_differs"])
+    monkeypatch.setattr(registration_capture, "register", search)
+    return search
+
+
+@pytest.fixture
+def captures(pristine: Path, tmp_path: Path) -> Path:
+    """Captures that a test may change."""
+    return Path(shutil.copytree(pristine, tmp_path / "captures"))
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def write_rows(path: Path, rows: list[dict[str, str]]) -> None:
+    write_table(path, list(rows[0]), [list(row.values()) for row in rows])
+
+
+def align(captures: Path, out: Path, *options: str) -> Result:
+    given = ["align", str(captures), "--out", str(out), "--workers", "1", *options]
+    return CliRunner().invoke(cli, given)
+
+
+@pytest.fixture(scope="module")
+def out(pristine: Path, in_this_process: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What align writes of them, which no test may change."""
+    out = tmp_path_factory.mktemp("aligned") / "aligned"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(registration_capture, "register", TrueSearch(pristine, mug=["shape_differs"]))
+        answer = align(pristine, out)
+    assert answer.exit_code == 0, answer.output
+    assert "needs you: mug-0000: shape_differs (look at" in answer.stdout
+    assert "3 put in place, 0 near as told, 0 failed" in answer.stdout
+    return out
+
+
+def test_aligned_meshes_are_taken_as_near_and_stand_where_they_were_found(
+    pristine: Path, out: Path
+) -> None:
+    aligned, source = CaptureFolder(pristine, out), CaptureFolder(pristine)
+    for object_id in source.object_ids:
+        capture, there = aligned.read(object_id), registered(source.read(object_id)).capture
+        assert (capture.pose, capture.scale_unknown) == ("near", False)
+        for part, other in zip(capture.parts, there.parts, strict=True):
+            np.testing.assert_allclose(part.mesh.bounds, other.mesh.bounds, atol=1e-6)
+            assert part.material == other.material
+
+
+def test_poses_of_the_table_can_be_pasted_into_objects_csv(out: Path, captures: Path) -> None:
+    found = {row["object_id"]: row["pose"] for row in read_rows(out / "poses.csv")}
+    told = [row | {"pose": found[row["object_id"]]} for row in read_rows(captures / "objects.csv")]
+    write_rows(captures / "objects.csv", told)
+    for object_id, row in CaptureFolder(captures).rows.items():
+        truth = json.loads((captures / object_id / "truth.json").read_text())["mesh_pose"]
+        assert isinstance(row.pose, CoarsePose)
+        np.testing.assert_allclose(row.pose.translation_cm, truth["translation_cm"], atol=1e-3)
+        quaternion = np.array(row.pose.quaternion_xyzw)
+        assert abs(quaternion @ truth["quaternion_xyzw"]) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_a_pose_as_text_has_no_exponents_nor_minus_zeros() -> None:
+    tiny = replace(THERE, rotation=np.eye(3), translation_cm=np.array([1e-9, -1e-9, 123.456789]))
+    assert pose_text(tiny) == "0 0 0 1 0 0 123.457"
+
+
+def test_the_page_asks_nobody_for_anything_and_shows_every_object(out: Path) -> None:
+    page = (out / "index.html").read_text()
+    assert "default-src 'none'" in page
+    assert not re.search(r"(?:src|href)=\"(?!data:|#|poses\.csv)", page)
+    assert "http" not in page.replace("http-equiv", "")
+    assert re.findall(r'id="o-([\w-]+)"', page)[0] == "mug-0000"
+    assert page.count("where they disagree</figcaption>") == 2
+    assert page.count('<code class="paste">candidate 2</code>') == len(CATEGORIES)
+
+
+def test_names_and_notes_are_shown_as_they_are(captures: Path, tmp_path: Path) -> None:
+    table = captures / "objects.csv"
+    table.write_text(table.read_text().replace(",eraser,", ",<script>eraser</script>,"))
+    answer = align(captures, tmp_path / "out", "--objects", "eraser-0000")
+    assert answer.exit_code == 0, answer.output
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "&lt;script&gt;eraser" in page
+    assert "<script" not in page
+
+
+def test_nothing_that_is_there_is_overwritten(pristine: Path, out: Path) -> None:
+    before = contents(out)
+    answer = align(pristine, out)
+    assert answer.exit_code == 1
+    assert "expected a folder that is empty or does not exist" in answer.output
+    assert contents(out) == before
+
+
+def test_one_bad_object_never_stops_the_others(captures: Path, tmp_path: Path) -> None:
+    (captures / "mug-0000" / "pa.tif").unlink()
+    answer = align(captures, tmp_path / "out", "--json")
+    assert answer.exit_code == 3
+    said = json.loads(answer.stdout)
+    assert [each["object_id"] for each in said["failures"]] == ["mug-0000"]
+    assert [each["object_id"] for each in said["objects"]] == ["eraser-0000", "pencil-0000"]
+    assert not (tmp_path / "out" / "mug-0000").exists()
+    assert "mug-0000/pa.tif" in (tmp_path / "out" / "index.html").read_text()
+
+
+def test_where_no_object_can_be_placed_nothing_is_written(
+    captures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: Any) -> None:
+        raise DataError("view pa: no shadow of an object is in the image")
+
+    monkeypatch.setattr(registration_capture, "register", refuse)
+    answer = align(captures, tmp_path / "out")
+    assert answer.exit_code == 1
+    assert "the first, eraser-0000: view pa: no shadow" in answer.output
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_object_that_is_not_there_is_refused_before_anything(
+    pristine: Path, tmp_path: Path
+) -> None:
+    answer = align(pristine, tmp_path / "out", "--objects", "eraser-0000,ghost-0001")
+    assert answer.exit_code == 1
+    assert "objects.csv: no object 'ghost-0001'" in answer.output
+
+
+def near(captures: Path, object_id: str) -> None:
+    """Say that an object's meshes are near their place, which they are."""
+    aligned = registered(CaptureFolder(captures).read(object_id)).capture
+    for part in aligned.parts:
+        part.mesh.export(captures / object_id / "parts" / f"{part.name}.ply")
+    told = {"mesh_units": "cm", "pose": "near", "mesh_scale": ""}
+    rows = read_rows(captures / "objects.csv")
+    write_rows(
+        captures / "objects.csv",
+        [row | told if row["object_id"] == object_id else row for row in rows],
+    )
+
+
+def test_meshes_told_to_be_near_are_written_as_they_are_unless_all_are_looked_for(
+    captures: Path, tmp_path: Path
+) -> None:
+    near(captures, "pencil-0000")
+    only = "--objects", "pencil-0000", "--json"
+    answer = align(captures, tmp_path / "some", *only)
+    assert json.loads(answer.stdout)["near"] == ["pencil-0000"]
+    for part in CaptureFolder(captures).read("pencil-0000").parts:
+        written = trimesh.load_mesh(
+            tmp_path / "some" / "pencil-0000" / "parts" / f"{part.name}.ply"
+        )
+        np.testing.assert_allclose(written.bounds, part.mesh.bounds, atol=1e-6)
+    answer = align(captures, tmp_path / "all", "--all", *only)
+    assert [each["object_id"] for each in json.loads(answer.stdout)["objects"]] == ["pencil-0000"]
+
+
+def test_a_silhouette_is_drawn_around_what_the_mesh_covers_and_where_the_shadow_is() -> None:
+    geometry = ViewGeometry.from_dict(
+        {
+            "beam": "cone",
+            "source_cm": [0, -50, 0],
+            "pixel00_cm": [-7, 10, 7],
+            "column_step_cm": [0.2, 0, 0],
+            "row_step_cm": [0, 0, -0.2],
+            "shape": [71, 71],
+        }
+    )
+    ball = trimesh.creation.icosphere(2, 3.0)
+    image = path_lengths([ball], [0], geometry).image(np.array([1.0]))
+    view = XRayView("pa", image, np.ones(image.shape, dtype=bool), geometry)
+    sheet = Sheet.of(view, shadow_of(view), whole(view), 142)
+    covered = sheet._silhouette([ball])
+    assert (covered ^ sheet.shadow).sum() < 0.1 * covered.sum()
+    assert sheet.outlined("ball", [ball], FOUND) is not None
+    behind = ball.copy().apply_translation((0, -60, 0))
+    beside = ball.copy().apply_translation((40, 0, 0))
+    assert sheet.outlined("behind the source", [behind], FOUND) is None
+    assert sheet.outlined("beside the panel", [beside], FOUND) is None
