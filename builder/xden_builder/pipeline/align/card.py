@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from xden1k.values.views import XRayView
 from xden_builder.capture import Capture
 from xden_builder.capture.saturation import completed
-from xden_builder.pipeline.align.pictures import FOUND, TOLD, Sheet, whole, window_around
+from xden_builder.pipeline.align.pictures import FOUND, TOLD, Sheet, window_around
 from xden_builder.registration.placement import Found, Registration, RigidPlacement
 from xden_builder.registration.shadow import Shadow, shadow_of
 from xden_builder.triage.flags import FlagKind, flag_kind
@@ -182,7 +182,7 @@ class _Sheets:
     """A view in the three sizes it is drawn in."""
 
     name: str
-    panel: Sheet
+    wide: Sheet
     window: Sheet
     small: Sheet
 
@@ -195,7 +195,7 @@ class _Sheets:
         box = window_around(shadow, registration.moved(meshes))
         return cls(
             view.name,
-            Sheet.of(view, shadow, whole(view), VIEW_PX),
+            Sheet.of(view, shadow, window_around(shadow, meshes), VIEW_PX),
             Sheet.of(view, shadow, box, VIEW_PX),
             Sheet.of(view, shadow, box, CANDIDATE_PX),
         )
@@ -206,7 +206,7 @@ class _Sheets:
         return AlignedView(
             self.name,
             shares[self.name],
-            self.panel.outlined("before", meshes, TOLD),
+            self.wide.outlined("before", meshes, TOLD),
             self.window.outlined("after", there, FOUND),
             self.window.disagreeing("where they disagree", there) if differ else None,
         )

@@ -16,10 +16,11 @@ from xden1k.rays import path_lengths
 from xden1k.values.arrays import Image, Mask
 from xden1k.values.views import ViewGeometry, XRayView
 from xden1k.values.windows import pixel_aspect
+from xden_builder.pipeline.check.outlines import air_level
 from xden_builder.registration.shadow import Shadow
 from xden_builder.triage.pictures import Picture, picture
 
-__all__ = ["FOUND", "TOLD", "Box", "Sheet", "whole", "window_around"]
+__all__ = ["FOUND", "TOLD", "Sheet", "window_around"]
 
 LINE_PX: Final = 2
 MARGIN: Final = 0.15
@@ -28,13 +29,13 @@ SLENDER: Final = 0.4
 """Least shorter side of a window over its longer one."""
 DARKENED: Final = 0.04
 """What the object takes from the light where it is drawn as shadow."""
-APART_PX: Final = 3
-"""So near to each other, outlines agree."""
+APART_PX: Final = 2
+"""Of the radiograph: so near to each other, outlines agree."""
 OPACITY: Final = 0.7
 """Of the colours where silhouettes disagree."""
 
 Colour = tuple[int, int, int]
-TOLD: Final[Colour] = (245, 158, 11)
+TOLD: Final[Colour] = (232, 121, 249)
 """Of meshes where their files have them."""
 FOUND: Final[Colour] = (34, 211, 238)
 """Of meshes where they were found to be."""
@@ -57,20 +58,28 @@ class Sheet:
         Shape (rows, columns, 4): its attenuation, air black.
     shadow
         Shape (rows, columns): where the object's shadow is.
+    apart_px
+        So near to each other, outlines agree.
     """
 
     geometry: ViewGeometry
     grey: UInt8[np.ndarray, "rows columns 4"]
     shadow: Mask
+    apart_px: int
 
     @classmethod
     def of(cls, view: XRayView, shadow: Shadow, box_px: Box, longest_px: int) -> Sheet:
         """Cut a box out of a view, such that its longer side has so many pixels."""
         geometry = _cut(view, box_px, longest_px)
-        dark = attenuation(np.where(view.valid, view.transmission, np.float32(np.nan)))
-        seen = _resized(dark, geometry, box_px)
+        air = air_level(view.transmission, shadow.mask)
+        image = np.where(view.valid, view.transmission / np.float32(air), np.float32(np.nan))
+        seen = _resized(attenuation(image), geometry, box_px)
         darkened = _resized(shadow.opacity, geometry, box_px) > DARKENED
-        return cls(geometry, grey_scale(seen).to_rgba(seen, bytes=True), darkened)
+        larger = np.linalg.norm(view.geometry.column_step_cm) / np.linalg.norm(
+            geometry.column_step_cm
+        )
+        grey = grey_scale(seen).to_rgba(seen, bytes=True)
+        return cls(geometry, grey, darkened, max(round(APART_PX * float(larger)), 1))
 
     def outlined(
         self, label: str, meshes: Sequence[trimesh.Trimesh], colour: Colour
@@ -87,8 +96,8 @@ class Sheet:
         """Draw where shadow or silhouette of meshes lie well outside the other."""
         inside, colours = self._silhouette(meshes), self.grey.copy()
         for where, colour in (
-            (self.shadow & ~binary_dilation(inside, iterations=APART_PX), SHADOW_ALONE),
-            (inside & ~binary_dilation(self.shadow, iterations=APART_PX), MESH_ALONE),
+            (self.shadow & ~binary_dilation(inside, iterations=self.apart_px), SHADOW_ALONE),
+            (inside & ~binary_dilation(self.shadow, iterations=self.apart_px), MESH_ALONE),
         ):
             mixed = OPACITY * np.array(colour) + (1 - OPACITY) * colours[where, :3]
             colours[where, :3] = mixed.round()
@@ -103,12 +112,6 @@ class Sheet:
 
     def _picture(self, label: str, colours: UInt8[np.ndarray, "rows columns 4"]) -> Picture:
         return picture(label, colours, 1.0, max(self.geometry.shape))
-
-
-def whole(view: XRayView) -> Box:
-    """Give the box of a whole radiograph."""
-    rows, columns = view.geometry.shape
-    return np.array([0, 0, columns, rows]) - 0.5
 
 
 def window_around(shadow: Shadow, meshes: Sequence[trimesh.Trimesh]) -> Box:
