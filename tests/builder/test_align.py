@@ -204,7 +204,8 @@ def test_meshes_told_to_be_near_are_written_as_they_are_unless_all_are_looked_fo
     assert [each["object_id"] for each in json.loads(answer.stdout)["objects"]] == ["pencil-0000"]
 
 
-def test_a_silhouette_is_drawn_around_what_the_mesh_covers_and_where_the_shadow_is() -> None:
+def ball_on_a_sheet(exposure: float = 1.0) -> tuple[Sheet, trimesh.Trimesh]:
+    """A ball of 3 cm in pixels of 1 mm; one pixel of the radiograph is dead."""
     geometry = ViewGeometry.from_dict(
         {
             "beam": "cone",
@@ -216,9 +217,22 @@ def test_a_silhouette_is_drawn_around_what_the_mesh_covers_and_where_the_shadow_
         }
     )
     ball = trimesh.creation.icosphere(2, 3.0)
-    image = path_lengths([ball], [0], geometry).image(np.array([1.0]))
-    view = XRayView("pa", image, np.ones(image.shape, dtype=bool), geometry)
-    sheet = Sheet.of(view, shadow_of(view), np.array([0, 0, 71, 71]) - 0.5, 142)
+    image = np.float32(exposure) * path_lengths([ball], [0], geometry).image(np.array([1.0]))
+    image[3, 3] = np.nan
+    view = XRayView("pa", image, np.isfinite(image), geometry)
+    return Sheet.of(view, shadow_of(view), np.array([0, 0, 71, 71]) - 0.5, 142), ball
+
+
+def test_air_is_black_whatever_the_exposure_and_a_dead_pixel_alone_has_no_grey() -> None:
+    sheet, _ = ball_on_a_sheet(exposure=0.8)
+    colours = sheet.grey[..., :3].astype(int)
+    assert (colours[-20:, -20:] < 3).all()
+    coloured = np.ptp(colours, axis=-1) > 0
+    assert 0 < coloured.sum() < 40
+
+
+def test_a_silhouette_is_drawn_around_what_the_mesh_covers_and_where_the_shadow_is() -> None:
+    sheet, ball = ball_on_a_sheet()
     covered = sheet._silhouette([ball])
     assert (covered ^ sheet.shadow).sum() < 0.1 * covered.sum()
     assert sheet.outlined("ball", [ball], FOUND) is not None

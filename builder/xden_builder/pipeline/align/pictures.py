@@ -71,7 +71,7 @@ class Sheet:
     def of(cls, view: XRayView, shadow: Shadow, box_px: Box, longest_px: int) -> Sheet:
         """Cut a box out of a view, such that its longer side has so many pixels."""
         geometry = _cut(view, box_px, longest_px)
-        air = air_level(view.transmission, shadow.mask)
+        air = air_level(view.transmission, shadow.mask | ~view.valid)
         image = np.where(view.valid, view.transmission / np.float32(air), np.float32(np.nan))
         seen = _resized(attenuation(image), geometry, box_px)
         darkened = _resized(shadow.opacity, geometry, box_px) > DARKENED
