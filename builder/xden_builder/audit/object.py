@@ -115,5 +115,5 @@ def _posed(geometry: ViewGeometry, name: str, kept: Mapping[str, Any]) -> ViewGe
 
     An audit view has the pose that views share; its rows are believed.
     """
-    own = kept.get("views", {}).get(name)
-    return posed(geometry, Pose.from_dict(own or kept), shifted_rows=own is not None)
+    own: dict[str, Any] | None = kept.get("views", {}).get(name)
+    return posed(geometry, Pose.from_dict(own or dict(kept)), shifted_rows=own is not None)

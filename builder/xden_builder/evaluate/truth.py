@@ -107,7 +107,7 @@ def _com_cm(values: Mapping[str, Any], placement: RigidPlacement | None) -> Vec3
     if placement is None:
         return com_cm
     handed_over = RigidPlacement.from_dict(values["mesh_pose"]).undone(com_cm[None])
-    return placement.apply(handed_over)[0]
+    return np.asarray(placement.apply(handed_over)[0])
 
 
 def errors_of(

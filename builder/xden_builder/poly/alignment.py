@@ -145,8 +145,8 @@ def _shift_cm(whole: Level, unknowns: Unknowns) -> Vec3:
     geometry = coarse(whole.target.views[0].geometry, whole.binning)
     way_cm = columns * geometry.column_step_cm + rows * geometry.row_step_cm
     if geometry.source_cm is None:
-        return way_cm
-    return way_cm * geometry.project(whole.target.centre_cm[None])[0, 2]
+        return np.asarray(way_cm)
+    return np.asarray(way_cm * geometry.project(whole.target.centre_cm[None])[0, 2])
 
 
 def _middle_px(whole: Level, transmission: Float64[np.ndarray, "n"]) -> Float64[np.ndarray, "2"]:
@@ -155,4 +155,4 @@ def _middle_px(whole: Level, transmission: Float64[np.ndarray, "n"]) -> Float64[
     if not depth.any():
         return np.full(2, np.nan)
     rows, columns = np.nonzero(whole.masks[0])
-    return np.array([columns @ depth, rows @ depth]) / depth.sum()
+    return np.asarray(np.array([columns @ depth, rows @ depth]) / depth.sum())

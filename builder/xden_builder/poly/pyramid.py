@@ -86,9 +86,13 @@ class Target:
 
     def only(self, *numbers: int) -> Target:
         """Return the same object in some of the views."""
-        lists = (self.views, self.saturated, self.gains, self.beams)
-        views, saturated, gains, beams = ([each[n] for n in numbers] for each in lists)
-        return replace(self, views=views, saturated=saturated, gains=gains, beams=beams)
+        return replace(
+            self,
+            views=[self.views[n] for n in numbers],
+            saturated=[self.saturated[n] for n in numbers],
+            gains=[self.gains[n] for n in numbers],
+            beams=[self.beams[n] for n in numbers],
+        )
 
     def start(
         self, density_g_cm3: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "p"]

@@ -121,7 +121,7 @@ def fitted_depth(
     seen = (rays.others - stray).clip(LEAST) * through + np.minimum(stray, rays.others)
     model = rays.others * np.exp(-DEPTHS[:, None] * rays.paths_cm / rays.mean_cm)
     loss = (model**2) @ rays.weights - 2 * (seen * rays.weights) @ model.T
-    return np.exp(_lowest(np.log(DEPTHS), loss))
+    return np.asarray(np.exp(_lowest(np.log(DEPTHS), loss)))
 
 
 def _lowest(

@@ -119,4 +119,5 @@ def _size_order(surveys: Sequence[Survey]) -> tuple[int, int, int]:
     sizes = np.log([survey.size_cm for survey in surveys])
     extents = np.log([survey.mesh_extent for survey in surveys])
     spreads = [(sizes[:, order] - extents).std(axis=1).sum() for order in SIZE_ORDERS]
-    return SIZE_ORDERS[int(np.argmin(spreads))]
+    first, second, third = SIZE_ORDERS[int(np.argmin(spreads))]
+    return first, second, third

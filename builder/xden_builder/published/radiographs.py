@@ -9,7 +9,7 @@ from xden1k.errors import DataError
 from xden1k.values.types import DensityObject
 from xden_builder.capture import read_scanner
 from xden_builder.capture.calibration import calibrate
-from xden_builder.capture.folder import FITTED_VIEWS
+from xden_builder.capture.scanner import DATASET_VIEWS
 from xden_builder.published.reading import Item
 
 __all__ = ["with_radiographs"]
@@ -37,9 +37,9 @@ def with_radiographs(obj: DensityObject, item: Item, scanner: Path) -> DensityOb
     """
     folder = item.root / item.folder.path
     told = read_scanner(scanner, folder)
-    if missing := [name for name in FITTED_VIEWS if name not in told.views]:
+    if missing := [name for name in DATASET_VIEWS if name not in told.views]:
         raise DataError(f"{scanner}: views.{missing[0]} is missing")
-    stored = {name: told.views[name] for name in FITTED_VIEWS}
+    stored = {name: told.views[name] for name in DATASET_VIEWS}
     if not any((folder / view.image).is_file() for view in stored.values()):
         return obj
     read = [

@@ -128,9 +128,9 @@ def _fit_beam(surveys: Sequence[Survey], convention: Convention) -> BeamFit:
     total: dict[Beam, float] = {}
     for axes in AXES:
         total |= _weighed(asked, axes, *START)
-    axes = max(total, key=lambda beam: total[beam]).axes
+    ran = max(total, key=lambda beam: total[beam]).axes
     for filter_mm_al, stray in product(FILTERS_MM_AL, STRAYS):
-        total |= _weighed(asked, axes, filter_mm_al, stray)
+        total |= _weighed(asked, ran, filter_mm_al, stray)
     best = max(total, key=lambda beam: total[beam])
     others = [beam for beam in total if beam.filter_mm_al != best.filter_mm_al]
     second = max(others, key=lambda beam: total[beam])

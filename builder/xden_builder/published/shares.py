@@ -80,7 +80,7 @@ def _overlap(count: int, low: float, high: float) -> Float32[np.ndarray, "fine c
     starts, ends = np.arange(count).clip(low, high), np.arange(1, count + 1).clip(low, high)
     shared = np.minimum(edges[1:, None], ends) - np.maximum(edges[:-1, None], starts)
     fuller = 1 / np.where(ends > starts, ends - starts, 1.0)
-    return (shared.clip(0) * fuller * FINE_SIZE / (high - low)).astype(np.float32)
+    return np.asarray(shared.clip(0) * fuller * FINE_SIZE / (high - low), dtype=np.float32)
 
 
 def enclosed(inside: Bool[np.ndarray, "x y z"]) -> Bool[np.ndarray, "x y z"]:
@@ -98,4 +98,5 @@ def pooled(values: np.ndarray) -> Float32[np.ndarray, "x y z"]:
     3.5
     """
     x, y, z = (side // 2 for side in values.shape)
-    return values.reshape(x, 2, y, 2, z, 2).mean(axis=(1, 3, 5), dtype=np.float32)
+    blocks = values.reshape(x, 2, y, 2, z, 2)
+    return np.asarray(blocks.mean(axis=(1, 3, 5), dtype=np.float32))

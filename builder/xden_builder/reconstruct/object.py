@@ -40,9 +40,9 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
     Returns
     -------
     DensityObject
-        In the scanner's frame. Its parts are the annotated ones less what stronger parts own. ``density`` is None where a
-        part has no density that can be told; a part that no ray met adds nothing to
-        ``apparent_density``.
+        In the scanner's frame. Its parts are the annotated ones less what stronger parts own.
+        ``density`` is None where a part has no density that can be told; a part that no ray met
+        adds nothing to ``apparent_density``.
 
     Raises
     ------

@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from xden1k.values.plain import plain
 from xden_builder.capture import CaptureFolder, CapturePart
 from xden_builder.capture.folder import REGISTRATION_NAME
@@ -71,5 +73,7 @@ def align_object(
 def _write_parts(folder: Path, parts: Sequence[CapturePart], units: str) -> None:
     (folder / "parts").mkdir(parents=True)
     for part in parts:
-        mesh = part.mesh.copy().apply_scale(1 / CM_PER_UNIT[units])
+        scale = np.eye(4)
+        scale[:3, :3] /= CM_PER_UNIT[units]
+        mesh = part.mesh.copy().apply_transform(scale)
         write_ply(folder / "parts" / f"{part.name}.ply", mesh, units)

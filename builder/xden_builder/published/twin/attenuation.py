@@ -40,6 +40,6 @@ def fitted_lac_per_cm(plan: Plan) -> dict[str, float]:
         captures = Path(folder) / "captures"
         write_planned(captures, [plan], scanner, LIFELIKE)
         capture = CaptureFolder(captures).read(plan.object_id)
-    fit = explain(capture, divide(capture.parts), BuildSettings(model="paper")).fit
+    fit = explain(capture, divide(capture.parts), BuildSettings(model="paper"), None).fit
     names = [part.name for part in capture.parts]
     return dict(zip(names, np.nan_to_num(fit.lac_per_cm).tolist(), strict=True))
