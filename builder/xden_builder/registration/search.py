@@ -163,7 +163,7 @@ def _judged(
     )
     outlines = fine.outline_shares(candidates[chosen].placement)
     told = isinstance(capture.pose, Candidate)
-    flags = {
+    raised = {
         "pose_ambiguous": not told
         and any(
             each.loss <= AS_GOOD * least
@@ -179,7 +179,7 @@ def _judged(
         equal - 1,
         chosen,
         outlines,
-        tuple(name for name, raised in flags.items() if raised),
+        tuple(flag for flag, is_raised in raised.items() if is_raised),
     )
 
 
