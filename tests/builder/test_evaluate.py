@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from click.testing import CliRunner
 
+from tests.builder.registration_scenes import THERE
 from xden1k.errors import DataError
 from xden_builder.capture import CaptureFolder, CapturePart
 from xden_builder.cli import cli
@@ -61,6 +62,16 @@ def test_the_centre_of_mass_is_sought_where_the_meshes_handed_over_show_it(captu
         assert error.density_mae_g_cm3 == 0
         assert error.com_l1_cm < 0.02  # simplified surfaces
         assert error.mass_ape < 0.05  # and their scale
+
+
+def test_the_centre_of_mass_of_meshes_in_another_frame_is_where_they_were_found_to_be(tmp_path):
+    values = {"parts": [], "mass_g": 1.0, "com_cm": [1.0, 2.0, 3.0], "mesh_pose": THERE.to_dict()}
+    (tmp_path / "truth.json").write_text(json.dumps(values))
+    off_cm = np.array([0.0, 0.5, 0.0])
+    found = replace(THERE, translation_cm=THERE.translation_cm + off_cm)
+    np.testing.assert_allclose(read_truth(tmp_path, [], THERE).com_cm, values["com_cm"])
+    np.testing.assert_allclose(read_truth(tmp_path, [], found).com_cm, values["com_cm"] + off_cm)
+    np.testing.assert_allclose(read_truth(tmp_path, []).com_cm, values["com_cm"])
 
 
 def test_the_truth_of_other_parts_is_refused(captures):
