@@ -28,20 +28,23 @@ from xden_builder.phantoms import Scanner, write_captures
 from xden_builder.phantoms.posing import Posing
 from xden_builder.pipeline.align.card import pose_text
 from xden_builder.pipeline.align.pictures import FOUND, Sheet
+from xden_builder.pipeline.check.run import check_folder
 from xden_builder.registration import capture as registration_capture
 from xden_builder.registration.capture import registered
 from xden_builder.registration.shadow import shadow_of
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
-CATEGORIES = ("eraser", "mug", "pencil")
+CATEGORIES = ("eraser", "mug")
 
 
 @pytest.fixture(scope="module")
 def pristine(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three objects of unknown pose and scale, which no test may change."""
+    """Two objects of unknown pose and scale, which no test may change."""
     out = tmp_path_factory.mktemp("align") / "captures"
     posing = Posing("unknown", "unknown")
-    write_captures(out, 3, 2, scanner=Scanner(size_px=48), posing=posing, categories=CATEGORIES)
+    write_captures(
+        out, len(CATEGORIES), 2, scanner=Scanner(size_px=48), posing=posing, categories=CATEGORIES
+    )
     return out
 
 
@@ -82,7 +85,7 @@ def out(pristine: Path, in_this_process: None, tmp_path_factory: pytest.TempPath
         answer = align(pristine, out)
     assert answer.exit_code == 0, answer.output
     assert "needs you: mug-0000: shape_differs (look at" in answer.stdout
-    assert "3 put in place, 0 near as told, 0 failed" in answer.stdout
+    assert "2 put in place, 0 near as told, 0 failed" in answer.stdout
     return out
 
 
@@ -149,7 +152,7 @@ def test_one_bad_object_never_stops_the_others(captures: Path, tmp_path: Path) -
     assert answer.exit_code == 3
     said = json.loads(answer.stdout)
     assert [each["object_id"] for each in said["failures"]] == ["mug-0000"]
-    assert [each["object_id"] for each in said["objects"]] == ["eraser-0000", "pencil-0000"]
+    assert [each["object_id"] for each in said["objects"]] == ["eraser-0000"]
     assert not (tmp_path / "out" / "mug-0000").exists()
     assert "mug-0000/pa.tif" in (tmp_path / "out" / "index.html").read_text()
 
@@ -191,17 +194,26 @@ def near(captures: Path, object_id: str) -> None:
 def test_meshes_told_to_be_near_are_written_as_they_are_unless_all_are_looked_for(
     captures: Path, tmp_path: Path
 ) -> None:
-    near(captures, "pencil-0000")
-    only = "--objects", "pencil-0000", "--json"
+    near(captures, "eraser-0000")
+    only = "--objects", "eraser-0000", "--json"
     answer = align(captures, tmp_path / "some", *only)
-    assert json.loads(answer.stdout)["near"] == ["pencil-0000"]
-    for part in CaptureFolder(captures).read("pencil-0000").parts:
+    assert json.loads(answer.stdout)["near"] == ["eraser-0000"]
+    for part in CaptureFolder(captures).read("eraser-0000").parts:
         written = trimesh.load_mesh(
-            tmp_path / "some" / "pencil-0000" / "parts" / f"{part.name}.ply"
+            tmp_path / "some" / "eraser-0000" / "parts" / f"{part.name}.ply"
         )
         np.testing.assert_allclose(written.bounds, part.mesh.bounds, atol=1e-6)
     answer = align(captures, tmp_path / "all", "--all", *only)
-    assert [each["object_id"] for each in json.loads(answer.stdout)["objects"]] == ["pencil-0000"]
+    assert [each["object_id"] for each in json.loads(answer.stdout)["objects"]] == ["eraser-0000"]
+
+
+def test_check_says_that_no_pose_goes_with_the_shadows(pristine: Path, search: TrueSearch) -> None:
+    search.flags["mug"] = ["pose_not_found"]
+    eraser, mug = check_folder(pristine, workers=1).objects
+    assert eraser.findings == ()
+    assert [(said.kind, said.message[:31]) for said in mug.findings] == [
+        ("contradicts", "pose_not_found: no pose of the ")
+    ]
 
 
 def ball_on_a_sheet(exposure: float = 1.0) -> tuple[Sheet, trimesh.Trimesh]:
