@@ -43,6 +43,8 @@ DENSITY_STEPS: Final = 2
 DAMPING: Final = 1e-2
 LIT: Final = 0.96
 """Transmission of what is no shadow: stray light and gain are not modelled."""
+AIR: Final = 0.95
+"""Quantile of the transmission that is taken for the open field."""
 OUTLINE_PX: Final = 2
 """By which outlines may differ."""
 USUAL_KEV: Final = 60.0
@@ -238,7 +240,7 @@ def _apart_share(
 ) -> float:
     """Share of the pixels in either outline that lie more than a few pixels outside the other."""
     outlines = np.zeros((2, *mask.shape), dtype=np.bool_)
-    outlines[:, mask] = np.stack([model, seen]) < LIT
+    outlines[:, mask] = np.stack([model, seen / np.quantile(seen, AIR)]) < LIT
     grown = [binary_dilation(each, iterations=OUTLINE_PX) for each in outlines]
     apart = (outlines[0] & ~grown[1]) | (outlines[1] & ~grown[0])
     return float(apart.sum() / max(outlines.any(axis=0).sum(), 1))

@@ -48,8 +48,10 @@ FINAL: Final = 2
 DERIVATIVES, MOST_ROUNDS, SETTLED = 2, 4, 0.97
 """Taken before it is asked whether a pose gains, how often, and what is little to gain."""
 LISTED: Final = 6
-ELSEWHERE: Final = 0.04
+ELSEWHERE: Final = 0.1
 """Of the radius: an equally good pose that is farther makes the pose ambiguous."""
+SYMMETRIC: Final = 0.03
+"""Of the radius: a turn that moves surfaces less leaves the object where it is."""
 APART_SHARE: Final = 0.01
 """Of the radius: poses that are nearer are one."""
 GROUPS: Final = 8
@@ -156,11 +158,6 @@ def _judged(
     least = candidates[0].loss
     chosen = _chosen(capture, len(candidates))
     best = candidates[0].placement
-    equal = sum(
-        each.loss <= AS_GOOD * least and _distance_cm(best, each.placement, likeness, body) < apart
-        for apart in [APART_SHARE * body.radius_cm]
-        for each in found
-    )
     outlines = fine.outline_shares(candidates[chosen].placement)
     told = isinstance(capture.pose, Candidate)
     raised = {
@@ -176,11 +173,22 @@ def _judged(
     _check_scale(candidates[chosen].placement.scale)
     return Registration(
         tuple(candidates),
-        equal - 1,
+        _symmetries(best, likeness, body),
         chosen,
         outlines,
         tuple(flag for flag, is_raised in raised.items() if is_raised),
     )
+
+
+def _symmetries(placement: RigidPlacement, likeness: Likeness, body: Body) -> int:
+    """Count the turns about the principal axes that leave the object where it is."""
+    here = Poses.of([body.placed(placement)])
+    angles = np.radians(np.arange(ROLL_DEG, 360, ROLL_DEG)).tolist()
+    turns = [
+        turn for axis in range(3) for turn in turned_about(here, body, axis, angles).placements()
+    ]
+    apart_cm = SYMMETRIC * body.radius_cm
+    return sum(likeness.distance_cm(here.placements()[0], turn) < apart_cm for turn in turns)
 
 
 def _chosen(capture: Capture, count: int) -> int:
