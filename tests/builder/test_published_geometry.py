@@ -208,7 +208,7 @@ def test_a_mirrored_volume_gives_meshes_that_are_wound_outwards():
     place = next(k for k, way in enumerate(ORIENTATIONS) if way.mirrored)
     affine = np.eye(4)
     affine[:3, :3] = ORIENTATIONS[place].matrix
-    for solid in part_solids(label_volume(body_volume(0), TABLE), affine):
+    for solid in part_solids(label_volume(body_volume(0), TABLE), affine).parts:
         assert solid is not None
         assert solid.volume > 0
 
@@ -248,3 +248,15 @@ def test_scale_is_the_geometric_mean_of_the_sides():
     assert cm_per_unit(
         np.array([1.0, 1.0, 1.0]), np.array([1.0, 2.0, 4.0]), (2, 0, 1)
     ) == pytest.approx(2)
+
+
+def test_the_outer_surface_holds_a_cavity_that_the_parts_do_not():
+    labels = np.zeros((20, 20, 20), dtype=np.uint8)
+    labels[4:16, 4:16, 4:16] = 1
+    labels[7:13, 7:13, 7:13] = 0
+    volume = LabelVolume(labels, labels.astype(np.float32), ("shell",), np.ones(1), (), ())
+    solids = part_solids(volume, np.eye(4))
+    (shell,) = solids.parts
+    assert shell is not None
+    assert shell.volume == pytest.approx(12**3 - 6**3, rel=1e-3)
+    assert solids.outer.volume == pytest.approx(12**3, rel=1e-3)

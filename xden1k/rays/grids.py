@@ -110,7 +110,10 @@ def column_samples(
 
 
 def object_grids(
-    meshes: Sequence[trimesh.Trimesh], order: Sequence[int], subsamples: int = COLUMN_SAMPLES
+    meshes: Sequence[trimesh.Trimesh],
+    order: Sequence[int],
+    subsamples: int = COLUMN_SAMPLES,
+    outer: trimesh.Trimesh | None = None,
 ) -> ObjectGrids:
     """Put an object on its grids.
 
@@ -122,6 +125,9 @@ def object_grids(
         Indices of the meshes, strongest owner first; of no consequence where none overlap.
     subsamples
         Least density of columns through a field voxel; see :func:`column_samples`.
+    outer
+        Outer surface of all, where it is known; None: see
+        :func:`xden1k.rays.regions.outer_surface`.
 
     Raises
     ------
@@ -139,5 +145,6 @@ def object_grids(
     fills = part_fractions(meshes, order, field, subsamples)
     occupancy = density_grid(fills, [1.0] * len(fills), field)
     # sampled a little larger than the parts, and never smaller where they are
-    envelope = fill_grid([outer_surface(meshes)], field, subsamples).clip(min=occupancy)
+    surface = outer_surface(meshes) if outer is None else outer
+    envelope = fill_grid([surface], field, subsamples).clip(min=occupancy)
     return ObjectGrids(field, fills, voxel_labels(meshes, order, label), occupancy, envelope)

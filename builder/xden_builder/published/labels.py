@@ -75,7 +75,7 @@ class _Levels:
 
 def air_per_cm(volume: Float32[np.ndarray, "x y z"]) -> float:
     """Return what the volume holds beside the object: the median of its six faces."""
-    faces = [np.take(volume, end, axis=axis).ravel() for axis in range(3) for end in (0, -1)]
+    faces = [np.moveaxis(volume, axis, 0)[end].ravel() for axis in range(3) for end in (0, -1)]
     return float(np.median(np.concatenate(faces)))
 
 
@@ -181,7 +181,11 @@ def _assigned(
 
 
 def _steps() -> Int64[np.ndarray, "steps 3"]:
+<<<<<<< HEAD
     """Return the steps to voxels within two: six neighbours, the rest of 26, then the others."""
+=======
+    """Return steps to the voxels within two: six neighbours, the rest of 26, then the others."""
+>>>>>>> e76b237 (Mesh the outer surface of an imported object from its labels, ten times faster)
     steps = np.argwhere(np.ones((5, 5, 5))) - 2
     far = (steps**2).sum(axis=1)
     beyond = np.abs(steps).max(axis=1) > 1

@@ -145,9 +145,10 @@ def _inflate(
         a, b, c = (points[faces[:, corner]] for corner in range(3))
         cross = np.cross(b - a, c - a) / 2
         missing = volume - float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6
-        normals = np.zeros_like(points)
-        for corner in range(3):
-            np.add.at(normals, faces[:, corner], cross / 3)
+        normals = np.stack(
+            [np.bincount(faces.T.ravel(), np.tile(along, 3), len(points)) / 3 for along in cross.T],
+            axis=1,
+        )
         area = np.linalg.norm(normals, axis=1)
         moving = movable & (area > 0)
         step = np.clip(missing / max(float(area[moving].sum()), 1e-9), -budget, budget)

@@ -8,7 +8,6 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
-from xden1k.errors import DataError
 from xden1k.rays import THINNER_THAN_LABELS, ObjectGrids, object_grids
 from xden1k.values.physics import apparent_density_g_cm3
 from xden1k.values.types import DensityObject, Part, Split
@@ -59,11 +58,9 @@ def import_object(given: PublishedObject, fit: ReleaseFit, split: Split) -> Dens
     placed = register(fill_mesh(given.mesh), volume_shares(volume), given.size_cm, fit.convention)
     solids = part_solids(volume, placed.affine)
     estimates = _estimates(volume, placed, fit)
-    shown = [place for place, solid in enumerate(solids) if solid is not None]
-    meshes = [solid for solid in solids if solid is not None]
-    if not meshes:
-        raise DataError(f"{given.object_id}: volume: no part is left")
-    grids = object_grids(meshes, range(len(meshes)))
+    shown = [place for place, solid in enumerate(solids.parts) if solid is not None]
+    meshes = [solid for solid in solids.parts if solid is not None]
+    grids = object_grids(meshes, range(len(meshes)), outer=solids.outer)
     colours = _colours(given, placed, meshes)
     thin = thickness_voxels(volume) < THIN
     parts = tuple(
@@ -72,7 +69,7 @@ def import_object(given: PublishedObject, fit: ReleaseFit, split: Split) -> Dens
             shown, meshes, colours, grids.thin(meshes), strict=True
         )
     )
-    lost = [*volume.lost, *(volume.names[k] for k in range(len(solids)) if k not in shown)]
+    lost = [*volume.lost, *(volume.names[k] for k in range(len(estimates)) if k not in shown)]
     return DensityObject(
         object_id=given.object_id,
         category=given.category,

@@ -2,27 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import trimesh
 from jaxtyping import Float32, Float64, UInt8
 
+from xden1k.errors import DataError
 from xden1k.values.arrays import Faces
 from xden_builder.published.labels import LabelVolume
 from xden_builder.published.nets import Net, part_nets
+from xden_builder.published.shares import enclosed
 
-__all__ = ["part_solids", "thickness_voxels"]
+__all__ = ["Solids", "part_solids", "thickness_voxels"]
 
 MOST_FACES: Final = 200_000
 """Triangles of an object; one with more is meshed in voxels twice as large."""
 BLOCK: Final = 2
 
 
-def part_solids(
-    volume: LabelVolume, affine: Float64[np.ndarray, "4 4"]
-) -> list[trimesh.Trimesh | None]:
-    """Mesh each part; None for one that no voxel shows by a tenth.
+@dataclass(frozen=True, slots=True, eq=False)
+class Solids:
+    """An object's meshes in the object frame, cm.
+
+    Parameters
+    ----------
+    parts
+        In the order of the labels; None for one that no voxel shows by a tenth.
+    outer
+        Outer surface of all of them, with enclosed cavities filled.
+    """
+
+    parts: Sequence[trimesh.Trimesh | None]
+    outer: trimesh.Trimesh
+
+
+def part_solids(volume: LabelVolume, affine: Float64[np.ndarray, "4 4"]) -> Solids:
+    """Mesh the parts.
 
     Parameters
     ----------
@@ -30,13 +48,37 @@ def part_solids(
         Labelled, with a margin of air.
     affine
         Takes its points, voxel i being i to i + 1, to the object frame in cm.
+
+    Raises
+    ------
+    DataError
+        If no part is left.
     """
-    filled = volume.filled_voxels
-    net = part_nets(volume.labels, volume.share, filled)
+    labels, share, size = volume.labels, volume.share, 1
+    net = part_nets(labels, share, volume.filled_voxels)
     if sum(map(len, net.faces)) > MOST_FACES:
-        coarse = part_nets(*_coarse(volume), filled / BLOCK**3)
-        net = Net(coarse.points * BLOCK, coarse.faces)
-    points = net.points @ affine[:3, :3].T + affine[:3, 3]
+        (labels, share), size = _coarse(volume), BLOCK
+        net = part_nets(labels, share, volume.filled_voxels / BLOCK**3)
+    parts = _placed(net, size, affine)
+    if all(part is None for part in parts):
+        raise DataError("volume: no part is left")
+    (outer,) = _placed(_outer_net(labels, share), size, affine)
+    assert outer is not None  # what shows a part shows all of them
+    return Solids(parts, outer)
+
+
+def _outer_net(labels: UInt8[np.ndarray, "x y z"], share: Float32[np.ndarray, "x y z"]) -> Net:
+    """Mesh all parts as one, with their cavities."""
+    full = enclosed(labels > 0)
+    whole = np.where(full & (labels == 0), np.float32(1), share)
+    return part_nets(full.astype(np.uint8), whole, np.array([float(whole[full].sum())]))
+
+
+def _placed(
+    net: Net, size: int, affine: Float64[np.ndarray, "4 4"]
+) -> list[trimesh.Trimesh | None]:
+    """Take a net of voxels of a size to the object frame."""
+    points = size * net.points @ affine[:3, :3].T + affine[:3, 3]
     mirrored = np.linalg.det(affine[:3, :3]) < 0
     return [
         _solid(points, faces[:, ::-1] if mirrored else faces) if len(faces) else None
