@@ -27,7 +27,7 @@ MARGIN_EACH: Final = 0.03
 """What the runner-up must have lost in all, or for each unambiguous object where these are few."""
 LEAST_AGREE: Final = 0.6
 """Share of the unambiguous objects whose own best orientation is the convention."""
-SIZE_ORDERS: Final = tuple(permutations(range(3)))
+SIZE_ORDERS: Final = tuple((a, b, c) for a, b, c in permutations(range(3)))
 
 
 @dataclass(frozen=True, slots=True)

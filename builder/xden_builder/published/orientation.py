@@ -161,7 +161,7 @@ def resampled(
 def _weights(at: Float64[np.ndarray, "m"], size: int, *, slope: bool) -> Float32[np.ndarray, "m n"]:
     """Linear interpolation between cells, zero beyond them, or its slope over one cell."""
     if slope:
-        ahead, behind = (_weights(at + off, size, slope=False) for off in (0.5, -0.5))
-        return np.asarray(ahead - behind)
+        before, beyond = (_weights(at + step, size, slope=False) for step in (-0.5, 0.5))
+        return np.asarray(beyond - before)
     away = np.abs(at[:, None] - np.arange(size))
     return (1 - away).clip(0).astype(np.float32)

@@ -28,7 +28,7 @@ USUAL_MM_AL: Final = 4.0
 USUAL_LOG_SD: Final = 0.5
 """Filtration of a 100 kV tube before any X-ray: 2.5 mm is the least that IEC 60601-1-3 asks for,
 and few add more than as much again (assumed). Parts alone hardly tell 4 from 20 mm."""
-AXES: Final = ((0, 1), (0, 2), (1, 2))
+AXES: Final[tuple[tuple[int, ...], ...]] = ((0, 1), (0, 2), (1, 2))
 """What is tried for the beam; radiographs were taken along two axes of the volume."""
 START: Final = (4.0, 0.02)
 """Filter and stray light with which the axes are chosen."""
