@@ -180,7 +180,7 @@ def test_a_sheet_thinner_than_a_voxel_keeps_its_volume():
     labels = np.zeros((24, 24, 8), dtype=np.uint8)
     labels[3:21, 3:21, 4] = 1
     share = np.where(labels > 0, 0.35, 0).astype(np.float32)
-    net = part_nets(labels, share, np.array([share.sum()]))
+    net = part_nets(labels, share, np.array([float(share.sum())]))
     mesh = trimesh.Trimesh(net.points, net.faces[0], process=False)
     assert mesh.volume == pytest.approx(float(share.sum()), rel=1e-3)
     volume = LabelVolume(labels, share, ("sheet",), np.ones(1), (), ())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import permutations
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -68,7 +68,7 @@ class Convention:
         return asdict(self)
 
     @classmethod
-    def from_json(cls, values: dict[str, Any]) -> Self:
+    def from_json(cls, values: dict[str, Any]) -> Convention:
         """Read what :meth:`to_json` gave."""
         return cls(**{**values, "size_order": tuple(values["size_order"])})
 

@@ -113,7 +113,7 @@ def label_volume(
     return _kept(labels, share, levels, usable, tuple(table_lac_per_cm))
 
 
-def _cropped(volume: Float32[np.ndarray, "x y z"], air: float) -> Float32[np.ndarray, "x y z"]:
+def _cropped(volume: Float32[np.ndarray, "x y z"], air: float) -> Float32[np.ndarray, "i j k"]:
     """Cut out what is more than air, with a margin."""
     above = volume > air
     box = []

@@ -44,7 +44,7 @@ class Net:
     """
 
     points: Float64[np.ndarray, "points 3"]
-    faces: Sequence[Faces]
+    faces: Sequence[Int64[np.ndarray, "_faces 3"]]
 
 
 def part_nets(

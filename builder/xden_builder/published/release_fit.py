@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float64
@@ -84,7 +84,7 @@ class ReleaseFit:
         return {"convention": self.convention.to_json(), "beam": asdict(self.beam)}
 
     @classmethod
-    def from_json(cls, values: dict[str, Any]) -> Self:
+    def from_json(cls, values: dict[str, Any]) -> ReleaseFit:
         """Read what :meth:`to_json` gave."""
         beam = values["beam"]
         told = Beam(**{**beam["beam"], "axes": tuple(beam["beam"]["axes"])})

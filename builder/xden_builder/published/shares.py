@@ -89,7 +89,7 @@ def enclosed(inside: Bool[np.ndarray, "x y z"]) -> Bool[np.ndarray, "x y z"]:
     return np.asarray((outside != outside[0, 0, 0])[1:-1, 1:-1, 1:-1])
 
 
-def pooled(values: np.ndarray) -> Float32[np.ndarray, "x y z"]:
+def pooled(values: np.ndarray) -> Float32[np.ndarray, "i j k"]:
     """Means over blocks of 2 x 2 x 2.
 
     Examples

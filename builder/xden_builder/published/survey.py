@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float32, Float64
@@ -79,7 +79,7 @@ class Survey:
         return asdict(self)
 
     @classmethod
-    def from_json(cls, values: dict[str, Any]) -> Self:
+    def from_json(cls, values: dict[str, Any]) -> Survey:
         """Read what :meth:`to_json` gave."""
         parts = [PartSeen(**part) for part in values["parts"]]
         sides = {name: tuple(values[name]) for name in ("mesh_extent", "volume_extent", "size_cm")}
