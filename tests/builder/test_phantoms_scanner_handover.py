@@ -58,7 +58,8 @@ def test_surface_that_would_be_no_solid_is_not_simplified(monkeypatch: pytest.Mo
     cell.invert()
     whole = trimesh.util.concatenate([case, cell])
     poking = trimesh.util.concatenate([case, cell.copy().apply_translation((0.0, 0.0, 5.0))])
-    monkeypatch.setattr(MeshError, "_simplified", lambda self, mesh: poking)
+    simplified = "xden_builder.phantoms.scanner.handover.simplified"
+    monkeypatch.setattr(simplified, lambda mesh, tolerance_cm: poking)
     moved = MeshError((0.0, 0.0, 5.0), (0.1, 0.0, 0.0), 1.01, 0.01).applied(whole)
     assert float(moved.volume) == pytest.approx(6.1 * 1.01**3)
     np.testing.assert_allclose(moved.bounds[:, 2], [-1.01, 1.01])

@@ -35,7 +35,9 @@ COARSE_PX, FINE_PX = 80, 240
 """Width of the shadow, in averaged pixels, for many poses and for few."""
 CLOSE: Final = 4.0
 """A pose whose loss is more times the least is no longer looked at."""
-COMPARED: Final = 3
+SLIDES: Final = (-0.1, -0.06, -0.03, 0.03, 0.06, 0.1)
+"""Of the radius."""
+COMPARED: Final = 4
 """Poses that are refined on coarse images."""
 TURN_DEG, ROLL_DEG = 30, 15
 """Between turns about an axis, for the two best poses and for the best."""
@@ -107,7 +109,7 @@ def register(capture: Capture, order: Sequence[int]) -> Registration:
     found = sorted((judge.refined(each.placement, 2) for each in found), key=_loss)
     if capture.scale_unknown:
         found = sorted((_rescaled(judge, each, body, SCALE_SHARES) for each in found), key=_loss)
-    found[0] = _settled(judge, found[0])
+    found[0] = _settled(judge, _slid(judge, _settled(judge, found[0]), body))
     fine = Judge.of(capture, shadows, body, FINE_PX, found[0].placement)
     rolled = sorted(
         (judge.fixed(each) for each in _soft_turns(found[0], search, body, ROLL_DEG)), key=_loss
@@ -127,6 +129,25 @@ def _settled(judge: Judge, found: Found) -> Found:
             return min(ahead, found, key=_loss)
         found = ahead
     return found
+
+
+def _slid(judge: Judge, found: Found, body: Body) -> Found:
+    """Try what steps along derivatives do not reach: slides along the body's axes.
+
+    A long thing whose faint end is no shadow is laid a little beside its place, where small steps
+    gain nothing.
+    """
+    _, axes = body.spin
+    ways_cm = body.radius_cm * axes @ found.placement.rotation.T
+    tries = [
+        replace(
+            found.placement,
+            translation_cm=found.placement.translation_cm + share * found.placement.scale * way,
+        )
+        for way in ways_cm
+        for share in SLIDES
+    ]
+    return min([found, *(judge.fixed(each) for each in tries)], key=_loss)
 
 
 def _rescaled(judge: Judge, found: Found, body: Body, shares: Sequence[float]) -> Found:

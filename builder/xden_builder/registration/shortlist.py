@@ -28,7 +28,7 @@ __all__ = ["Poses", "Search", "half_turns", "shortlist", "turned_about"]
 SPREAD: Final = 4608
 """Rotations to begin with: about ten degrees from any there is."""
 BATCH: Final = 512
-FIRST, SECOND, LAST = 320, 44, 12
+FIRST, SECOND, LAST = 480, 60, 16
 """How many are kept for the coarse images, for the finer ones, and in the end."""
 COARSE_PX, FINE_PX = 16, 36
 """Pixels along the longer side of a shadow."""
