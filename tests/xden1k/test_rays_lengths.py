@@ -435,3 +435,15 @@ def test_path_lengths_are_a_frozen_value_that_equals_only_itself():
     assert not hasattr(one, "__dict__")
     with pytest.raises(dataclasses.FrozenInstanceError):
         one.shape = (1, 1)
+
+
+def test_hundreds_of_crossings_of_one_ray_are_walked_in_their_order():
+    plates = [
+        trimesh.creation.box((2, 0.01, 2)).apply_translation((0, y, 0)) for y in range(-60, 60)
+    ]
+    shuffled = np.random.default_rng(1).permutation(len(plates))
+    comb = trimesh.util.concatenate([plates[number] for number in shuffled])
+    straight = dataclasses.replace(view("parallel"), direction=np.array([0.0, 1.0, 0.0]))
+    found = path_lengths([comb], [0], straight)
+    assert not found.broken.any()
+    np.testing.assert_allclose(found.lengths_cm, 1.2, rtol=1e-5)

@@ -24,6 +24,8 @@ __all__ = [
 compiled = require("numba", "build").njit(cache=True, nogil=True)
 
 COLUMN, ROW, DEPTH = 0, 1, 2
+MOST_INSERTED = 64
+"""Crossings sorted by insertion; its time grows with their square."""
 Window = tuple[int, int, int, int]
 
 
@@ -197,7 +199,12 @@ def _sort_by_depth(
     begin: int,
     end: int,
 ) -> None:
-    """Sort one ray's crossings by insertion: lists are short."""
+    """Sort one ray's crossings, equal ones as they came: most lists are short."""
+    if end - begin > MOST_INSERTED:
+        order = np.argsort(depths[begin:end], kind="mergesort")
+        depths[begin:end] = depths[begin:end][order]
+        crossed[begin:end] = crossed[begin:end][order]
+        return
     for j in range(begin + 1, end):
         depth, label = depths[j], crossed[j]
         while j > begin and depths[j - 1] > depth:
