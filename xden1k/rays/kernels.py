@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float32, Float64, Int16, Int32, Int64, UInt8
 from xden1k.errors import require
 
 __all__ = [
+    "extent",
     "gather",
     "mean_transmission",
     "project",
@@ -109,6 +110,21 @@ def gather(
         nearest = min(projected[first, DEPTH], projected[second, DEPTH], projected[third, DEPTH])
         behind += nearest <= 0
     return behind
+
+
+@compiled
+@no_type_check
+def extent(triangles: Float64[np.ndarray, "n 3 3"]) -> tuple[float, float, float, float]:
+    """Least and most row, least and most column of vertices that are ordered by row."""
+    first_row, last_row = np.inf, -np.inf
+    first_column, last_column = np.inf, -np.inf
+    for i in range(len(triangles)):
+        first_row = min(first_row, triangles[i, 0, ROW])
+        last_row = max(last_row, triangles[i, 2, ROW])
+        for vertex in range(3):
+            first_column = min(first_column, triangles[i, vertex, COLUMN])
+            last_column = max(last_column, triangles[i, vertex, COLUMN])
+    return first_row, last_row, first_column, last_column
 
 
 @compiled
@@ -262,7 +278,8 @@ def _cm_per_depth(frame: Float64[np.ndarray, "3 3"], row: int, column: int) -> f
 @compiled
 @no_type_check
 def walk_lengths(
-    corners: Int64[np.ndarray, "pixels 2"],
+    pixels: Int64[np.ndarray, "pixels"],
+    columns: int,
     subrays: int,
     window: Window,
     frame: Float64[np.ndarray, "3 3"],
@@ -278,8 +295,8 @@ def walk_lengths(
 
     Parameters
     ----------
-    corners
-        Row and column of each pixel's first ray, on the detector of rays.
+    pixels, columns
+        Flat indices of the pixels, and how many stand in a row.
     subrays
         Rays along each side of a pixel.
     window, cells, depths, crossed
@@ -296,10 +313,11 @@ def walk_lengths(
     width = end_column - first_column
     flat = cells.ravel()
     windings = np.zeros(len(order), dtype=np.int32)
-    for i in range(len(corners)):
+    for i in range(len(pixels)):
+        top, left = pixels[i] // columns * subrays, pixels[i] % columns * subrays
         for ray in range(subrays * subrays):
-            row = corners[i, 0] + ray // subrays
-            column = corners[i, 1] + ray % subrays
+            row = top + ray // subrays
+            column = left + ray % subrays
             cell = (row - first_row) * width + column - first_column
             begin = flat[cell]
             end = flat[cell + 1] if cell + 1 < len(flat) else len(depths)

@@ -136,7 +136,8 @@ def path_lengths(
         first, last = np.array(band[:2]) // subrays * geometry.shape[1]
         mine = slice(*np.searchsorted(pixels, (first, last)).tolist())
         kernels.walk_lengths(
-            np.stack(np.divmod(pixels[mine], geometry.shape[1]), axis=1) * subrays,
+            pixels[mine],
+            geometry.shape[1],
             subrays,
             band,
             _ray_frame(fine),

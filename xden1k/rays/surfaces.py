@@ -55,18 +55,18 @@ class Surfaces:
         check_order(order, len(meshes))
         ends = np.cumsum([0, *(len(meshes[part].faces) for part in order)]).tolist()
         triangles, labels = np.empty((ends[-1], 3, 3)), np.empty(ends[-1], dtype=np.int16)
+        inverse, sign = np.linalg.inv(geometry.matrix), -1 if geometry.mirrored else 1
         for rank, (part, (begin, end)) in enumerate(zip(order, pairwise(ends), strict=True), 1):
-            signed = -rank if geometry.mirrored else rank
-            _see(meshes[part], part, geometry, signed, triangles[begin:end], labels[begin:end])
+            mine = triangles[begin:end], labels[begin:end]
+            _see(meshes[part], part, geometry, inverse, sign * rank, *mine)
         return cls(triangles, labels, geometry.beam == "cone")
 
     def bounds(self) -> Window:
         """Smallest window with every ray that can cross a surface; all zero without triangles."""
         if not len(self.triangles):
             return (0, 0, 0, 0)
-        columns, rows = np.moveaxis(self.triangles[..., :2], -1, 0)
         huge = 2.0**30  # next to the source a projection may leave the integers
-        edges = np.array([rows.min(), rows.max(), columns.min(), columns.max()]).clip(-huge, huge)
+        edges = np.array(kernels.extent(self.triangles)).clip(-huge, huge)
         first_row, end_row, first_column, end_column = np.ceil(edges).astype(int).tolist()
         return (first_row, end_row, first_column, end_column)
 
@@ -103,6 +103,7 @@ def _see(
     mesh: trimesh.Trimesh,
     part: int,
     geometry: ViewGeometry,
+    inverse: Float64[np.ndarray, "3 3"],
     rank: int,
     triangles: Float64[np.ndarray, "n 3 3"],
     labels: Int16[np.ndarray, "n"],
@@ -113,7 +114,7 @@ def _see(
     vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float64)
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int64)
     projected = np.empty_like(vertices)
-    if not kernels.project(vertices, origin, np.linalg.inv(geometry.matrix), cone, projected):
+    if not kernels.project(vertices, origin, inverse, cone, projected):
         raise DataError(f"part {part}: a vertex is not finite")
     behind = kernels.gather(projected, faces, rank, triangles, labels)
     if cone and behind:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -72,8 +73,8 @@ class ViewGeometry:
         return ("source_cm", "direction") if self.beam == "cone" else ("direction", "source_cm")
 
     def _edge_on_measure(self) -> float:
-        columns = self.matrix / np.linalg.norm(self.matrix, axis=0).clip(min=1e-300)
-        return float(np.linalg.det(columns))
+        lengths = [math.hypot(*column) for column in self.matrix.T.tolist()]
+        return float(np.linalg.det(self.matrix)) / max(math.prod(lengths), 1e-300)
 
     @cached_property
     def matrix(self) -> Float[np.ndarray, "3 3"]:
