@@ -85,7 +85,7 @@ def test_derivatives_by_an_own_shift_are_those_by_moving_the_object_itself():
     found = level((False, True))
     poses, density = found.poses, np.array([0.9])
     unknowns = found.target.start(density, np.zeros(poses.count))
-    pa, lat = found.slopes(unknowns)
+    pa, lat = found.residuals_and_slopes(unknowns)[1]
     assert not pa[:, -6:].any()  # what is lat's own
     assert not lat[:, 3:9].any()  # what is shared
     ahead, behind = (moved_images(found, unknowns, sign * STEPS_CM) for sign in (1, -1))
@@ -103,7 +103,7 @@ def test_a_lone_turned_view_has_the_derivatives_of_a_shared_one():
     own, shared = level((True,)), level((False,))
     density = np.array([0.9])
     (mine,), (theirs,) = (
-        each.slopes(each.target.start(density, np.zeros(each.poses.count)))
+        each.residuals_and_slopes(each.target.start(density, np.zeros(each.poses.count)))[1]
         for each in (own, shared)
     )
     np.testing.assert_allclose(mine[:, -6:], theirs[:, -6:], atol=1e-9)

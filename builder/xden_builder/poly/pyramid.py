@@ -12,9 +12,9 @@ from typing import Final
 
 import numpy as np
 import trimesh
-from jaxtyping import Bool, Float, Float64
+from jaxtyping import Bool, Float, Float32, Float64, Int64
 
-from xden1k.rays import PathLengths, path_lengths
+from xden1k.rays import path_lengths
 from xden1k.values.arrays import Mask
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.fit import huber
@@ -114,19 +114,23 @@ class Level:
     masks: Sequence[Mask]
     measured: Sequence[Float64[np.ndarray, "_p"]]
     at_least: Sequence[Bool[np.ndarray, "_p"]]
+    weights: Sequence[Float64[np.ndarray, "_p groups"]]
+    """Shares of the energy groups in the open field of the compared pixels."""
 
     @classmethod
     def of(cls, target: Target, poses: Poses, windows: Sequence[Window], binning: int) -> Level:
         """Average images, and compare them in a window of each."""
-        masks, measured, at_least = [], [], []
-        for view, full, inside in zip(target.views, target.saturated, windows, strict=True):
+        masks, measured, at_least, weights = [], [], [], []
+        views = zip(target.views, target.saturated, target.beams, windows, strict=True)
+        for view, full, beam, inside in views:
             image, known = binned(view, binning)
             mask = np.zeros_like(known)
             mask[inside] = known[inside]
             masks.append(mask)
             measured.append(image[mask].astype(np.float64))
             at_least.append(any_of(full, binning)[mask])
-        return cls(target, poses, binning, masks, measured, at_least)
+            weights.append(beam.weights(np.flatnonzero(mask), binning))
+        return cls(target, poses, binning, masks, measured, at_least, weights)
 
     @property
     def parts(self) -> int:
@@ -158,10 +162,12 @@ class Level:
 
     def residuals(self, unknowns: Float64[np.ndarray, "u"]) -> list[Float64[np.ndarray, "_n"]]:
         """Model less measurement of each view, in standard deviations."""
-        models = self.images(unknowns)
-        return [
-            (model - seen) / PIXEL_SD for model, seen in zip(models, self.measured, strict=True)
-        ]
+        return self._off(self.images(unknowns))
+
+    def _off(self, images: Sequence[Float64[np.ndarray, "_n"]]) -> list[Float64[np.ndarray, "_n"]]:
+        """Images of the model less the measured ones, in standard deviations."""
+        pairs = zip(images, self.measured, strict=True)
+        return [(model - seen) / PIXEL_SD for model, seen in pairs]
 
     def images(self, unknowns: Float64[np.ndarray, "u"]) -> list[Float64[np.ndarray, "_n"]]:
         """Model of the compared pixels of each view, with its gain."""
@@ -196,16 +202,18 @@ class Level:
         mean = np.concatenate([np.zeros(self.parts), gain_means, np.zeros(self.poses.count)])
         return mean, sd**-2.0
 
-    def slopes(self, unknowns: Float64[np.ndarray, "u"]) -> list[Float64[np.ndarray, "_n u"]]:
-        """Take the derivatives of the residuals of each view by all unknowns."""
-        return [
-            self._slopes(unknowns, number) / PIXEL_SD for number in range(len(self.target.beams))
-        ]
+    def residuals_and_slopes(
+        self, unknowns: Float64[np.ndarray, "u"]
+    ) -> tuple[list[Float64[np.ndarray, "_n"]], list[Float64[np.ndarray, "_n u"]]]:
+        """Give the residuals of each view, and their derivatives by all unknowns."""
+        views = range(len(self.target.beams))
+        images, slopes = zip(*(self._slopes(unknowns, number) for number in views), strict=True)
+        return self._off(images), [slope / PIXEL_SD for slope in slopes]
 
     def _slopes(
         self, unknowns: Float64[np.ndarray, "u"], number: int
-    ) -> Float64[np.ndarray, "_p u"]:
-        """Take the derivatives of the image of a view."""
+    ) -> tuple[Float64[np.ndarray, "_p"], Float64[np.ndarray, "_p u"]]:
+        """Give the image of a view, and its derivatives."""
         density, gains, pose = self._split(unknowns)
         gain = gains[number]
         model, slopes = self._image_and_slopes(number, density, pose)
@@ -222,47 +230,43 @@ class Level:
             )
             column = self.parts + len(gains) + place
             jacobian[:, column] = gain * (ahead - behind) / (2 * step)
-        return jacobian
+        return gain * model, jacobian
 
     def _image(
         self, number: int, density: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "q"]
     ) -> Float64[np.ndarray, "_p"]:
         """Transmission of the compared pixels of a view."""
-        lengths = self._lengths(number, pose)
-        beam = self.target.beams[number]
-        seen = transmissions(lengths, beam, self.target.mac_cm2_g, density, self.binning)
-        return self._compared(number, lengths, seen)
+        places, lengths_cm, weights = self._rays(number, pose)
+        image = np.ones(len(self.measured[number]))
+        image[places] = transmissions(lengths_cm, weights, self.target.mac_cm2_g, density)
+        return image
 
     def _image_and_slopes(
         self, number: int, density: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "q"]
     ) -> tuple[Float64[np.ndarray, "_p"], Float64[np.ndarray, "_p k"]]:
         """Give the same, and its derivatives by density."""
-        lengths, mask = self._lengths(number, pose), self.masks[number]
-        beam = self.target.beams[number]
-        seen, slopes = transmissions_and_slopes(
-            lengths, beam, self.target.mac_cm2_g, density, self.binning
+        places, lengths_cm, weights = self._rays(number, pose)
+        count = len(self.measured[number])
+        image, slopes = np.ones(count), np.zeros((count, self.parts))
+        image[places], slopes[places] = transmissions_and_slopes(
+            lengths_cm, weights, self.target.mac_cm2_g, density
         )
-        places = np.cumsum(mask) - 1
-        inside = mask.flat[lengths.pixels]
-        compared = np.zeros((int(mask.sum()), self.parts))
-        compared[places[lengths.pixels[inside]]] = slopes[inside]
-        return self._compared(number, lengths, seen), compared
+        return image, slopes
 
-    def _lengths(self, number: int, pose: Float64[np.ndarray, "q"]) -> PathLengths:
-        """Path lengths of a view's bins, the object in a pose."""
+    def _rays(
+        self, number: int, pose: Float64[np.ndarray, "q"]
+    ) -> tuple[
+        Int64[np.ndarray, "n"], Float32[np.ndarray, "n s k"], Float64[np.ndarray, "n groups"]
+    ]:
+        """Places of the compared pixels that meet the object in a pose, their rays and weights."""
         geometry = self.poses.geometry(number, self.target.beams[number].geometry, pose)
-        rays = max(self.binning // 2, 2)
-        return path_lengths(
-            self.target.meshes, self.target.order, coarse(geometry, self.binning), rays
+        subrays = max(self.binning // 2, 2)
+        seen = path_lengths(
+            self.target.meshes, self.target.order, coarse(geometry, self.binning), subrays
         )
-
-    def _compared(
-        self, number: int, lengths: PathLengths, transmission: Float64[np.ndarray, "n"]
-    ) -> Float64[np.ndarray, "_p"]:
-        """Pick the compared pixels of a view, in which what no ray meets is 1."""
-        image = np.ones(self.masks[number].shape)
-        image.flat[lengths.pixels] = transmission
-        return np.asarray(image[self.masks[number]])
+        inside = self.masks[number].flat[seen.pixels]
+        places = np.searchsorted(np.flatnonzero(self.masks[number]), seen.pixels[inside])
+        return places, seen.lengths_cm[inside], self.weights[number][places]
 
 
 def window(geometry: ViewGeometry, points: Float[np.ndarray, "n 3"], binning: int) -> Window:
@@ -296,9 +300,9 @@ def descend(
 
     Derivatives cost a dozen times as much as residuals, so several steps share them.
     """
-    residuals, damping = level.residuals(unknowns), FIRST_DAMPING
+    damping = FIRST_DAMPING
     for _ in range(most):
-        slopes = level.slopes(unknowns)
+        residuals, slopes = level.residuals_and_slopes(unknowns)
         here = first = level.evaluate(unknowns, residuals, slopes)
         for _ in range(MOST_STEPS):
             ahead = _ahead(unknowns, here, damping, low, high)

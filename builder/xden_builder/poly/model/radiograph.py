@@ -70,7 +70,8 @@ def model_image(
         view, beam, smooth, mac_cm2_g, scattering_cm2_g, density_g_cm3, every, known
     )
     light = stray @ nuisances[1:] + 1.0
-    direct = transmissions(lengths, beam, mac_cm2_g, density_g_cm3)
+    weights = beam.weights(lengths.pixels)
+    direct = transmissions(lengths.lengths_cm, weights, mac_cm2_g, density_g_cm3)
     light[lengths.pixels] += direct - 1.0
     image = nuisances[0] * light.reshape(view.transmission.shape)
     return np.asarray(image, dtype=np.float32)

@@ -63,7 +63,8 @@ def sample_sd(
         (lengths, 1, ~samples.is_block),
         (blocks, width, samples.is_block),
     ):
-        model = transmissions(source, beam, mac_cm2_g, density_g_cm3, binning)
+        weights = beam.weights(source.pixels, binning)
+        model = transmissions(source.lengths_cm, weights, mac_cm2_g, density_g_cm3)
         image, steps = _steps(source, model)
         transmission[mine] = image.flat[samples.index[mine]]
         step[mine] = steps.flat[samples.index[mine]]
