@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float32, Float64, Int32, Int64, UInt8
 from xden1k.values.arrays import Faces
 from xden_builder.published import kernels
 
-__all__ = ["Net", "part_nets"]
+__all__ = ["Net", "part_nets", "surface_size"]
 
 FULL: Final = 0.5
 """Least share of a voxel that is its owner's on the whole."""
@@ -29,6 +29,7 @@ MOST_THIN: Final = 0.7
 FARTHEST: Final = 0.45
 """Voxels that a vertex may be moved in all, so that surfaces do not cross."""
 ROUNDS: Final = 3
+_NO_QUADS: Final = np.empty((0, 4), dtype=np.int64), np.empty((0, 2), dtype=np.uint8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,6 +90,18 @@ def part_nets(
     return Net(points + 0.5, faces)
 
 
+def surface_size(labels: UInt8[np.ndarray, "x y z"]) -> int:
+    """Count the triangles between voxels of unlike labels, without making them.
+
+    Examples
+    --------
+    >>> surface_size(np.pad(np.ones((2, 2, 2), dtype=np.uint8), 2))
+    48
+    """
+    number = np.empty((0, 0, 0), dtype=np.int32)
+    return 2 * kernels.quads(labels, number, *_NO_QUADS, write=False)
+
+
 def _least_shares(
     labels: UInt8[np.ndarray, "x y z"],
     share: Float32[np.ndarray, "x y z"],
@@ -113,8 +126,7 @@ def _points(
 def _quads(
     labels: UInt8[np.ndarray, "x y z"], number: Int32[np.ndarray, "x1 y1 z1"]
 ) -> tuple[Int64[np.ndarray, "quads 4"], UInt8[np.ndarray, "quads 2"]]:
-    none = np.empty((0, 4), dtype=np.int64), np.empty((0, 2), dtype=np.uint8)
-    count = kernels.quads(labels, number, *none, write=False)
+    count = kernels.quads(labels, number, *_NO_QUADS, write=False)
     corners, sides = np.empty((count, 4), dtype=np.int64), np.empty((count, 2), dtype=np.uint8)
     kernels.quads(labels, number, corners, sides, write=True)
     return corners, sides

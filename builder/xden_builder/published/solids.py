@@ -13,7 +13,7 @@ from jaxtyping import Float32, Float64, UInt8
 from xden1k.errors import DataError
 from xden1k.values.arrays import Faces
 from xden_builder.published.labels import LabelVolume
-from xden_builder.published.nets import Net, part_nets
+from xden_builder.published.nets import Net, part_nets, surface_size
 from xden_builder.published.shares import enclosed
 
 __all__ = ["Solids", "part_solids", "thickness_voxels"]
@@ -55,10 +55,9 @@ def part_solids(volume: LabelVolume, affine: Float64[np.ndarray, "4 4"]) -> Soli
         If no part is left.
     """
     labels, share, size = volume.labels, volume.share, 1
-    net = part_nets(labels, share, volume.filled_voxels)
-    if sum(map(len, net.faces)) > MOST_FACES:
+    if surface_size(labels) > MOST_FACES:
         (labels, share), size = _coarse(volume), BLOCK
-        net = part_nets(labels, share, volume.filled_voxels / BLOCK**3)
+    net = part_nets(labels, share, volume.filled_voxels / size**3)
     parts = _placed(net, size, affine)
     if all(part is None for part in parts):
         raise DataError("volume: no part is left")
