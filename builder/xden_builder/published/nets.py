@@ -99,7 +99,7 @@ def surface_size(labels: UInt8[np.ndarray, "x y z"]) -> int:
     48
     """
     number = np.empty((0, 0, 0), dtype=np.int32)
-    return 2 * kernels.quads(labels, number, *_NO_QUADS, write=False)
+    return 2 * int(kernels.quads(labels, number, *_NO_QUADS, write=False))
 
 
 def _least_shares(

@@ -210,8 +210,9 @@ class Judge:
         gradient, curvature = np.zeros(parts), np.zeros((parts, parts))
         residuals = []
         for number, (each, beam) in enumerate(zip(lengths, target.beams, strict=True)):
+            weights = beam.weights(each.pixels, BINNING)
             seen, slopes = transmissions_and_slopes(
-                each, beam, target.mac_cm2_g, density_g_cm3, BINNING
+                each.lengths_cm, weights, target.mac_cm2_g, density_g_cm3
             )
             image = np.ones(level.masks[number].shape)
             image.flat[each.pixels] = seen
