@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -29,6 +30,7 @@ from xden_builder.pipeline.splits import read_splits
 from xden_builder.published import run
 from xden_builder.published.given import PublishedObject
 from xden_builder.published.reading import HubSource, find_source
+from xden_builder.published.release_fit import ReleaseFit
 from xden_builder.published.survey import PartSeen, Survey
 
 REPO = "owner/release"
@@ -46,13 +48,13 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 
     def survey(given: PublishedObject) -> Survey:
         done.surveyed.append(given.object_id)
-        part = PartSeen("body", 1.0, 10.0, (1.0,) * 3, (1.0,) * 3, (0.0,) * 3)  # type: ignore[arg-type]
+        part = PartSeen("body", 1.0, 10.0, [[1.0]] * 3, [[1.0]] * 3, [1] * 3)
         sides = (1.0, 2.0, 3.0)
         return Survey(given.object_id, [[0.5]], sides, sides, sides, (part,))
 
     def fit(surveys: list[Survey]) -> Any:
         ids = [survey.object_id for survey in surveys]
-        return SimpleNamespace(to_json=lambda: {"objects": ids})
+        return Mock(spec=ReleaseFit, to_json=lambda: {"objects": ids})
 
     def make(given: PublishedObject, fit: Any, split: Split) -> DensityObject:
         done.made.append(given.object_id)
@@ -113,7 +115,7 @@ def test_a_rerun_makes_only_what_failed(
     whole = release / "dataset" / "3" / VOLUME
     content = whole.read_bytes()
     releases.cut_off(release, 3)
-    monkeypatch.setattr(run, "fit_release", lambda _: SimpleNamespace(to_json=dict))
+    monkeypatch.setattr(run, "fit_release", lambda _: Mock(spec=ReleaseFit, to_json=dict))
     assert imported(release, tmp_path / "out").exit_code == 3
     whole.write_bytes(content)
     quick.surveyed.clear()

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final, Protocol, TypeVar, runtime_checkable
 
 from xden1k.documents.maintainer import Answers
 from xden1k.errors import DataError
@@ -45,6 +45,7 @@ DATA_VERSION: Final = "0.1.0"
 """Of the data a run makes; a release sets its own tag."""
 
 
+@runtime_checkable
 class Named(Protocol):
     """What a worker is asked for."""
 

@@ -8,7 +8,7 @@ from collections.abc import Hashable
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final, Protocol, runtime_checkable
 
 from xden1k import __version__
 from xden1k.errors import XDenError
@@ -20,6 +20,7 @@ NOT_IN_ROWS: Final = frozenset({"calibrate", "phantoms", "triage"})
 """Rooms that rows do not depend on: a change there makes no object anew."""
 
 
+@runtime_checkable
 class Settings(Hashable, Protocol):
     """Whatever changes the result of a run."""
 

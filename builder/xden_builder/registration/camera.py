@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float, Float32, Float64
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from xden1k.values.views import ViewGeometry
@@ -59,7 +59,7 @@ class Camera:
         told = shadow.geometry
         geometry = replace(
             told,
-            pixel00_cm=told.pixel_centres_cm(start[1], start[0]),
+            pixel00_cm=told.pixel_centres_cm(start[1:], start[:1])[0],
             column_step_cm=pitch * told.column_step_cm,
             row_step_cm=pitch * told.row_step_cm,
             shape=(rows, columns),
@@ -97,8 +97,8 @@ class Camera:
     def _pixel_area_cm2(self) -> float:
         """Area across the beam of the middle pixel."""
         volume = abs(float(np.linalg.det(self.geometry.matrix)))
-        rows, columns = np.array(self.geometry.shape) / 2
-        return volume / float(self.geometry.cm_per_depth(rows, columns))
+        rows, columns = np.array(self.geometry.shape)[:, None] / 2
+        return volume / float(self.geometry.cm_per_depth(rows, columns)[0])
 
 
 def _blurred(
@@ -109,7 +109,7 @@ def _blurred(
     )
 
 
-def _features(transmission: Float64[np.ndarray, "b rows columns"]) -> Features:
+def _features(transmission: Float[np.ndarray, "b rows columns"]) -> Features:
     """Root of -ln T, which content and outline share, and the outline alone."""
     depth = -np.log(transmission.clip(min=OPAQUE)).reshape(len(transmission), -1)
     depth = depth.clip(0, DEEPEST)

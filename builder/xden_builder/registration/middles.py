@@ -86,7 +86,7 @@ def _between_rays(shadows: Sequence[Shadow]) -> Vec3:
 
 def _ray(geometry: ViewGeometry, place_px: Float64[np.ndarray, "2"]) -> tuple[Vec3, Vec3]:
     """Give a point of the ray through a pixel, and its direction."""
-    end = geometry.pixel_centres_cm(place_px[1], place_px[0])
+    end = geometry.pixel_centres_cm(place_px[1:], place_px[:1])[0]
     way = geometry.direction if geometry.source_cm is None else end - geometry.source_cm
     assert way is not None
     return end, way / np.linalg.norm(way)

@@ -78,7 +78,8 @@ def shadow_of(view: XRayView, *, turned: bool = False) -> Shadow:
     DataError
         If there is none, or the image's edge cuts it.
     """
-    depth = -np.log(np.where(view.valid, view.transmission, np.nan).clip(min=OPAQUE))
+    image = np.where(view.valid, view.transmission.astype(np.float64), np.nan)
+    depth = -np.log(image.clip(min=OPAQUE))
     rim = np.ones(depth.shape, dtype=np.bool_)
     rim[RIM_PX:-RIM_PX, RIM_PX:-RIM_PX] = False
     depth = np.nan_to_num(depth - np.nanmedian(depth[rim]) if view.valid[rim].any() else depth)

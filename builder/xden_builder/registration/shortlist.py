@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float, Float32, Float64
+from jaxtyping import Float32, Float64, Int64
 from scipy.spatial.transform import Rotation
 
 from xden_builder.registration.body import Body
@@ -68,7 +68,7 @@ class Poses:
     def __len__(self) -> int:
         return len(self.linear)
 
-    def picked(self, numbers: Sequence[int] | Float[np.ndarray, "_n"]) -> Poses:
+    def picked(self, numbers: Sequence[int] | Int64[np.ndarray, "_n"]) -> Poses:
         """Pick some of them, in an order."""
         which = np.asarray(numbers, dtype=np.int64)
         return Poses(self.linear[which], self.shifts[which], self.costs[which])

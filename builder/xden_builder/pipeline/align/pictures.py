@@ -8,12 +8,12 @@ from typing import Final
 
 import numpy as np
 import trimesh
-from jaxtyping import Float64, UInt8
+from jaxtyping import Float, Float32, Float64, UInt8
 from scipy.ndimage import binary_dilation
 
 from xden1k.pictures.looks import attenuation, grey_scale
 from xden1k.rays import path_lengths
-from xden1k.values.arrays import Image, Mask
+from xden1k.values.arrays import Mask
 from xden1k.values.views import ViewGeometry, XRayView
 from xden1k.values.windows import pixel_aspect
 from xden_builder.pipeline.check.outlines import air_level
@@ -155,7 +155,9 @@ def _cut(view: XRayView, box_px: Box, longest_px: int) -> ViewGeometry:
     )
 
 
-def _resized(image: Image, geometry: ViewGeometry, box_px: Box) -> Image:
+def _resized(
+    image: Float[np.ndarray, "rows columns"], geometry: ViewGeometry, box_px: Box
+) -> Float32[np.ndarray, "_rows _columns"]:
     """Read a box of an image in larger or smaller pixels."""
     from PIL import Image as Pillow
 

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Bool, Float, Float64
 from scipy.spatial.transform import Rotation
 
 from xden1k.values.arrays import Image, Mask, Vec3
@@ -129,7 +129,7 @@ def binned(view: XRayView, binning: int) -> tuple[Image, Mask]:
     return np.where(counts, mean, 1.0).astype(np.float32), counts > 0
 
 
-def any_of(mask: Mask, binning: int) -> Mask:
+def any_of(mask: Mask, binning: int) -> Bool[np.ndarray, "_rows _columns"]:
     """Say which bins of ``binning * binning`` pixels hold any of the marked ones."""
     rows, columns = (size // binning for size in mask.shape)
     cut = mask[: rows * binning, : columns * binning]

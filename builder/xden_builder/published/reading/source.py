@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, runtime_checkable
 
 from xden1k.errors import DataError
 from xden1k.format.cache import cache_folder
@@ -27,6 +27,7 @@ class Listed:
     bytes: int
 
 
+@runtime_checkable
 class Source(Protocol):
     """Files of a release, listed without being read."""
 
