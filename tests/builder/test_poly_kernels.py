@@ -55,6 +55,15 @@ def test_a_pixel_is_the_mean_over_its_rays_of_the_sum_over_energies(seed):
     np.testing.assert_array_equal(bare, found)
 
 
+def test_light_behind_any_depth_is_e_to_minus_that_depth():
+    depths = np.geomspace(1e-6, 1e4, 5001, dtype=np.float32)
+    one = np.ones((len(depths), 1))
+    lengths, rays = depths[:, None, None], np.ones(len(depths), np.int64)
+    found, _ = predicted(lengths, rays, np.ones((1, 1)), np.ones(1), one)
+    expected = np.exp(-depths.astype(np.float64))
+    np.testing.assert_allclose(found, expected, rtol=5e-16, atol=1e-300)
+
+
 @settings(max_examples=25, deadline=None)
 @given(seeds)
 def test_slopes_are_the_derivatives_by_the_densities(seed):

@@ -4,7 +4,8 @@ For pixel p with rays s and energy groups b,
 ``T_p = mean_s sum_b w_pb exp(-sum_k rho_k m_kb l_psk)``.
 """
 
-from typing import no_type_check
+import math
+from typing import Final, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
@@ -14,6 +15,45 @@ from xden1k.errors import require
 __all__ = ["predict", "scan", "scattered"]
 
 compiled = require("numba", "build").njit(cache=True, nogil=True)
+
+LN2_HIGH: Final = float.fromhex("0x1.62e42feep-1")
+LN2_LOW: Final = 1.9082149292705877e-10
+"""Logarithm of 2 in two parts: whole multiples of the first are exact."""
+TAYLOR: Final = tuple(1 / math.factorial(degree) for degree in range(12, -1, -1))
+"""Of the exponential function; what is left out is below 3e-16 of it up to ln(2) / 2."""
+LEAST_POWER: Final = -700.0
+EXPONENT_BIAS: Final = 1023
+MANTISSA_BITS: Final = 52
+"""Of float64."""
+
+
+@compiled
+@no_type_check
+def _raise_e(powers: Float64[np.ndarray, "n"], scales: Int64[np.ndarray, "n"]) -> None:
+    """Replace some powers by e raised to them, many at once where the processor can.
+
+    A call of the library's function for each would keep the loop from being vectorised. Cody and
+    Waite's way: p = k ln 2 + r, Taylor's series for r, and k written into the exponent's bits.
+
+    Parameters
+    ----------
+    powers
+        At most 700; those below -700 count as that. Overwritten.
+    scales
+        Room to work in.
+    """
+    for i in range(len(powers)):
+        power = max(powers[i], LEAST_POWER)
+        twos = np.floor(power * (1 / LN2_HIGH) + 0.5)
+        rest = (power - twos * LN2_HIGH) - twos * LN2_LOW
+        series = 0.0
+        for coefficient in TAYLOR:
+            series = series * rest + coefficient
+        powers[i] = series
+        scales[i] = (np.int64(twos) + EXPONENT_BIAS) << MANTISSA_BITS
+    doublings = scales.view(np.float64)
+    for i in range(len(powers)):
+        powers[i] *= doublings[i]
 
 
 @compiled
@@ -41,7 +81,7 @@ def predict(
         Written. With no row in ``slopes`` no derivative is computed.
     """
     parts, groups = mac.shape
-    light = np.empty(groups)
+    light, scales = np.empty(groups), np.empty(groups, np.int64)
     met = np.empty(parts, np.int64)
     with_slopes = slopes.shape[0] > 0
     for pixel in range(lengths.shape[0]):
@@ -59,8 +99,9 @@ def predict(
                     areal = way * density[part]
                     for group in range(groups):
                         light[group] -= areal * mac[part, group]
+            _raise_e(light, scales)
             for group in range(groups):
-                light[group] = weights[pixel, group] * np.exp(light[group])
+                light[group] *= weights[pixel, group]
                 total += light[group]
             if with_slopes:
                 for index in range(count):
@@ -95,20 +136,21 @@ def scattered(
     """
     parts, groups = mac.shape
     rays = lengths.shape[1]
-    depth, turned = np.empty(groups), np.empty(groups)
+    light, turned, scales = np.empty(groups), np.empty(groups), np.empty(groups, np.int64)
     for pixel in range(lengths.shape[0]):
         total = 0.0
         for ray in range(rays):
-            depth[:] = 0.0
+            light[:] = 0.0
             turned[:] = 0.0
             for part in range(parts):
                 areal = lengths[pixel, ray, part] * density[part]
                 if areal > 0:
                     for group in range(groups):
-                        depth[group] += areal * mac[part, group]
+                        light[group] -= areal * mac[part, group]
                         turned[group] += areal * scattering[part, group]
+            _raise_e(light, scales)
             for group in range(groups):
-                total += weights[pixel, group] * np.exp(-depth[group]) * turned[group]
+                total += weights[pixel, group] * light[group] * turned[group]
         source[pixel] = total / rays
 
 
@@ -152,6 +194,7 @@ def scan(
         and its curvature.
     """
     groups = others.shape[1]
+    light, scales = np.empty(groups), np.empty(groups, np.int64)
     kinked = at_least.any()  # one-sided residuals begin and end: steps may go to and fro
     for candidate in range(macs.shape[0]):
         mean, sd, low, high = priors[candidate]
@@ -167,10 +210,14 @@ def scan(
                 value, slope, rays = 0.0, 0.0, ends[pixel] - ray
                 while ray < ends[pixel]:
                     for group in range(groups):
-                        depth = macs[candidate, group] * ways[ray]
-                        light = others[ray, group] * np.exp(-depth * density)
-                        value += light
-                        slope -= light * depth
+                        light[group] = -density * ways[ray] * macs[candidate, group]
+                    _raise_e(light, scales)
+                    lost = 0.0
+                    for group in range(groups):
+                        light[group] *= others[ray, group]
+                        value += light[group]
+                        lost += light[group] * macs[candidate, group]
+                    slope -= lost * ways[ray]
                     ray += 1
                 value /= rays
                 slope /= rays
