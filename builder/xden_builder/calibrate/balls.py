@@ -9,10 +9,11 @@ from jaxtyping import Float64
 from scipy.ndimage import center_of_mass, find_objects, label, median_filter
 
 from xden1k.errors import DataError
-from xden1k.values.arrays import Image
 from xden1k.values.views import XRayView
 
 __all__ = ["shadow_centres"]
+
+Light = Float64[np.ndarray, "rows columns"]
 
 DARK: Final = 0.5
 """Share of the light around it below which a pixel is a ball's."""
@@ -62,7 +63,7 @@ def shadow_centres(view: XRayView, diameter_px: float) -> Float64[np.ndarray, "b
     return np.array(centres).reshape(-1, 2)
 
 
-def _light_around(image: Image, diameter_px: float) -> Image:
+def _light_around(image: Light, diameter_px: float) -> Light:
     """Median of a square about each pixel, of a few pixels for each shadow."""
     coarse = max(int(diameter_px / COARSE), 1)
     medians = median_filter(image[::coarse, ::coarse], size=2 * round(BACKGROUND * COARSE / 2) + 1)
@@ -76,7 +77,7 @@ def _is_round(blob: tuple[slice, slice]) -> bool:
     return max(height, width) <= 1.5 * min(height, width)
 
 
-def _centre(image: Image, blob: tuple[slice, slice], margin: int) -> tuple[float, float]:
+def _centre(image: Light, blob: tuple[slice, slice], margin: int) -> tuple[float, float]:
     """Centre of what a ball takes away from the light between the rows above and below it."""
     rows, columns = (slice(max(side.start - margin, 0), side.stop + margin) for side in blob)
     patch = image[rows, columns]

@@ -75,4 +75,4 @@ def _figure(count: int) -> tuple[Any, Sequence[Any]]:
     """Return a figure and its axes, one below the other; its canvas is its own."""
     figures = require("matplotlib.figure", "view")
     figure = figures.Figure(figsize=(INCHES[0], INCHES[1] * count), layout="constrained")
-    return figure, figure.subplots(count, 1, squeeze=False)[:, 0]
+    return figure, figure.subplots(count, 1, squeeze=False)[:, 0].tolist()

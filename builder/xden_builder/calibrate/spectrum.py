@@ -96,7 +96,7 @@ class SpectrumFit:
     sd: tuple[float, ...]
     at_prior: tuple[str, ...]
     stray: tuple[StrayLight, ...]
-    expected: tuple[Float64[np.ndarray, "n"], ...]
+    expected: tuple[Float64[np.ndarray, "_n"], ...]
     rms: float
 
 
@@ -153,8 +153,8 @@ class _Problem:
 
     images: tuple[LitImage, ...]
     told: Tube
-    shapes: tuple[Float64[np.ndarray, "n terms"], ...]
-    stray_before: tuple[Float64[np.ndarray, "n"], ...]
+    shapes: tuple[Float64[np.ndarray, "_n terms"], ...]
+    stray_before: tuple[Float64[np.ndarray, "_n"], ...]
 
     @property
     def prior(self) -> tuple[Unknowns, Unknowns]:
@@ -180,16 +180,15 @@ class _Problem:
 
     def of_image(self, unknowns: Unknowns, place: int) -> Float64[np.ndarray, "terms"]:
         """Gain and stray light of an image."""
-        start = len(SPECTRUM_TERMS) + place * _OF_IMAGE
-        return unknowns[start : start + _OF_IMAGE]
+        return unknowns[_own(place)]
 
-    def stray(self, unknowns: Unknowns) -> tuple[Float64[np.ndarray, "n"], ...]:
+    def stray(self, unknowns: Unknowns) -> tuple[Float64[np.ndarray, "_n"], ...]:
         """Stray light of each reading."""
         return tuple(
             shapes @ self.of_image(unknowns, at)[1:] for at, shapes in enumerate(self.shapes)
         )
 
-    def expected(self, unknowns: Unknowns) -> tuple[Float64[np.ndarray, "n"], ...]:
+    def expected(self, unknowns: Unknowns) -> tuple[Float64[np.ndarray, "_n"], ...]:
         """Transmission of each reading."""
         tube, stray = self.tube(unknowns), self.stray(unknowns)
         return tuple(
@@ -208,7 +207,7 @@ class _Problem:
         ]
         return np.concatenate([*off, (unknowns - mean) / sd])
 
-    def deviations(self) -> list[Float64[np.ndarray, "n"]]:
+    def deviations(self) -> list[Float64[np.ndarray, "_n"]]:
         """Give the standard deviation of each reading, errors of the model included."""
         return [
             np.sqrt(
@@ -250,11 +249,11 @@ class _Problem:
             gain = self.of_image(unknowns, at)[0]
             slopes = np.zeros((len(expected), len(unknowns)))
             slopes[:, :count] = by_spectrum[at]
-            self.of_image(slopes.T, at).T[:] = np.column_stack([expected / gain, gain * shapes])
+            slopes[:, _own(at)] = np.column_stack([expected / gain, gain * shapes])
             images.append(-slopes / deviations[at][:, None])
         return np.concatenate([*images, np.diag(1 / self.prior[1])])
 
-    def _spectrum_slopes(self, unknowns: Unknowns) -> list[Float64[np.ndarray, "n terms"]]:
+    def _spectrum_slopes(self, unknowns: Unknowns) -> list[Float64[np.ndarray, "_n terms"]]:
         """Differentiate what is expected, to the inner side of the bounds."""
         high, steps = self.bounds[1], _STEP * self.prior[1]
         steps = np.where(unknowns + steps > high, -steps, steps)
@@ -293,6 +292,12 @@ class _Problem:
             expected=self.expected(unknowns),
             rms=float(np.sqrt((readings**2).mean())),
         )
+
+
+def _own(place: int) -> slice:
+    """Places of an image's gain and stray light among the unknowns."""
+    start = len(SPECTRUM_TERMS) + place * _OF_IMAGE
+    return slice(start, start + _OF_IMAGE)
 
 
 def _spectrum(tube: Tube) -> tuple[float, ...]:

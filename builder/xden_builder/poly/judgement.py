@@ -197,7 +197,7 @@ def _porous(solution: Solution, number: int, most_g_cm3: float) -> bool:
     _, after = _probabilities(solution, number)
     likeliest = max(after, key=after.__getitem__)
     low_g_cm3 = load_materials()[likeliest].density_low_g_cm3
-    return pores > MOST or (after[likeliest] > MOST and most_g_cm3 < low_g_cm3)
+    return bool(pores > MOST or (after[likeliest] > MOST and most_g_cm3 < low_g_cm3))
 
 
 def _sources(known: Diagnosis) -> Iterator[DensitySource]:
