@@ -109,10 +109,10 @@ def test_a_count_that_the_rows_belie_is_found(mixed: Path, monkeypatch: pytest.M
     assert "test: 2 objects without radiographs, manifest.json says 1" in verify_folder(mixed)
 
 
-def test_one_view_alone_is_refused(bar: DensityObject) -> None:
+def test_two_views_of_one_side_are_refused(bar: DensityObject) -> None:
     view = phantoms.box_object("x", phantoms.CUBE).views[0]
-    with pytest.raises(DataError, match=r"views must be pa and lat, or none, got \['pa'\]"):
-        replace(bar, views=(view,))
+    with pytest.raises(DataError, match=r"views must be pa and lat, or none, got \['pa', 'pa'\]"):
+        replace(bar, views=(view, view))
 
 
 def test_documents_say_what_is_not_there_and_whose_the_densities_are(

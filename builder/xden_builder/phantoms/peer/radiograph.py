@@ -109,7 +109,7 @@ def _transmission(lengths: Lengths, lac: Float[np.ndarray, "parts n"], beam: Bea
     return image
 
 
-def _pixels(fine: Image) -> Image:
+def _pixels(fine: Float32[np.ndarray, "fine fine"]) -> Image:
     side = len(fine) // SUBRAYS
     return np.asarray(fine.reshape(side, SUBRAYS, side, SUBRAYS).mean(axis=(1, 3)))
 
