@@ -25,7 +25,7 @@ READOUT_SD: Final = 2e-4
 """Electronic noise, as a share of the open field."""
 _CHUNK: Final = 2**16
 
-Lengths = Float32[np.ndarray, "parts rows columns"]
+Lengths = Float32[np.ndarray, "parts fine fine"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
