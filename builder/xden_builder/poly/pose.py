@@ -29,7 +29,7 @@ from xden_builder.poly.start import Guess
 
 __all__ = ["Placement", "PoseFit", "find_pose", "refine_pose"]
 
-BINNINGS: Final = ((8, 2), (4, 1), (2, 1))
+BINNINGS: Final = ((8, 2), (4, 2), (2, 3))
 """Pixels averaged along each side, and how often derivatives are taken on such images."""
 TURNED_BINNINGS: Final = ((8, 3), (4, 3), (2, 2))
 """The same where a view has a pose of its own, farther off."""
@@ -180,6 +180,8 @@ def refine_pose(
         level = Level.of(target, poses, windows, binning)
         if rms_before is None:
             rms_before = level.rms(starts[0])
+        elif not any(poses.turned):
+            starts = [min(starts[0], _as_told(starts[0], poses), key=level.loss)]
         ends = [descend(level, start, most, low, high) for start in starts]
         unknowns, there = min(ends, key=lambda end: end[1].loss)
         starts = [unknowns]
@@ -195,6 +197,11 @@ def refine_pose(
         rms_before=rms_before,
         rms_after=level.rms(unknowns),
     )
+
+
+def _as_told(unknowns: Float64[np.ndarray, "u"], poses: Poses) -> Float64[np.ndarray, "u"]:
+    """Go back to the pose of the files: coarse images lead thin objects astray."""
+    return np.concatenate([unknowns[: -poses.count], np.zeros(poses.count)])
 
 
 def _binnings(views: Sequence[XRayView], turned: bool) -> list[tuple[int, int]]:

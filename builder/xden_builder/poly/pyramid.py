@@ -43,7 +43,9 @@ FIRST_DAMPING: Final = 1e-3
 MOST_STEPS: Final = 5
 """Between two derivatives."""
 SETTLED_SHARE: Final = 1e-3
-"""Of the loss: a step that gains less ends a resolution."""
+"""Of the loss: a step that gains less is the last of a round."""
+SETTLED_ROUND: Final = 0.05
+"""Of the loss: a round, the steps that share derivatives, that gains less ends a resolution."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,7 +318,7 @@ def descend(
             damping = max(damping / 10, 1e-6)
             if gained < SETTLED_SHARE * here.loss:
                 break
-        if first.loss - here.loss < SETTLED_SHARE * here.loss:
+        if first.loss - here.loss < SETTLED_ROUND * here.loss:
             break
     return unknowns, here
 

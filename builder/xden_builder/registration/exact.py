@@ -9,18 +9,14 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float64
 from scipy.ndimage import binary_dilation
-from scipy.spatial.transform import Rotation
 
 from xden1k.rays import PathLengths, path_lengths
 from xden1k.values.arrays import Mask
-from xden1k.values.views import ViewGeometry, XRayView
-from xden_builder.capture import Capture, CapturePart
-from xden_builder.capture.saturation import completed
-from xden_builder.capture.solids import simplified
+from xden1k.values.views import ViewGeometry
+from xden_builder.capture import Capture
 from xden_builder.fit import huber
-from xden_builder.physics.source import Tube
 from xden_builder.poly.model.direct import transmissions_and_slopes
-from xden_builder.poly.model.frames import Pose, binned, coarse
+from xden_builder.poly.model.frames import Pose, coarse
 from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.pyramid import Level, Target, Window, density_bounds, descend, window
@@ -30,6 +26,7 @@ from xden_builder.poly.start import first_guess
 from xden_builder.registration.body import Body
 from xden_builder.registration.middles import own_shifts
 from xden_builder.registration.placement import Found, RigidPlacement
+from xden_builder.registration.reduced import reduced
 from xden_builder.registration.shadow import Shadow
 
 __all__ = ["Judge"]
@@ -37,8 +34,6 @@ __all__ = ["Judge"]
 BINNING: Final = 2
 """Of the pixels that the images are averaged to; a model's pixel has as many rays each way."""
 PIXEL_SD: Final = 0.05
-TOLERANCE_PX: Final = 0.25
-"""By which surfaces may be off."""
 DENSITY_STEPS: Final = 2
 DAMPING: Final = 1e-2
 LIT: Final = 0.96
@@ -47,8 +42,6 @@ AIR: Final = 0.95
 """Quantile of the transmission that is taken for the open field."""
 OUTLINE_PX: Final = 2
 """By which outlines may differ."""
-USUAL_KEV: Final = 60.0
-"""Taken where the source is not told."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,18 +83,7 @@ class Judge:
 
         What the labels do not tell of the parts is taken from a likely pose.
         """
-        widest = max(float(shadow.size_px.max()) for shadow in shadows)
-        binning = max(round(widest / wide_px), 1)
-        views = [_averaged(capture, view, binning) for view in capture.fitted_views]
-        small = replace(
-            capture,
-            tube=capture.tube or Tube(energy_kev=USUAL_KEV),
-            views=(views[0], views[1]),
-            further_views=tuple(views[2:]),
-            open_field={},
-            at_least={},
-            parts=tuple(_of_fewer_faces(capture.parts, wide_px)),
-        )
+        small, binning = reduced(capture, shadows, wide_px)
         scene, side = set_scene(small, body.order, PolySettings()), binning * BINNING
         guess = first_guess(_placed(scene, likely))
         return cls(
@@ -115,21 +97,22 @@ class Judge:
         )
 
     def fixed(self, placement: RigidPlacement) -> Found:
-        """Find the densities in a pose, and what they leave."""
+        """Find densities and gains in a pose, and what they leave."""
         level, density = self._level(placement)
         pose = self._start(level.poses, placement)
         lengths = [
             path_lengths(level.target.meshes, level.target.order, geometry, BINNING)
             for geometry in self._geometries(level, pose)
         ]
-        low, high = density_bounds(density, len(density))
+        unknowns = level.target.start(density, np.empty(0))
+        low, high = density_bounds(density, len(unknowns))
         best = Found(placement, np.inf, density)
         for _ in range(DENSITY_STEPS + 1):
-            loss, gradient, curvature = self._evaluated(level, lengths, density)
+            loss, gradient, curvature = self._evaluated(level, lengths, unknowns)
             if loss < best.loss:
-                best = Found(placement, loss, density)
+                best = Found(placement, loss, unknowns[: level.parts])
             damped = curvature + np.diag(DAMPING * curvature.diagonal() + 1e-9)
-            density = (density - np.linalg.solve(damped, gradient)).clip(low, high)
+            unknowns = (unknowns - np.linalg.solve(damped, gradient)).clip(low, high)
         return best
 
     def refined(self, placement: RigidPlacement, derivatives: int) -> Found:
@@ -140,15 +123,8 @@ class Judge:
         bounds = density_bounds(density, len(start))
         unknowns, _ = descend(level, start, derivatives, *bounds)
         there = poses.of(self._untold(poses), unknowns[-poses.count :])
-        turn = Rotation.from_rotvec(there.rotation_rad).as_matrix()
-        centre, shift = np.array(there.centre_cm), np.array(there.shift_cm)
-        moved = RigidPlacement(
-            turn @ placement.rotation,
-            turn @ (placement.translation_cm - centre) + centre + shift,
-            placement.scale,
-        )
         loss = self._loss(level.residuals(unknowns), level)
-        return Found(moved, loss, unknowns[: level.parts])
+        return Found(placement.followed_by(there), loss, unknowns[: level.parts])
 
     def outline_shares(self, placement: RigidPlacement) -> dict[str, float]:
         """Of each view: share of the pixels in either outline that lie well outside the other."""
@@ -203,29 +179,38 @@ class Judge:
         return Level.of(target, poses, windows, BINNING), self.density_g_cm3
 
     def _evaluated(
-        self, level: Level, lengths: Sequence[PathLengths], density_g_cm3: Float64[np.ndarray, "k"]
-    ) -> tuple[float, Float64[np.ndarray, "k"], Float64[np.ndarray, "k k"]]:
-        """Loss, and half its derivatives by the densities."""
-        target, parts = level.target, level.parts
-        gradient, curvature = np.zeros(parts), np.zeros((parts, parts))
+        self, level: Level, lengths: Sequence[PathLengths], unknowns: Float64[np.ndarray, "u"]
+    ) -> tuple[float, Float64[np.ndarray, "u"], Float64[np.ndarray, "u u"]]:
+        """Loss, and half its derivatives by the densities and the gains."""
+        gradient, curvature = np.zeros(len(unknowns)), np.zeros((len(unknowns),) * 2)
         residuals = []
-        for number, (each, beam) in enumerate(zip(lengths, target.beams, strict=True)):
-            weights = beam.weights(each.pixels, BINNING)
-            seen, slopes = transmissions_and_slopes(
-                each.lengths_cm, weights, target.mac_cm2_g, density_g_cm3
-            )
-            image = np.ones(level.masks[number].shape)
-            image.flat[each.pixels] = seen
-            off = (image[level.masks[number]] - level.measured[number]) / PIXEL_SD
+        for number, each in enumerate(lengths):
+            off, slopes = self._residuals(level, number, each, unknowns)
             residuals.append(off)
-            inside = level.masks[number].flat[each.pixels]
-            places = (np.cumsum(level.masks[number]) - 1)[each.pixels[inside]]
-            mine = np.where(huber.one_sided(off, level.at_least[number]), off, 0.0)[places]
-            slopes = slopes[inside] / PIXEL_SD
+            mine = np.where(huber.one_sided(off, level.at_least[number]), off, 0.0)
             weighted = slopes * huber.weights(mine)[:, None]
             gradient += weighted.T @ mine
             curvature += weighted.T @ slopes
         return self._loss(residuals, level), gradient, curvature
+
+    def _residuals(
+        self, level: Level, number: int, lengths: PathLengths, unknowns: Float64[np.ndarray, "u"]
+    ) -> tuple[Float64[np.ndarray, "n"], Float64[np.ndarray, "n u"]]:
+        """Model less measurement of a view's compared pixels, and its derivatives."""
+        target, parts, mask = level.target, level.parts, level.masks[number]
+        seen, seen_slopes = transmissions_and_slopes(
+            lengths.lengths_cm,
+            target.beams[number].weights(lengths.pixels, BINNING),
+            target.mac_cm2_g,
+            unknowns[:parts],
+        )
+        image, slopes = np.ones(mask.shape), np.zeros((mask.size, len(unknowns)))
+        image.flat[lengths.pixels] = seen
+        gain = unknowns[parts + number]
+        slopes[lengths.pixels, :parts] = gain * seen_slopes
+        slopes[:, parts + number] = image.ravel()
+        off = gain * image[mask] - level.measured[number]
+        return off / PIXEL_SD, slopes[mask.ravel()] / PIXEL_SD
 
     def _loss(self, residuals: Sequence[Float64[np.ndarray, "_n"]], level: Level) -> float:
         """Mean over the pixels of the shadows, whatever was compared beside them."""
@@ -251,20 +236,6 @@ def _placed(scene: Scene, placement: RigidPlacement) -> Scene:
     """Put the parts in a pose."""
     parts = (replace(part, mesh=placement.moved(part.mesh)) for part in scene.parts)
     return replace(scene, parts=tuple(parts))
-
-
-def _of_fewer_faces(parts: Sequence[CapturePart], wide_px: int) -> Iterator[CapturePart]:
-    """Leave out what is finer than a share of a pixel."""
-    points = np.concatenate([np.asarray(part.mesh.vertices) for part in parts])
-    tolerance_cm = TOLERANCE_PX * float(np.ptp(points, axis=0).max()) / wide_px
-    for part in parts:
-        yield replace(part, mesh=simplified(part.mesh, tolerance_cm))
-
-
-def _averaged(capture: Capture, view: XRayView, binning: int) -> XRayView:
-    whole, _ = completed(view, capture.at_least.get(view.name))
-    image, known = binned(whole, binning)
-    return XRayView(view.name, image, known, coarse(view.geometry, binning))
 
 
 def _around(shadow: Shadow, binning: int) -> Window:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import trimesh
@@ -12,8 +12,14 @@ from jaxtyping import Float, Float64
 from scipy.spatial.transform import Rotation
 
 from xden1k.values.arrays import Points
+from xden_builder.poly.model.frames import Pose
 
 __all__ = ["Found", "Registration", "RigidPlacement"]
+
+AS_GOOD: Final = 1.15
+"""A pose whose loss is this many times the least explains the images as well."""
+AS_PROBABLE: Final = (1.4, 2.0)
+"""A pose is as probable whose deviance is so many times the least, and so much more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +54,13 @@ class RigidPlacement:
     def moved(self, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
         """Give a mesh whose vertices are moved; its faces stay as they are."""
         return trimesh.Trimesh(self.apply(np.asarray(mesh.vertices)), mesh.faces, process=False)
+
+    def followed_by(self, pose: Pose) -> RigidPlacement:
+        """Where the mesh stands when the object, once there, goes into a pose."""
+        turn = Rotation.from_rotvec(pose.rotation_rad).as_matrix()
+        centre, shift = np.array(pose.centre_cm), np.array(pose.shift_cm)
+        moved = turn @ (self.translation_cm - centre) + centre + shift
+        return RigidPlacement(turn @ self.rotation, moved, self.scale)
 
     def undone(self, points_cm: Points) -> Float64[np.ndarray, "n 3"]:
         """Move points back.
@@ -90,11 +103,22 @@ class Found:
         Mean squared residual of transmission in units of 0.05, large ones tempered; of all views.
     density_g_cm3
         Shape (K,): the parts' densities that go with it, coarsely.
+    deviance
+        Twice minus the logarithm of the posterior of the whole fit; None where the loss alone tells
+        the pose from all others.
     """
 
     placement: RigidPlacement
     loss: float
     density_g_cm3: Float64[np.ndarray, "k"]
+    deviance: float | None = None
+
+    def as_good_as(self, best: Found) -> bool:
+        """Whether it explains the images about as well."""
+        if best.deviance is None or self.deviance is None:
+            return self.loss <= AS_GOOD * best.loss and best.deviance == self.deviance
+        times, more = AS_PROBABLE
+        return self.deviance <= times * best.deviance + more
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,13 +164,9 @@ class Registration:
         best = self.candidates[self.chosen].density_g_cm3
         if "pose_ambiguous" not in self.flags:
             return np.zeros(len(best))
-        as_good = [each for each in self.candidates if each.loss <= AS_GOOD * self._least]
+        as_good = [each for each in self.candidates if each.as_good_as(self.candidates[0])]
         off = [np.abs(each.density_g_cm3 / best - 1) for each in as_good]
         return np.asarray(np.max([np.zeros(len(best)), *off], axis=0))
-
-    @property
-    def _least(self) -> float:
-        return min(each.loss for each in self.candidates)
 
     def to_dict(self) -> dict[str, Any]:
         """Values for JSON."""
@@ -156,10 +176,7 @@ class Registration:
             "equal_poses": self.equal_poses,
             "outline_share": self.outline_share,
             "candidates": [
-                {**each.placement.to_dict(), "loss": each.loss} for each in self.candidates
+                {**each.placement.to_dict(), "loss": each.loss, "deviance": each.deviance}
+                for each in self.candidates
             ],
         }
-
-
-AS_GOOD = 1.15
-"""A pose whose loss is this many times the least explains the images as well."""

@@ -18,9 +18,11 @@ from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.source import Tube
 from xden_builder.poly.materials.candidates import candidate_table
 from xden_builder.registration.body import Body
-from xden_builder.registration.exact import USUAL_KEV, Judge
+from xden_builder.registration.contest import told_apart
+from xden_builder.registration.exact import Judge
 from xden_builder.registration.likeness import Likeness, unlike
-from xden_builder.registration.placement import AS_GOOD, Found, Registration, RigidPlacement
+from xden_builder.registration.placement import Found, Registration, RigidPlacement
+from xden_builder.registration.reduced import USUAL_KEV
 from xden_builder.registration.shadow import shadow_of
 from xden_builder.registration.shortlist import (
     Poses,
@@ -45,8 +47,7 @@ SOFT: Final = (2.0, 0.004)
 """A turn about an axis whose cost is at most so many times that of the pose, and so much more, may
 be right too: few points on few pixels do not tell."""
 MOST_ROLLS: Final = 30
-FINE_ROLLS: Final = 4
-FINAL: Final = 2
+FINAL: Final = 3
 DERIVATIVES, MOST_ROUNDS, SETTLED = 2, 4, 0.97
 """Taken before it is asked whether a pose gains, how often, and what is little to gain."""
 LISTED: Final = 6
@@ -111,14 +112,14 @@ def register(capture: Capture, order: Sequence[int]) -> Registration:
         found = sorted((_rescaled(judge, each, body, SCALE_SHARES) for each in found), key=_loss)
     found[0] = _settled(judge, _slid(judge, _settled(judge, found[0]), body))
     fine = Judge.of(capture, shadows, body, FINE_PX, found[0].placement)
-    rolled = sorted(
-        (judge.fixed(each) for each in _soft_turns(found[0], search, body, ROLL_DEG)), key=_loss
-    )
-    near = [fine.fixed(each.placement) for each in [*found, *rolled[:FINE_ROLLS]]]
+    rolled = _soft_turns(found[0], search, body, ROLL_DEG)
+    near = [fine.fixed(each) for each in (*(each.placement for each in found), *rolled)]
     best = [_settled(fine, each) for each in _unlike(near, likeness, body, FINAL)]
     if capture.scale_unknown:
         best[0] = _rescaled(fine, best[0], body, LAST_SCALE_SHARES)
-    return _judged(capture, [*best, *near], likeness, body, fine)
+    unlike_ones = _unlike([*best, *near], likeness, body, LISTED)
+    candidates = told_apart(capture, order, shadows, unlike_ones)
+    return _judged(capture, candidates, likeness, body, fine)
 
 
 def _settled(judge: Judge, found: Found) -> Found:
@@ -172,11 +173,9 @@ def _stretched(placement: RigidPlacement, factor: float, body: Body) -> RigidPla
 
 
 def _judged(
-    capture: Capture, found: Sequence[Found], likeness: Likeness, body: Body, fine: Judge
+    capture: Capture, candidates: Sequence[Found], likeness: Likeness, body: Body, fine: Judge
 ) -> Registration:
-    """List unlike poses, choose one, and say how sure it is."""
-    candidates = _unlike(found, likeness, body, LISTED)
-    least = candidates[0].loss
+    """Choose one of unlike poses, the best first, and say how sure it is."""
     chosen = _chosen(capture, len(candidates))
     best = candidates[0].placement
     outlines = fine.outline_shares(candidates[chosen].placement)
@@ -184,11 +183,11 @@ def _judged(
     raised = {
         "pose_ambiguous": not told
         and any(
-            each.loss <= AS_GOOD * least
+            each.as_good_as(candidates[0])
             and _distance_cm(best, each.placement, likeness, body) > ELSEWHERE * body.radius_cm
             for each in candidates[1:]
         ),
-        "pose_not_found": not told and least > WORST_LOSS,
+        "pose_not_found": not told and candidates[0].loss > WORST_LOSS,
         "shape_differs": max(outlines.values()) > MOST_OUTLINE,
     }
     _check_scale(candidates[chosen].placement.scale)

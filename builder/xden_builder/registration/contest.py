@@ -1,0 +1,79 @@
+"""Poses that few pixels hardly tell apart, told by the whole fit.
+
+What tells a padlock from the padlock turned by half is a pin behind millimetres of steel: a
+thousandth of the light. Residuals in units of a twentieth do not see it; the fit of densities does,
+which knows the noise of every pixel, stray light, and what the labels let expect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+from xden_builder.capture import Capture
+from xden_builder.poly.estimate import estimate
+from xden_builder.poly.line import sampled
+from xden_builder.poly.settings import PolySettings
+from xden_builder.registration.placement import Found, RigidPlacement
+from xden_builder.registration.reduced import reduced
+from xden_builder.registration.shadow import Shadow
+
+__all__ = ["told_apart"]
+
+WIDE_PX: Final = 240
+"""Width of the shadow, in averaged pixels."""
+CLOSE: Final = 1.4
+"""A pose whose loss is at most so many times the least may be right too."""
+MOST: Final = 3
+SETTINGS: Final = PolySettings()
+
+
+def told_apart(
+    capture: Capture, order: Sequence[int], shadows: Sequence[Shadow], found: Sequence[Found]
+) -> list[Found]:
+    """Fit the object in every pose that may be right, where there are several.
+
+    Parameters
+    ----------
+    capture
+        Its meshes in any frame.
+    order
+        Which part owns space first.
+    shadows
+        Of its views.
+    found
+        The least loss first.
+
+    Returns
+    -------
+    list of Found
+        The most probable first; after them those that were not fitted, the least loss first. As
+        they came where there is one alone, or where the source has no spectrum.
+    """
+    rivals = [each for each in found if each.loss <= CLOSE * found[0].loss][:MOST]
+    if len(rivals) < 2 or capture.tube is None or capture.tube.kv is None:
+        return list(found)
+    small, _ = reduced(capture, shadows, WIDE_PX)
+    fitted = [_fitted(small, order, each) for each in rivals]
+    return [*sorted(fitted, key=_deviance), *found[len(rivals) :]]
+
+
+def _fitted(capture: Capture, order: Sequence[int], found: Found) -> Found:
+    """Refine a pose and fit densities, materials and stray light in it."""
+    samples = sampled(_placed(capture, found.placement), order, SETTINGS)
+    assert samples.pose is not None
+    placement = found.placement.followed_by(samples.pose.pose)
+    solution = estimate(samples, None, SETTINGS)
+    deviance = solution.problem.evaluate(solution.minimum.unknowns).loss
+    return Found(placement, found.loss, solution.density_g_cm3, deviance)
+
+
+def _placed(capture: Capture, placement: RigidPlacement) -> Capture:
+    parts = tuple(replace(part, mesh=placement.moved(part.mesh)) for part in capture.parts)
+    return replace(capture, parts=parts)
+
+
+def _deviance(found: Found) -> float:
+    assert found.deviance is not None
+    return found.deviance

@@ -1,0 +1,64 @@
+"""A capture of fewer pixels and fewer faces, for what need not see every one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from xden1k.values.views import XRayView
+from xden_builder.capture import Capture, CapturePart
+from xden_builder.capture.saturation import completed
+from xden_builder.capture.solids import simplified
+from xden_builder.physics.source import Tube
+from xden_builder.poly.model.frames import binned, coarse
+from xden_builder.registration.shadow import Shadow
+
+__all__ = ["USUAL_KEV", "reduced"]
+
+USUAL_KEV: Final = 60.0
+"""Taken where the source is not told."""
+TOLERANCE_PX: Final = 0.25
+"""By which surfaces may be off."""
+
+
+def reduced(capture: Capture, shadows: Sequence[Shadow], wide_px: int) -> tuple[Capture, int]:
+    """Average images until the longest shadow is about so many pixels wide.
+
+    Returns
+    -------
+    capture
+        Its source is told, its images are complete; what is finer than a share of a pixel is left
+        out of the meshes.
+    binning
+        Pixels that were averaged along each side.
+    """
+    widest = max(float(shadow.size_px.max()) for shadow in shadows)
+    binning = max(round(widest / wide_px), 1)
+    views = [_averaged(capture, view, binning) for view in capture.fitted_views]
+    small = replace(
+        capture,
+        tube=capture.tube or Tube(energy_kev=USUAL_KEV),
+        views=(views[0], views[1]),
+        further_views=tuple(views[2:]),
+        open_field={},
+        at_least={},
+        parts=tuple(_of_fewer_faces(capture.parts, wide_px)),
+    )
+    return small, binning
+
+
+def _of_fewer_faces(parts: Sequence[CapturePart], wide_px: int) -> Iterator[CapturePart]:
+    """Leave out what is finer than a share of a pixel."""
+    points = np.concatenate([np.asarray(part.mesh.vertices) for part in parts])
+    tolerance_cm = TOLERANCE_PX * float(np.ptp(points, axis=0).max()) / wide_px
+    for part in parts:
+        yield replace(part, mesh=simplified(part.mesh, tolerance_cm))
+
+
+def _averaged(capture: Capture, view: XRayView, binning: int) -> XRayView:
+    whole, _ = completed(view, capture.at_least.get(view.name))
+    image, known = binned(whole, binning)
+    return XRayView(view.name, image, known, coarse(view.geometry, binning))
