@@ -19,7 +19,7 @@ from xden1k.predictions import MAX_TEXT, open_predictions
 from xden1k.predictor import Budget, Prediction, SampleView
 from xden1k.values.modality import Modality
 from xden_bench.methods.baseline import find_predictor
-from xden_bench.methods.fits import read_fit
+from xden_bench.methods.fits import FIT_FILE, read_fit
 from xden_bench.methods.partial import LOCK_NAME
 from xden_bench.methods.running import Options, run_predictor
 
@@ -133,6 +133,16 @@ def test_what_a_method_learned_is_kept_and_taken_up(folder: DatasetFolder, tmp_p
     third = Storing()
     run_predictor(third, folder, "test", tmp_path / "three.npz", options)
     assert third.fits == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("{", "not JSON"), ("[]", "must be xden-fit"), ('{"schema": "xden-fit/1"}', "with the keys")],
+)
+def test_a_file_that_is_no_fit_is_refused_by_name(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / FIT_FILE).write_text(text)
+    with pytest.raises(DataError, match=f"{FIT_FILE}: .*{message}"):
+        read_fit(tmp_path)
 
 
 @pytest.mark.parametrize(

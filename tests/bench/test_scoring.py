@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -210,6 +211,23 @@ def test_the_papers_protocol_scores_its_three_metrics_of_apparent_density(
     found = means(score(with_sd(path, reference, 0.5), reference, paper))
     assert tuple(found) == ("density_mae_g_cm3", "com_l1_cm", "mass_mape")
     assert {"density_unit", "domain", "mass_rule", "split"} <= paper.open_choices.keys()
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"sd_metrics": ("sharpness",)}, r"unknown metrics \['sharpness'\]; known: "),
+        ({"max_density_g_cm3": {"density": 25.0}}, "max_density_g_cm3 must name the targets"),
+        ({"rank_by": "mass_error"}, "rank_by 'mass_error' is not in metrics"),
+        ({"size_edges_cm": (20.0, 8.0)}, "size_edges_cm must ascend"),
+        ({"size_edges_cm": (8.0, 8.0)}, "size_edges_cm must ascend"),
+    ],
+)
+def test_rules_that_contradict_themselves_are_refused(
+    changed: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(DataError, match=f"protocol {RULES.name}: {message}"):
+        replace(RULES, **changed)
 
 
 def test_a_split_that_is_not_there(folder: DatasetFolder) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import os
 import runpy
 from collections.abc import Callable
 from dataclasses import replace
@@ -105,6 +106,10 @@ def test_refining_keeps_the_shape_and_bounds_the_edges(bar: DensityObject) -> No
     assert fine.edges_unique_length.max() <= 0.3 + 1e-9
 
 
+def test_refining_what_is_cut_away_leaves_nothing() -> None:
+    assert not len(glb.refined(trimesh.Trimesh(), 0.1).faces)
+
+
 def test_a_linear_field_is_read_half_a_voxel_below_the_surface() -> None:
     ball = trimesh.creation.icosphere(subdivisions=3, radius=2.0)
     axis = -3.75 + 0.5 * np.arange(16)
@@ -138,6 +143,7 @@ def test_without_a_file_there_is_no_prediction_and_no_error(
     explorer = explorer_of(reference, tmp_path, None)
     fields = explorer.fields("bar-0002", entry(reference))
     assert fields.guess is None
+    assert fields.error is None
     assert explorer.slices(fields, 1, 30)[1:] == (None, None)
 
 
@@ -151,6 +157,17 @@ def test_the_error_is_prediction_less_truth_inside_the_envelope(
     np.testing.assert_allclose(fields.error[inside], 0.5, atol=2e-3)
     assert not fields.error[~inside].any()
     assert fields.error_limit == pytest.approx(0.5, abs=2e-3)
+
+
+def test_part_densities_are_shown_as_the_grid_they_are_scored_as(
+    reference: Reference, tmp_path: Path, submission: Submit
+) -> None:
+    ones = {one: np.array([0.0] + [1.0] * reference.truth(one).parts) for one in reference.ids}
+    file = submission(lambda one, _: ones[one], inputs=("mesh", "parts"))
+    fields = explorer_of(reference, tmp_path, file).fields("bar-0002", entry(reference))
+    assert fields.guess is not None
+    volume_cm3 = fields.guess.sum() * fields.obj.voxel_size_cm**3
+    assert volume_cm3 == pytest.approx(sum(part.mesh.volume for part in fields.obj.parts), rel=1e-3)
 
 
 def test_truth_and_prediction_share_a_scale_that_holds_both(
@@ -189,6 +206,19 @@ def test_models_are_made_whole_and_cut(
     assert trimesh.load_scene(whole).extents[2] == pytest.approx(0.02)
     assert trimesh.load_scene(half).extents[2] == pytest.approx(0.01)
     assert bar.width > bar.height
+
+
+def test_only_the_models_made_last_are_kept(
+    reference: Reference, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("xden_bench.serve.explorer.MODELS_KEPT", 2)
+    scratch = tmp_path / "models"
+    scratch.mkdir()
+    for age, name in enumerate(("third", "second", "first")):
+        (scratch / f"{name}.glb").touch()
+        os.utime(scratch / f"{name}.glb", ns=(10**9 - age, 10**9 - age))
+    explorer_of(reference, scratch, None)._forget_old_models()
+    assert sorted(path.stem for path in scratch.iterdir()) == ["second", "third"]
 
 
 def test_methods_are_those_of_the_dataset_and_split(reference: Reference, tmp_path: Path) -> None:

@@ -321,6 +321,14 @@ def test_a_file_that_is_no_log_is_refused(tmp_path: Path, text: str) -> None:
         AuditLog(tmp_path / "audit.jsonl")
 
 
+def test_a_file_of_one_endless_line_is_refused_and_kept(tmp_path: Path) -> None:
+    path = tmp_path / "audit.jsonl"
+    path.write_bytes(b"x" * (2 << 20))
+    with pytest.raises(DataError, match="its last line is over 1048576 bytes: no audit log"):
+        AuditLog(path)
+    assert path.stat().st_size == 2 << 20
+
+
 def test_a_pseudonym_is_the_same_with_its_key_and_another_without(tmp_path: Path) -> None:
     first = Pseudonyms(tmp_path / "key")("203.0.113.7")
     assert Pseudonyms(tmp_path / "key")("203.0.113.7") == first
