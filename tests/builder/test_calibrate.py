@@ -291,6 +291,34 @@ def test_a_folder_that_cannot_be_fitted_is_one_line_and_leaves_nothing(tmp_path)
     assert not out.exists()
 
 
+def with_one_tube(folder):
+    """Say that whatever is scanned is turned by hand before the second view."""
+    scanner = read_scanner(folder / "scanner.toml")
+    views = {**scanner.views, "lat": replace(scanner.views["lat"], turned=True)}
+    write_scanner(replace(scanner, views=views), folder / "scanner.toml")
+    return folder
+
+
+def test_balls_that_were_turned_by_hand_are_refused_and_nothing_is_written(tmp_path):
+    balls = '[balls]\nscan = "balls"\ntable = "balls.csv"\ndiameter_cm = 0.6'
+    folder = with_one_tube(write_folder(tmp_path / "scans", balls=balls))
+    (folder / "balls.csv").write_text("x_cm,y_cm,z_cm\n0,0,0\n")
+    answer = CliRunner().invoke(cli, ["calibrate", str(folder), "--out", str(tmp_path / "out")])
+    assert answer.exit_code == 1
+    assert answer.output.startswith(f"Error: {folder}/scanner.toml: views.lat.turned must be false")
+    assert len(answer.output.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_steps_are_read_where_objects_are_turned_by_hand_and_it_stays_said(
+    tmp_path, fit, monkeypatch
+):
+    monkeypatch.setattr(calibration, "fit_spectrum", lambda *_: fit)
+    folder = with_one_tube(write_folder(tmp_path / "scans"))
+    assert calibrate_scanner(folder, tmp_path / "out").scanner.views["lat"].turned
+    assert read_scanner(tmp_path / "out" / "scanner.toml").views["lat"].turned
+
+
 @pytest.mark.parametrize("arguments", [(), ("scans",), ("scans", "--phantoms", "a", "--out", "b")])
 def test_arguments_that_do_not_go_together_are_a_matter_of_usage(arguments):
     assert CliRunner().invoke(cli, ["calibrate", *arguments]).exit_code == 2

@@ -146,14 +146,14 @@ def calibrate_scanner(root: Path, out: Path) -> Calibration:
 
 
 def _fit(folder: CalibrationFolder) -> Calibration:
-    images = _read_images(folder)
+    images, ball_views = _read_images(folder), _ball_views(folder)
     spectrum, geometry = None, None
     if images:
         if folder.scanner.tube is None:
             raise DataError(f"{folder.root / 'scanner.toml'}: tube is missing, wedges need its kv")
         spectrum = fit_spectrum(images, folder.scanner.tube, folder.scanner.detector.scintillator)
     if folder.balls is not None:
-        geometry = fit_geometry(folder.balls, _ball_views(folder, folder.balls.scan))
+        geometry = fit_geometry(folder.balls, ball_views)
     return Calibration(folder, images, spectrum, geometry)
 
 
@@ -168,13 +168,29 @@ def _read_images(folder: CalibrationFolder) -> tuple[ImageReadings, ...]:
     )
 
 
-def _ball_views(folder: CalibrationFolder, scan: str) -> dict[str, XRayView]:
-    """Read both views, and further ones that were scanned."""
+def _ball_views(folder: CalibrationFolder) -> dict[str, XRayView]:
+    """Read both views of the balls, if they were scanned, and further ones that were.
+
+    Raises
+    ------
+    DataError
+        If the phantom was turned by hand before one: it stands otherwise then, by an unknown turn,
+        and tells nothing of where the panel is.
+    """
+    if folder.balls is None:
+        return {}
+    scan = folder.balls.scan
     names = [
         name
         for name, stored in folder.scanner.views.items()
         if name in DATASET_VIEWS or (folder.root / scan / stored.image).is_file()
     ]
+    for name in names:
+        if folder.scanner.views[name].turned:
+            raise DataError(
+                f"{folder.root / 'scanner.toml'}: views.{name}.turned must be false where balls "
+                "are scanned, which tell the place of a panel that stands: leave out [balls]"
+            )
     return {name: _seen(folder, scan, name).view for name in names}
 
 
