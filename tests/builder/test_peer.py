@@ -20,6 +20,7 @@ from xden_builder.phantoms.peer.screen import Screen
 from xden_builder.phantoms.peer.setup import VIEWS, BenchSettings, draw_setup
 from xden_builder.phantoms.peer.substances import labels_alike, load_substances, substances_called
 from xden_builder.phantoms.peer.writer import write_bench
+from xden_builder.physics.spectrum.panels import panel
 
 WATER = (("H2O", 1.0),)
 
@@ -73,6 +74,17 @@ def test_what_is_told_of_the_scanner_is_near_what_it_is():
     for view in VIEWS:
         off = setup.geometry(view).source_cm - told.views[view].geometry.source_cm
         assert 0 < np.linalg.norm(off) <= 0.1
+
+
+@pytest.mark.parametrize(
+    ("screen", "name"), [("csi", "CsI"), ("gos", "GOS"), ("counting", "CdTe-counting")]
+)
+def test_the_screen_is_told_by_a_name_that_the_fit_takes_for_what_it_is(screen, name):
+    setup = draw_setup(12, 64, screen)
+    assert setup.told(copper=True).detector.scintillator == name
+    taken = panel(name)
+    assert taken.composition == ((setup.screen.formula, 1.0),)
+    assert taken.counting == bool(setup.screen.threshold_kev)
 
 
 def test_without_the_other_simulators_there_is_one_line_and_no_folder(tmp_path, monkeypatch):

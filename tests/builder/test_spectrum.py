@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from xden1k.errors import DataError
 from xden1k.values.materials import load_materials
 from xden_builder.physics.attenuation import mac_cm2_g
+from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.source import Tube
 from xden_builder.physics.spectrum import (
     Spectrum,
@@ -157,6 +158,25 @@ def test_monochromatic_source_is_one_line() -> None:
     assert line.energies_kev.tolist() == [60.0]
     assert line.weights.tolist() == [1.0]
     assert line.grouped(24).energies_kev == pytest.approx([60.0])
+
+
+@pytest.mark.parametrize("scintillator", ["CdTe-counting", "Si-counting"])
+def test_a_counting_panel_weighs_photons_not_energies(scintillator: str) -> None:
+    counted = tube_spectrum(TUBE, scintillator=scintillator)
+    stopped = counted.photons_per_cm2 * absorbed_share(counted.energies_kev, scintillator)
+    np.testing.assert_allclose(counted.weights, stopped / stopped.sum())
+    energy = Spectrum(counted.energies_kev, counted.photons_per_cm2, counted.absorbed)
+    assert counted.mean_detected_kev < energy.mean_detected_kev - 3.0
+    grouped = counted.grouped(24)
+    assert grouped.signal_per_cm2.sum() == pytest.approx(counted.signal_per_cm2.sum())
+    assert grouped.mean_detected_kev == pytest.approx(counted.mean_detected_kev)
+
+
+def test_groups_of_a_counting_panel_are_those_of_its_spectrum_along_every_ray() -> None:
+    groups, slope = energy_groups(TUBE, "CdTe-counting"), TABLE_SLOPES[2]
+    leaning = tube_spectrum(TUBE, slope=slope, scintillator="CdTe-counting")
+    weights = groups.weights_at(np.array([slope]))[0]
+    np.testing.assert_allclose(weights, leaning.grouped(24).weights, rtol=1e-9)
 
 
 def test_scintillator_stops_more_above_its_edges() -> None:

@@ -14,7 +14,7 @@ from xden_builder.calibrate.readings import ImageReadings
 from xden_builder.physics.attenuation import mac_cm2_g
 from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.source import Tube
-from xden_builder.physics.spectrum import absorbed_share, tube_fluence
+from xden_builder.physics.spectrum import panel_signal, tube_fluence
 from xden_builder.poly.model.beam import Heel, ViewBeam, find_heel
 from xden_builder.poly.model.stray import coarse_binning, stray_light
 
@@ -33,7 +33,7 @@ class LitImage:
     image
         The readings.
     scintillator
-        As of :func:`xden_builder.physics.spectrum.absorbed_share`.
+        As of :func:`xden_builder.physics.spectrum.panels.absorbed_share`.
     heel
         Which way the cathode lies.
     """
@@ -61,7 +61,7 @@ class LitImage:
         """Transmission of the direct beam at each reading, by the whole spectrum of a tube."""
         slopes, place = np.unique(self._slopes(), return_inverse=True)
         energies_kev, fluence = tube_fluence(tube, slopes)
-        signal = fluence * absorbed_share(energies_kev, self.scintillator) * energies_kev
+        signal = panel_signal(fluence, energies_kev, self.scintillator)
         weights = signal / signal.sum(axis=1, keepdims=True)
         ways = self._areal_g_cm2() @ self._mac_cm2_g(energies_kev)
         return np.asarray((weights[place] * np.exp(-ways)).sum(axis=1))

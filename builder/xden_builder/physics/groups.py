@@ -12,7 +12,7 @@ from jaxtyping import Float, Float64
 from xden1k.values.materials import Composition
 from xden_builder.physics.attenuation import mac_cm2_g, scattering_cm2_g
 from xden_builder.physics.source import Tube
-from xden_builder.physics.spectrum import Spectrum, absorbed_share, tube_fluence, tube_spectrum
+from xden_builder.physics.spectrum import Spectrum, panel_signal, tube_fluence, tube_spectrum
 from xden_builder.physics.spectrum.tables import TABLE_SLOPES
 
 __all__ = ["GROUPS", "EnergyGroups", "energy_groups"]
@@ -22,7 +22,7 @@ GROUPS: Final = 24
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EnergyGroups:
-    """A tube's spectrum, as the scintillator takes it in, in few groups of energy.
+    """A tube's spectrum, as the panel takes it in, in few groups of energy.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def energy_groups(tube: Tube, scintillator: str, count: int = GROUPS) -> EnergyG
     tube
         A tube, or a monochromatic source, which is one group.
     scintillator
-        ``CsI`` or ``GOS``; empty: caesium iodide is assumed.
+        A key of :data:`xden_builder.physics.spectrum.panels.PANELS`; empty: ``CsI`` is assumed.
     count
         Of groups, equally wide.
 
@@ -109,7 +109,7 @@ def _energy_groups(
         return EnergyGroups(spectrum, count, np.zeros(1), central[None])
     slopes = np.array(TABLE_SLOPES)
     energies_kev, fluence = tube_fluence(tube, slopes)
-    signal = fluence * absorbed_share(energies_kev, scintillator) * energies_kev
-    relative = spectrum.group_means(signal / spectrum.signal_kev_per_cm2, count)
+    signal = panel_signal(fluence, energies_kev, scintillator)
+    relative = spectrum.group_means(signal / spectrum.signal_per_cm2, count)
     weights = relative * central
     return EnergyGroups(spectrum, count, slopes, weights / weights.sum(axis=1, keepdims=True))

@@ -51,7 +51,8 @@ class Detector:
     Parameters
     ----------
     scintillator
-        Its name; empty where it is not known.
+        Name of what stops the photons, a scintillator or a counting sensor; empty where it is not
+        known.
     bits
         Of the converter; without it no pixel is called saturated.
     """

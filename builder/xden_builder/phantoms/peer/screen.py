@@ -31,7 +31,7 @@ class Screen:
     threshold_kev
         Photon counting: every photon above it counts 1. 0: the energy left in the layer counts.
     told
-        What ``scanner.toml`` calls it; empty where the format has no name for it.
+        What ``scanner.toml`` calls it.
     """
 
     formula: str
@@ -111,5 +111,5 @@ def draw_screen(rng: np.random.Generator, kind: str) -> Screen:
     return {
         "csi": Screen("CsI", round(0.15 + 0.15 * share, 3), 0.0, "CsI"),
         "gos": Screen("Gd2O2S", round(0.07 + 0.08 * share, 3), 0.0, "GOS"),
-        "counting": Screen("CdTe", 0.585, round(15.0 + 15.0 * share, 1), ""),
+        "counting": Screen("CdTe", 0.585, round(15.0 + 15.0 * share, 1), "CdTe-counting"),
     }[kind]

@@ -1,9 +1,8 @@
-"""What a tube sends out and a scintillator takes in, energy by energy."""
+"""What a tube sends out and a panel takes in, energy by energy."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,22 +12,16 @@ from xden1k.errors import DataError, require
 from xden1k.values.materials import Composition, load_materials
 from xden_builder.physics.attenuation import mac_cm2_g
 from xden_builder.physics.source import Tube
+from xden_builder.physics.spectrum.panels import absorbed_share, panel
 from xden_builder.physics.spectrum.tables import bare_fluence, bin_centres_kev
 
 __all__ = [
-    "SCINTILLATORS",
-    "SCINTILLATOR_G_CM2",
     "Spectrum",
-    "absorbed_share",
     "effective_energy_kev",
     "effective_mac_cm2_g",
     "tube_fluence",
     "tube_spectrum",
 ]
-
-SCINTILLATORS: Final = {"CsI": (("CsI", 1.0),), "GOS": (("Gd2O2S", 1.0),)}
-SCINTILLATOR_G_CM2: Final = 0.22
-"""Areal density of a scintillator, such as 0.6 mm of columnar CsI: an assumption."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,6 +39,8 @@ class Spectrum:
         Shape (n,): arriving in each bin, at 100 cm.
     absorbed
         Shape (n,): share of them that is stopped, 0 to 1.
+    counting
+        Whether the detector counts photons; else it sums the energy that they leave.
 
     Raises
     ------
@@ -56,6 +51,7 @@ class Spectrum:
     energies_kev: Float[np.ndarray, "n"]
     photons_per_cm2: Float[np.ndarray, "n"]
     absorbed: Float[np.ndarray, "n"]
+    counting: bool = False
 
     def __post_init__(self) -> None:
         if not (self.signal_kev_per_cm2 > 0).all():
@@ -72,9 +68,14 @@ class Spectrum:
         return np.asarray(self.quanta_per_cm2 * self.energies_kev)
 
     @property
+    def signal_per_cm2(self) -> Float[np.ndarray, "n"]:
+        """What the detector reads: their number, or their energy in keV."""
+        return self.quanta_per_cm2 if self.counting else self.signal_kev_per_cm2
+
+    @property
     def weights(self) -> Float[np.ndarray, "n"]:
         """Share of each bin in the open field's signal; they add up to 1."""
-        signal = self.signal_kev_per_cm2
+        signal = self.signal_per_cm2
         return np.asarray(signal / signal.sum())
 
     @property
@@ -114,7 +115,7 @@ class Spectrum:
             np.bincount(group, values)
             for values in (self.photons_per_cm2, self.quanta_per_cm2, self.signal_kev_per_cm2)
         )
-        return Spectrum(signal / quanta, photons, quanta / photons)
+        return Spectrum(signal / quanta, photons, quanta / photons, self.counting)
 
     def group_means(
         self, values: Float[np.ndarray, "*rows n"], count: int
@@ -135,30 +136,6 @@ class Spectrum:
         place = (self.energies_kev - low) / max(high - low, 1e-9) * count
         # an energy on the upper edge belongs to the last group
         return np.unique(place.astype(np.int64).clip(max=count - 1), return_inverse=True)[1]
-
-
-def absorbed_share(
-    energies_kev: Float[np.ndarray, "n"],
-    scintillator: str = "CsI",
-    areal_g_cm2: float = SCINTILLATOR_G_CM2,
-) -> Float[np.ndarray, "n"]:
-    """Share of photons that interact in a scintillator hit at right angles: 1 - exp(-m t).
-
-    Raises
-    ------
-    DataError
-        If the scintillator is unknown.
-
-    Examples
-    --------
-    >>> absorbed_share(np.array([30.0, 60.0])).round(2).tolist()
-    [0.86, 0.82]
-    """
-    if scintillator not in SCINTILLATORS:
-        raise DataError(f"unknown scintillator {scintillator!r}; known are {list(SCINTILLATORS)}")
-    return np.asarray(
-        -np.expm1(-mac_cm2_g(SCINTILLATORS[scintillator], energies_kev) * areal_g_cm2)
-    )
 
 
 def tube_fluence(
@@ -210,9 +187,9 @@ def tube_spectrum(
     *,
     slope: float = 0.0,
     scintillator: str = "CsI",
-    scintillator_g_cm2: float = SCINTILLATOR_G_CM2,
+    scintillator_g_cm2: float | None = None,
 ) -> Spectrum:
-    """Spectrum of a source as an energy-integrating detector takes it in.
+    """Spectrum of a source as a detector takes it in.
 
     Parameters
     ----------
@@ -221,12 +198,12 @@ def tube_spectrum(
     slope
         Of the ray towards the cathode; see :func:`tube_fluence`.
     scintillator, scintillator_g_cm2
-        See :func:`absorbed_share`.
+        See :func:`xden_builder.physics.spectrum.panels.absorbed_share`.
 
     Raises
     ------
     DataError
-        As :func:`tube_fluence` and :func:`absorbed_share`.
+        As :func:`tube_fluence`, or if the scintillator is unknown.
 
     Examples
     --------
@@ -240,7 +217,7 @@ def tube_spectrum(
         energies_kev, rows = tube_fluence(tube, np.array([slope]))
         photons = rows[0]
     absorbed = absorbed_share(energies_kev, scintillator, scintillator_g_cm2)
-    return Spectrum(energies_kev, photons, absorbed)
+    return Spectrum(energies_kev, photons, absorbed, panel(scintillator).counting)
 
 
 def effective_mac_cm2_g(spectrum: Spectrum, composition: Composition, areal_g_cm2: float) -> float:

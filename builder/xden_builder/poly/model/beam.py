@@ -13,7 +13,7 @@ from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.capture import Capture
 from xden_builder.physics.groups import EnergyGroups
 from xden_builder.physics.source import Tube
-from xden_builder.physics.spectrum import absorbed_share, tube_fluence
+from xden_builder.physics.spectrum import panel_signal, tube_fluence
 from xden_builder.physics.spectrum.tables import TABLE_SLOPES
 
 __all__ = ["Heel", "ViewBeam", "find_heel", "view_beam"]
@@ -94,7 +94,7 @@ def _log_profile(
 ) -> Float64[np.ndarray, "n"]:
     nodes = np.array(TABLE_SLOPES)
     energies_kev, fluence = tube_fluence(tube, nodes)
-    signal = (fluence * absorbed_share(energies_kev, scintillator) * energies_kev).sum(axis=1)
+    signal = panel_signal(fluence, energies_kev, scintillator).sum(axis=1)
     return np.asarray(np.interp(slopes, nodes, np.log(signal)))
 
 
