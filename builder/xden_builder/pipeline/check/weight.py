@@ -11,8 +11,10 @@ from xden_builder.poly.materials.candidates import candidates
 
 __all__ = ["possible_density_g_cm3", "weight_contradiction"]
 
-TOLERANCE: Final = 2.0
-"""Factor on either end of the range: pores and wrong labels are no contradiction yet."""
+LIGHTER: Final = 2.0
+"""By this factor parts may be lighter than they can be: pores and hollows nobody drew."""
+HEAVIER: Final = 1.5
+"""By this factor they may be heavier: thin walls meshed too thin, or a part without a mesh."""
 
 
 def possible_density_g_cm3(part: CapturePart) -> tuple[float, float]:
@@ -52,9 +54,11 @@ def weight_contradiction(
         sum(volume * each[end] for volume, each in zip(volumes_cm3, ranges, strict=True))
         for end in (0, 1)
     )
-    if least / TOLERANCE <= mass_g <= most * TOLERANCE:
+    least, most = least / LIGHTER, most * HEAVIER
+    if least <= mass_g <= most:
         return None
     return (
         f"mass_g is {mass_g:g} g, but the parts' volumes and materials allow "
-        f"{least / TOLERANCE:.3g} to {most * TOLERANCE:.3g} g: check mass_g, mesh_units and labels"
+        f"{least:.3g} to {most:.3g} g: weigh again, or check labels, mesh_units, and whether every "
+        "part has a mesh"
     )
