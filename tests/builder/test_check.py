@@ -20,6 +20,7 @@ from xden_builder.capture import CaptureFolder, ScannerFile, ViewFile, write_sca
 from xden_builder.capture.parts import CapturePart
 from xden_builder.cli import cli
 from xden_builder.physics.source import Tube
+from xden_builder.pipeline.check.outlines import Outline, contradictions
 from xden_builder.pipeline.check.run import FolderCheck, check_folder
 from xden_builder.pipeline.check.weight import weight_contradiction
 
@@ -96,6 +97,10 @@ def mirror(folder: Path) -> None:
     np.save(folder / "pa.npy", np.load(folder / "pa.npy")[:, ::-1])
 
 
+def turn_over(folder: Path) -> None:
+    np.save(folder / "pa.npy", np.load(folder / "pa.npy")[::-1, ::-1])
+
+
 def take_another(folder: Path) -> None:
     (folder / "lat.npy").write_bytes((folder.parent / "key-02" / "lat.npy").read_bytes())
 
@@ -138,7 +143,9 @@ def lose_a_picture_and_misspell(folder: Path) -> None:
         (annotate_twice, "refused", "parts grip and handle are the same mesh in the same place"),
         (misspell, "refused", "unknown material 'aluminum_alloy'.*near: aluminum"),
         (told_of_objects("key-1,key,mm,"), "refused", r"1/10 of|10 times the"),
-        (told_of_objects("key-1,key,,375"), "contradicts", "mass_g is 375 g, but .* allow"),
+        (told_of_objects("key-1,key,,375"), "contradicts", "mass_g is 375 g, but .* weigh again"),
+        (told_of_objects("key-1,key,,136"), "contradicts", "mass_g is 136 g, but .* weigh again"),
+        (turn_over, "contradicts", "the picture of pa seems turned upside down: "),
         (lose_a_mesh, "contradicts", r"% of the shadow in \w+ lies beside the parts"),
         (put_behind_the_source, "refused", "part grip reaches behind the source"),
         (lose_a_picture_and_misspell, "refused", r"pa\.npy: no such image"),
@@ -154,14 +161,44 @@ def test_what_is_wrong_is_told_of_that_object(
     assert all("\n" not in each[2] for each in found)
 
 
-def test_a_mass_is_impossible_only_beyond_half_and_twice_of_what_labels_allow() -> None:
+def seen(name: str, drawn: np.ndarray, shadow: np.ndarray) -> Outline:
+    return Outline(name, drawn, shadow, drawn, np.zeros_like(drawn))
+
+
+def flag() -> np.ndarray:
+    """A pole with a flag at its top: other in each of the four ways to turn it over."""
+    mask = np.zeros((24, 24), dtype=np.bool_)
+    mask[2:22, 8:10] = mask[2:10, 8:18] = True
+    return mask
+
+
+def test_a_picture_upside_down_is_not_called_exchanged_where_both_views_look_alike() -> None:
+    other = np.roll(flag(), 1, axis=1)
+    pa, lat = seen("pa", flag(), flag()[::-1, ::-1]), seen("lat", other, other)
+    (said,) = contradictions(pa, lat)
+    assert said.startswith("the picture of pa seems turned upside down: ")
+
+
+def test_two_pictures_exchanged_are_not_called_turned_over_where_both_views_look_alike() -> None:
+    other = np.roll(flag()[:, ::-1], 2, axis=1)
+    (said,) = contradictions(seen("pa", flag(), other), seen("lat", other, flag()))
+    assert said.startswith("the pictures of pa and lat seem exchanged: ")
+
+
+def test_every_way_that_explains_a_picture_is_told_where_the_object_is_symmetric() -> None:
+    arrow = flag() | flag()[:, ::-1]
+    (said,) = contradictions(seen("pa", arrow, arrow[::-1]), seen("lat", flag(), flag()))
+    assert said.startswith("the picture of pa seems mirrored top to bottom or turned upside down: ")
+
+
+def test_a_mass_is_impossible_only_beyond_half_and_one_and_a_half_of_what_labels_allow() -> None:
     part = CapturePart("block", trimesh.creation.box(), "aluminium")  # 2.64 to 2.77 g/cm³
-    for mass_g in (1.4, 2.7, 5.4):
+    for mass_g in (1.4, 2.7, 4.1):
         assert weight_contradiction(mass_g, [part], [1.0]) is None
-    for mass_g in (1.3, 5.6):
+    for mass_g in (1.3, 4.2):
         said = weight_contradiction(mass_g, [part], [1.0])
         assert said is not None
-        assert "allow 1.32 to 5.53 g" in said
+        assert "allow 1.32 to 4.15 g" in said
     unknown = CapturePart("block", part.mesh)
     assert weight_contradiction(19.3, [unknown], [1.0]) is None
 

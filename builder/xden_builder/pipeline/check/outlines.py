@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -25,6 +25,8 @@ FAR_BETTER: Final = 0.15
 """Of the area that outline and shadow share: so much more of it is no accident of the pose."""
 ALIKE: Final = 0.5
 """And at least so much is shared."""
+ALIKE_SHARE: Final = 0.03
+"""Of that area: explanations that differ by less explain alike."""
 MOST_BESIDE: Final = 0.5
 """Of a shadow, beside the parts."""
 MARGIN_CM: Final = 0.5
@@ -118,31 +120,46 @@ def contradictions(pa: Outline, lat: Outline, *, turned: bool = False) -> Iterat
     if blank := [view.name for view in (pa, lat) if not view.shadow.any()]:
         yield f"view {blank[0]} shows no shadow at all: expected {SHADOW_DEPTH:.0%} less than air"
         return
-    found = [] if turned else [*_exchanged(pa, lat)]
-    found = found or [said for view in told for said in _turned(view)]
+    found = _turned(told) if turned else _mixed_up(pa, lat)
     yield from found or [said for view in told for said in _beside(view)]
 
 
-def _exchanged(pa: Outline, lat: Outline) -> Iterator[str]:
+def _mixed_up(pa: Outline, lat: Outline) -> list[str]:
+    """Say which pictures are exchanged or turned over, by the fewest mistakes that explain them."""
+    over = _turned((pa, lat))
     if pa.drawn.shape != lat.drawn.shape:
+        return over
+    swapped = (replace(pa, shadow=lat.shadow), replace(lat, shadow=pa.shadow))
+    given, turned = (_mean(share, pa, lat) for share in (_as_it_is, _best))
+    exchanged, both = (_mean(share, *swapped) for share in (_as_it_is, _best))
+    if not _far_better(exchanged, given) or exchanged < turned - ALIKE_SHARE:
+        if not _far_better(both, given) or both < turned + ALIKE_SHARE:
+            return over
+        exchanged = both
+    said = (
+        f"the pictures of {pa.name} and {lat.name} seem exchanged: the parts' outlines share "
+        f"{exchanged:.0%} of their area with the shadows then, {given:.0%} as it is"
+    )
+    as_good = len(over) == 1 and exchanged < turned + ALIKE_SHARE
+    return [f"{over[0]}; or {said}" if as_good else said]
+
+
+def _turned(views: Iterable[Outline]) -> list[str]:
+    """Say which pictures are turned over, and how: every way that explains it alike."""
+    return [said for view in views for said in _turned_view(view)]
+
+
+def _turned_view(view: Outline) -> Iterator[str]:
+    given, best = _as_it_is(view), _best(view)
+    if not _far_better(best, given):
         return
-    given = _shared(pa.drawn, pa.shadow) + _shared(lat.drawn, lat.shadow)
-    other = _best(pa.drawn, lat.shadow)[0] + _best(lat.drawn, pa.shadow)[0]
-    turned = _best(pa.drawn, pa.shadow)[0] + _best(lat.drawn, lat.shadow)[0]
-    if _far_better(other / 2, given / 2) and other > turned:
-        yield (
-            f"the pictures of {pa.name} and {lat.name} seem exchanged: the parts' outlines share "
-            f"{other / 2:.0%} of their area with the shadows then, {given / 2:.0%} as it is"
-        )
-
-
-def _turned(view: Outline) -> Iterator[str]:
-    given, (best, how) = _shared(view.drawn, view.shadow), _best(view.drawn, view.shadow)
-    if how and _far_better(best, given):
-        yield (
-            f"the picture of {view.name} seems {how}: the parts' outline shares {best:.0%} of its "
-            f"area with the shadow then, {given:.0%} as it is"
-        )
+    ways = [
+        name for name, flip in FLIPS if _shared(view.drawn, flip(view.shadow)) > best - ALIKE_SHARE
+    ]
+    yield (
+        f"the picture of {view.name} seems {' or '.join(ways)}: the parts' outline shares "
+        f"{best:.0%} of its area with the shadow then, {given:.0%} as it is"
+    )
 
 
 def _beside(view: Outline) -> Iterator[str]:
@@ -158,10 +175,18 @@ def _far_better(one: float, other: float) -> bool:
     return one >= ALIKE and one - other > FAR_BETTER
 
 
-def _best(drawn: Mask, shadow: Mask) -> tuple[float, str]:
-    """Return the largest share over all ways to turn a picture over, and the way."""
-    ways = [("", shadow), *((name, flip(shadow)) for name, flip in FLIPS)]
-    return max(((_shared(drawn, turned), name) for name, turned in ways), key=lambda way: way[0])
+def _mean(share: Callable[[Outline], float], pa: Outline, lat: Outline) -> float:
+    return (share(pa) + share(lat)) / 2
+
+
+def _as_it_is(view: Outline) -> float:
+    return _shared(view.drawn, view.shadow)
+
+
+def _best(view: Outline) -> float:
+    """Return the largest share over all ways to turn a picture over, and none."""
+    flipped = (flip(view.shadow) for _, flip in FLIPS)
+    return max(_shared(view.drawn, shadow) for shadow in (view.shadow, *flipped))
 
 
 def _shared(one: Mask, other: Mask) -> float:
