@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -189,6 +190,16 @@ def test_every_way_that_explains_a_picture_is_told_where_the_object_is_symmetric
     arrow = flag() | flag()[:, ::-1]
     (said,) = contradictions(seen("pa", arrow, arrow[::-1]), seen("lat", flag(), flag()))
     assert said.startswith("the picture of pa seems mirrored top to bottom or turned upside down: ")
+
+
+def test_air_that_is_brighter_at_one_border_tells_of_the_open_field_and_of_nothing_else() -> None:
+    sound = seen("pa", flag(), flag())
+    spoilt = replace(seen("lat", flag(), ~flag()), air={"top": 0.7, "bottom": 1.4, "left": 1.0})
+    (said,) = contradictions(sound, spoilt)
+    assert said.startswith("air in lat has a transmission of 0.70 at its top and of 1.40 at its bo")
+    assert "turned over or mirrored" in said
+    even = replace(sound, air={"top": 1.02, "bottom": 0.98, "left": 0.7})
+    assert [*contradictions(even, sound)] == []
 
 
 def test_a_mass_is_impossible_only_beyond_half_and_one_and_a_half_of_what_labels_allow() -> None:

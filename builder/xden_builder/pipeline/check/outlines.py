@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -31,6 +31,16 @@ MOST_BESIDE: Final = 0.5
 """Of a shadow, beside the parts."""
 MARGIN_CM: Final = 0.5
 """On the panel: a shadow as near to the parts may be theirs, in another pose."""
+MOST_UNEVEN: Final = 1.1
+"""Ratio of air at opposite borders: an open field divides it away, whatever the heel effect."""
+BORDERS: Final = {
+    "top": (slice(None, 2), slice(None)),
+    "bottom": (slice(-2, None), slice(None)),
+    "left": (slice(None), slice(None, 2)),
+    "right": (slice(None), slice(-2, None)),
+}
+"""By name, the outermost of the large pixels."""
+OPPOSITE: Final = (("top", "bottom"), ("left", "right"))
 FLIPS: Final[tuple[tuple[str, Callable[[Mask], Mask]], ...]] = (
     ("mirrored left to right", lambda mask: mask[:, ::-1]),
     ("mirrored top to bottom", lambda mask: mask[::-1]),
@@ -54,6 +64,8 @@ class Outline:
         The same: on the parts or close to them.
     full
         The same: where most pixels are saturated or dead.
+    air
+        Median transmission along each border of the panel that no part reaches, by its name.
     """
 
     name: str
@@ -61,6 +73,7 @@ class Outline:
     shadow: Mask
     near: Mask
     full: Mask
+    air: Mapping[str, float] = field(default_factory=dict)
 
 
 def air_level(image: Float32[np.ndarray, "rows columns"], drawn: Mask) -> float:
@@ -95,7 +108,17 @@ def outline(
     near = binary_dilation(drawn, np.ones((3, 3)), margin)
     shadow = known & ~any_of(saturated, binning) & (image < level - SHADOW_DEPTH)
     full = _share(~view.valid, binning) > 0.5
-    return Outline(view.name, drawn, shadow, near, full), level
+    air = _border_air(image, drawn, known)
+    return Outline(view.name, drawn, shadow, near, full, air), level
+
+
+def _border_air(image: Image, drawn: Mask, known: Mask) -> dict[str, float]:
+    """Return the median transmission along each border that was measured and no part reaches."""
+    return {
+        name: float(np.median(image[border][known[border]]))
+        for name, border in BORDERS.items()
+        if known[border].any() and not drawn[border].any()
+    }
 
 
 def _share(mask: Mask, binning: int) -> Float64[np.ndarray, "rows columns"]:
@@ -120,8 +143,23 @@ def contradictions(pa: Outline, lat: Outline, *, turned: bool = False) -> Iterat
     if blank := [view.name for view in (pa, lat) if not view.shadow.any()]:
         yield f"view {blank[0]} shows no shadow at all: expected {SHADOW_DEPTH:.0%} less than air"
         return
-    found = _turned(told) if turned else _mixed_up(pa, lat)
+    found = [said for view in (pa, lat) for said in _uneven(view)]
+    found = found or (_turned(told) if turned else _mixed_up(pa, lat))
     yield from found or [said for view in told for said in _beside(view)]
+
+
+def _uneven(view: Outline) -> Iterator[str]:
+    """Say that an open field is not of this picture: air is brighter at one border."""
+    for one, other in OPPOSITE:
+        if not {one, other} <= view.air.keys():
+            continue
+        levels = view.air[one], view.air[other]
+        if max(levels) > MOST_UNEVEN * min(levels):
+            yield (
+                f"air in {view.name} has a transmission of {levels[0]:.2f} at its {one} and of "
+                f"{levels[1]:.2f} at its {other}: the picture or its flat is turned over or "
+                f"mirrored, or the flat is of another view or setting"
+            )
 
 
 def _mixed_up(pa: Outline, lat: Outline) -> list[str]:
