@@ -20,6 +20,7 @@ from xden_bench.scoring.metrics import METRICS
 from xden_builder.capture import CaptureFolder, ObjectRow, read_scanner
 from xden_builder.capture import scanner as scanner_module
 from xden_builder.capture.starting import write_template
+from xden_builder.physics.spectrum.panels import PANELS
 from xden_builder.triage.flags import flag_kinds
 
 DOCS = ROOT / "docs"
@@ -137,6 +138,7 @@ def test_the_scanner_file_of_the_manual_is_read_and_complete(tmp_path: Path) -> 
     assert (scanner.tube.kv, scanner.tube.filtration_cm) == (100.0, {"Al": 0.25})
     for key in (*scanner_module._VIEW_KEYS, "energy_kev", "kv", "mas", "scintillator", "bits"):
         assert re.search(rf"\b{key} = ", block.code), key
+    assert f"# optional: {' | '.join(PANELS)}\n" in block.code
 
 
 def test_lines_that_are_commented_out_are_legal_too(tmp_path: Path) -> None:
