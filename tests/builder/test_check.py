@@ -87,6 +87,15 @@ def test_sound_captures_are_clean_and_left_as_they_are(captures: Path) -> None:
     assert contents(captures) == before
 
 
+def test_a_sheet_that_stands_edge_on_between_two_rows_of_pixels_is_not_accused(
+    captures: Path,
+) -> None:
+    sheets = {"grip": solid((3, 2, 0.1), (1.5, 0.5, 0)), "wing": solid((1, 4, 0.1), (-0.5, 1, 0))}
+    write_object(captures, "sheet", sheets)
+    (captures / "objects.csv").write_text(f"{HEADER}\nsheet,key,,\n")
+    assert told(captures) == []
+
+
 def exchange(folder: Path) -> None:
     pa, lat = (folder / f"{name}.npy" for name in VIEWS)
     one, other = pa.read_bytes(), lat.read_bytes()

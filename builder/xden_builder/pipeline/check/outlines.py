@@ -31,6 +31,8 @@ MOST_BESIDE: Final = 0.5
 """Of a shadow, beside the parts."""
 MARGIN_CM: Final = 0.5
 """On the panel: a shadow as near to the parts may be theirs, in another pose."""
+SUBRAYS: Final = 3
+"""Rays along each side of a large pixel, so that a sheet that stands edge on is met."""
 MOST_UNEVEN: Final = 1.1
 """Ratio of air at opposite borders: an open field divides it away, whatever the heel effect."""
 BORDERS: Final = {
@@ -99,7 +101,7 @@ def outline(
     binning = coarse_binning(view.geometry.shape)
     geometry = coarse(view.geometry, binning)
     image, known = binned(whole, binning)
-    lengths = path_lengths(meshes, range(len(meshes)), geometry)
+    lengths = path_lengths(meshes, range(len(meshes)), geometry, SUBRAYS)
     drawn = np.zeros(geometry.shape, dtype=np.bool_)
     drawn.flat[lengths.pixels] = True
     bounds = gain_bounds(view, at_least)
