@@ -17,8 +17,11 @@ from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.capture import Capture, CaptureFolder
 from xden_builder.capture.pose import Candidate, CoarsePose
 from xden_builder.phantoms import Scanner, write_captures
+from xden_builder.poly.model.frames import Pose
 from xden_builder.registration.body import Body
 from xden_builder.registration.camera import Camera
+from xden_builder.registration.contest import told_apart
+from xden_builder.registration.exact import Judge
 from xden_builder.registration.likeness import Likeness, unlike
 from xden_builder.registration.middles import own_shifts, shifts_to_middles
 from xden_builder.registration.placement import Found, Registration, RigidPlacement
@@ -167,6 +170,25 @@ def test_ambiguous_poses_spread_the_densities_by_their_difference() -> None:
     assert unsure.density_spread() == pytest.approx([0.1, 0.0])
 
 
+def test_a_pose_is_as_good_by_its_deviance_where_the_whole_fit_told_it() -> None:
+    one, near, far, untold = (
+        Found(at(Rotation.identity()), loss, np.ones(1), deviance)
+        for loss, deviance in ((1.0, 10.0), (1.9, 15.0), (0.9, 17.0), (1.0, None))
+    )
+    assert near.as_good_as(one)
+    assert not far.as_good_as(one)
+    assert not untold.as_good_as(one)
+
+
+def test_a_pose_after_another_is_both_in_turn() -> None:
+    first = RigidPlacement(TURN.as_matrix(), AWAY_CM, 1.3)
+    then = Pose((0.1, -0.2, 0.3), (1.0, 2.0, -1.0), centre_cm=(4.0, 5.0, 6.0))
+    points = np.random.default_rng(0).normal(size=(5, 3))
+    turned = Rotation.from_rotvec(then.rotation_rad).apply(first.apply(points) - then.centre_cm)
+    both = turned + then.centre_cm + then.shift_cm
+    assert np.allclose(first.followed_by(then).apply(points), both)
+
+
 @pytest.fixture(scope="module")
 def hammer(tmp_path_factory: pytest.TempPathFactory) -> Capture:
     """A hammer whose meshes lie in the scanner's frame."""
@@ -194,6 +216,15 @@ def found(capture: Capture) -> Registration:
     return register(capture, ownership_order(meshes, [part.priority for part in capture.parts]))
 
 
+def judge_of(capture: Capture) -> Judge:
+    """Compare with shadows 80 pixels wide."""
+    shadows = [shadow_of(view) for view in capture.fitted_views]
+    meshes = [part.mesh for part in capture.parts]
+    order = ownership_order(meshes, [part.priority for part in capture.parts])
+    body = Body.of(meshes, order, np.ones(len(meshes)))
+    return Judge.of(capture, shadows, body, 80, at(Rotation.identity()))
+
+
 def largest_error_cm(capture: Capture, registration: Registration) -> float:
     return max(
         float(np.abs(moved.vertices - part.mesh.vertices).max())
@@ -209,6 +240,32 @@ def test_a_hammer_in_any_frame_is_found_to_a_millimetre(hammer: Capture) -> None
     registration = found(astray(hammer))
     assert largest_error_cm(hammer, registration) < 0.1
     assert registration.flags == ()
+
+
+def test_an_exposure_that_is_off_leaves_the_loss_of_a_pose_as_it_is(hammer: Capture) -> None:
+    darker = tuple(
+        replace(view, transmission=np.float32(0.93) * view.transmission) for view in hammer.views
+    )
+    place = at(Rotation.identity())
+    usual, other = (
+        judge_of(each).fixed(place).loss for each in (hammer, replace(hammer, views=darker))
+    )
+    assert other == pytest.approx(usual, rel=0.2)
+
+
+def test_the_whole_fit_tells_poses_apart_whose_losses_are_close(hammer: Capture) -> None:
+    meshes = [part.mesh for part in hammer.parts]
+    order = ownership_order(meshes, [part.priority for part in hammer.parts])
+    views = [shadow_of(view) for view in hammer.fitted_views]
+    rolled, right, lost = (
+        Found(at(Rotation.from_rotvec([0, 0, angle])), loss, np.ones(len(meshes)))
+        for angle, loss in ((0.7, 1.0), (0.0, 1.2), (0.0, 3.0))
+    )
+    first, second, third = told_apart(hammer, order, views, [rolled, right, lost])
+    assert (first.loss, second.loss, third) == (1.2, 1.0, lost)
+    assert first.deviance < second.deviance
+    untold = replace(hammer, tube=None)
+    assert told_apart(untold, order, views, [rolled, right]) == [rolled, right]
 
 
 @pytest.mark.slow

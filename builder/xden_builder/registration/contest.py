@@ -14,6 +14,7 @@ from typing import Final
 from xden_builder.capture import Capture
 from xden_builder.poly.estimate import estimate
 from xden_builder.poly.line import sampled
+from xden_builder.poly.pyramid import PIXEL_SD, WORTH
 from xden_builder.poly.settings import PolySettings
 from xden_builder.registration.placement import Found, RigidPlacement
 from xden_builder.registration.reduced import reduced
@@ -49,10 +50,10 @@ def told_apart(
     -------
     list of Found
         The most probable first; after them those that were not fitted, the least loss first. As
-        they came where there is one alone, or where the source has no spectrum.
+        they came where there is one alone, or where the source is not told.
     """
     rivals = [each for each in found if each.loss <= CLOSE * found[0].loss][:MOST]
-    if len(rivals) < 2 or capture.tube is None or capture.tube.kv is None:
+    if len(rivals) < 2 or capture.tube is None:
         return list(found)
     small, _ = reduced(capture, shadows, WIDE_PX)
     fitted = [_fitted(small, order, each) for each in rivals]
@@ -65,8 +66,9 @@ def _fitted(capture: Capture, order: Sequence[int], found: Found) -> Found:
     assert samples.pose is not None
     placement = found.placement.followed_by(samples.pose.pose)
     solution = estimate(samples, None, SETTINGS)
-    deviance = solution.problem.evaluate(solution.minimum.unknowns).loss
-    return Found(placement, found.loss, solution.density_g_cm3, deviance)
+    inside = solution.problem.evaluate(solution.minimum.unknowns).loss
+    outlines = WORTH * (samples.pose.rms_after / PIXEL_SD) ** 2
+    return Found(placement, found.loss, solution.density_g_cm3, inside + outlines)
 
 
 def _placed(capture: Capture, placement: RigidPlacement) -> Capture:

@@ -104,8 +104,8 @@ class Found:
     density_g_cm3
         Shape (K,): the parts' densities that go with it, coarsely.
     deviance
-        Twice minus the logarithm of the posterior of the whole fit; None where the loss alone tells
-        the pose from all others.
+        Twice minus the logarithm of the posterior of the whole fit, and the squares that the search
+        for the pose left; None where the loss alone tells the pose from all others.
     """
 
     placement: RigidPlacement
