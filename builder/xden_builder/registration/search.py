@@ -23,8 +23,11 @@ from xden_builder.registration.exact import Judge
 from xden_builder.registration.likeness import Likeness, unlike
 from xden_builder.registration.placement import Found, Registration, RigidPlacement
 from xden_builder.registration.reduced import USUAL_KEV
-from xden_builder.registration.shadow import shadow_of
+from xden_builder.registration.shadow import Shadow, shadow_of
 from xden_builder.registration.shortlist import (
+    USUAL,
+    WIDE,
+    Breadth,
     Poses,
     Search,
     shortlist,
@@ -51,7 +54,7 @@ FINAL: Final = 3
 DERIVATIVES, MOST_ROUNDS, SETTLED = 2, 4, 0.97
 """Taken before it is asked whether a pose gains, how often, and what is little to gain."""
 LISTED: Final = 6
-ELSEWHERE: Final = 0.1
+ELSEWHERE: Final = 0.05
 """Of the radius: an equally good pose that is farther makes the pose ambiguous."""
 SYMMETRIC: Final = 0.03
 """Of the radius: a turn that moves surfaces less leaves the object where it is."""
@@ -92,6 +95,15 @@ def register(capture: Capture, order: Sequence[int]) -> Registration:
         If a view shows no shadow or its edge cuts it, the meshes are flat, the scale found lies
         outside 0.5 to 2, or a candidate is asked for that there is not.
     """
+    found = _searched(capture, order, USUAL)
+    if isinstance(capture.pose, CoarsePose) or found.candidates[0].loss <= WORST_LOSS:
+        return found
+    wider = _searched(capture, order, WIDE)
+    return min(found, wider, key=lambda each: each.candidates[0].loss)
+
+
+def _searched(capture: Capture, order: Sequence[int], breadth: Breadth) -> Registration:
+    """Go from shadows to a judgement, trying so many poses."""
     shadows = [
         shadow_of(
             completed(view, capture.at_least.get(view.name))[0], turned=view.name in capture.turned
@@ -101,16 +113,7 @@ def register(capture: Capture, order: Sequence[int]) -> Registration:
     meshes = [part.mesh for part in capture.parts]
     body = Body.of(meshes, order, _usual_lac_per_cm(capture))
     likeness = Likeness(body)
-    told = _told_rotations(capture, body)
-    poses, search = shortlist(shadows, body, likeness, told, scaled=capture.scale_unknown)
-    there = [body.of_files(each) for each in poses.placements()]
-    judge = Judge.of(capture, shadows, body, COARSE_PX, there[0])
-    found = [judge.fixed(each) for each in there]
-    found = _unlike([*found, *_turned(found, search, body, judge)], likeness, body, COMPARED)
-    found = sorted((judge.refined(each.placement, 2) for each in found), key=_loss)
-    if capture.scale_unknown:
-        found = sorted((_rescaled(judge, each, body, SCALE_SHARES) for each in found), key=_loss)
-    found[0] = _settled(judge, _slid(judge, _settled(judge, found[0]), body))
+    found, search = _coarsely(capture, shadows, body, likeness, breadth)
     fine = Judge.of(capture, shadows, body, FINE_PX, found[0].placement)
     rolled = _soft_turns(found[0], search, body, ROLL_DEG)
     near = [fine.fixed(each) for each in (*(each.placement for each in found), *rolled)]
@@ -120,6 +123,29 @@ def register(capture: Capture, order: Sequence[int]) -> Registration:
     unlike_ones = _unlike([*best, *near], likeness, body, LISTED)
     candidates = told_apart(capture, order, shadows, unlike_ones)
     return _judged(capture, candidates, likeness, body, fine)
+
+
+def _coarsely(
+    capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness, breadth: Breadth
+) -> tuple[list[Found], Search]:
+    """Find a few poses on coarse images, the best first, and what the shortlist was made by."""
+    poses, search = shortlist(
+        shadows,
+        body,
+        likeness,
+        _told_rotations(capture, body),
+        scaled=capture.scale_unknown,
+        breadth=breadth,
+    )
+    there = [body.of_files(each) for each in poses.placements()]
+    judge = Judge.of(capture, shadows, body, COARSE_PX, there[0])
+    found = [judge.fixed(each) for each in there]
+    found = _unlike([*found, *_turned(found, search, body, judge)], likeness, body, COMPARED)
+    found = sorted((judge.refined(each.placement, 2) for each in found), key=_loss)
+    if capture.scale_unknown:
+        found = sorted((_rescaled(judge, each, body, SCALE_SHARES) for each in found), key=_loss)
+    found[0] = _settled(judge, _slid(judge, _settled(judge, found[0]), body))
+    return found, search
 
 
 def _settled(judge: Judge, found: Found) -> Found:

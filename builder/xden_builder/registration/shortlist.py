@@ -23,13 +23,9 @@ from xden_builder.registration.placement import RigidPlacement
 from xden_builder.registration.rotations import spread_rotations
 from xden_builder.registration.shadow import Shadow
 
-__all__ = ["Poses", "Search", "half_turns", "shortlist", "turned_about"]
+__all__ = ["USUAL", "WIDE", "Breadth", "Poses", "Search", "half_turns", "shortlist", "turned_about"]
 
-SPREAD: Final = 4608
-"""Rotations to begin with: about ten degrees from any there is."""
 BATCH: Final = 512
-FIRST, SECOND, LAST = 480, 60, 16
-"""How many are kept for the coarse images, for the finer ones, and in the end."""
 COARSE_PX, FINE_PX = 16, 36
 """Pixels along the longer side of a shadow."""
 COARSE_CELLS, FINE_CELLS = 16, 28
@@ -45,6 +41,30 @@ STEP_PX: Final = 0.5
 FIRST_DAMPING: Final = 1e-2
 LONGEST_STEP: Final = 0.25
 """Of the radius."""
+
+
+@dataclass(frozen=True, slots=True)
+class Breadth:
+    """How many poses are tried.
+
+    Parameters
+    ----------
+    spread
+        Rotations to begin with.
+    first, second, last
+        Poses that are kept for the coarse images, for the finer ones, and in the end.
+    """
+
+    spread: int
+    first: int
+    second: int
+    last: int
+
+
+USUAL: Final = Breadth(4608, 480, 60, 16)
+"""Begins with rotations about ten degrees from any there is."""
+WIDE: Final = Breadth(12000, 1500, 180, 40)
+"""For an object that was not found."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -194,6 +214,7 @@ def shortlist(
     rotations: Rotation | None = None,
     *,
     scaled: bool = False,
+    breadth: Breadth = USUAL,
 ) -> tuple[Poses, Search]:
     """Find a dozen unlike poses among which is the right one.
 
@@ -207,6 +228,8 @@ def shortlist(
         To begin with; all there are by default.
     scaled
         Whether the scale is sought too.
+    breadth
+        How many are tried.
 
     Returns
     -------
@@ -216,19 +239,19 @@ def shortlist(
         At the finer resolution.
     """
     everywhere = rotations is None
-    linear = (spread_rotations(SPREAD) if rotations is None else rotations).as_matrix()
+    linear = (spread_rotations(breadth.spread) if rotations is None else rotations).as_matrix()
     if scaled:
         linear = _scales(shadows, body.rim_cm, linear)[:, None, None] * linear
     coarse = Search(shadows, body, COARSE_CELLS, COARSE_PX)
     fine = Search(shadows, body, FINE_CELLS, FINE_PX)
     first = coarse.judged(linear, shifts_to_middles(shadows, body.rim_cm, linear))
-    first = first.best_first().picked(range(min(FIRST, len(first))))
+    first = first.best_first().picked(range(min(breadth.first, len(first))))
     second = coarse.descended(first, COARSE_STEPS, scaled=scaled).best_first()
-    second = second.picked(_distinct(second, SECOND))
+    second = second.picked(_distinct(second, breadth.second))
     if everywhere:
         second = _joined(second, half_turns(second.picked(range(min(LEADING, len(second)))), body))
     last = fine.descended(second, FINE_STEPS, scaled=scaled).best_first()
-    kept = unlike(last.placements(), likeness, APART_SHARE * body.radius_cm, LAST)
+    kept = unlike(last.placements(), likeness, APART_SHARE * body.radius_cm, breadth.last)
     return last.picked(kept), fine
 
 
