@@ -11,11 +11,14 @@ import ast
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mkdocs.structure.files import File, Files
 
 from docs.hooks.docstrings import as_markdown
+
+if TYPE_CHECKING:
+    import click
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = {
@@ -137,7 +140,7 @@ def on_files(files: Files, config: Any) -> Files:
     for package in PACKAGES:
         for uri, held in pages(package).items():
             files.append(File.generated(config, uri, content="\n".join(_content(uri, held))))
-    files.append(File.generated(config, "reference/commands.md", content=_commands()))
+    files.append(File.generated(config, "reference/commands.md", content=commands_page()))
     return files
 
 
@@ -203,8 +206,8 @@ def _assigned(node: ast.stmt) -> list[str]:
     return [target.id for target in targets if isinstance(target, ast.Name)]
 
 
-def _commands() -> str:
-    """Write what ``--help`` of each command says."""
+def commands_page() -> str:
+    """Write what ``--help`` of each command says, those that packages add to ``xden`` as well."""
     import click
 
     from xden1k.cli import cli as xden
@@ -215,10 +218,16 @@ def _commands() -> str:
     for program, group in (("xden", xden), ("xden-build", xden_build), ("xden-bench", xden_bench)):
         lines += [f"## `{program}`", "", str(group.help), ""]
         top = click.Context(group, info_name=program)
-        for name in sorted(group.commands):
-            context = click.Context(group.commands[name], info_name=name, parent=top)
-            context.max_content_width = 88
-            context.terminal_width = 88
-            text = group.commands[name].get_help(context)
+        for name in group.list_commands(top):
+            text = _help(group, name, top)
             lines += [f"### `{program} {name}`", "", "```text", text, "```", ""]
     return "\n".join(lines)
+
+
+def _help(group: click.Group, name: str, top: click.Context) -> str:
+    """Return the help of a command, which may be loaded only when its context is made."""
+    command = group.get_command(top, name)
+    assert command is not None  # the group lists it
+    context = command.make_context(name, [], parent=top, resilient_parsing=True)
+    context.max_content_width = context.terminal_width = 88
+    return context.command.get_help(context)

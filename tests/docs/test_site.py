@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from docs.hooks.reference import commands_page
 from tests.docs.blocks import ROOT
 
 LOADED = re.compile(
@@ -64,6 +65,12 @@ def test_the_whole_site_is_built_without_a_warning(tmp_path: Path) -> None:
     reference = (tmp_path / "site" / "reference" / "xden1k" / "values.html").read_text()
     assert 'id="xden1k.values.types.DensityObject.mass_g"' in reference
     assert not re.search(r":(?:class|func|mod|meth):", reference)
+
+
+def test_the_reference_has_the_commands_that_packages_add_with_their_own_help() -> None:
+    _, _, told = commands_page().partition("### `xden import`")
+    said, _, _ = told.partition("### `")
+    assert "--dry-run" in said
 
 
 @pytest.mark.parametrize(
