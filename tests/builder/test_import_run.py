@@ -50,7 +50,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         done.surveyed.append(given.object_id)
         part = PartSeen("body", 1.0, 10.0, [[1.0]] * 3, [[1.0]] * 3, [1] * 3)
         sides = (1.0, 2.0, 3.0)
-        return Survey(given.object_id, [[0.5]], sides, sides, sides, (part,))
+        return Survey(given.object_id, [[0.5]], sides, sides, sides, sides, sides, (part,))
 
     def fit(surveys: list[Survey]) -> Any:
         ids = [survey.object_id for survey in surveys]

@@ -41,7 +41,8 @@ def survey() -> Survey:
     part = PartSeen("cap", 0.2, 1000.0, [[10.0] * 8] * 3, [[0.0] * 8] * 3, [100, 100, 100])
     scores = [[0.5] * 48 for _ in range(2)]
     scores[0][0] = 0.9
-    return Survey("one", scores, (2.0, 1.0, 1.0), (100.0, 50.0, 50.0), (20.0, 10.0, 10.0), (part,))
+    sides = (2.0, 1.0, 1.0), (100.0, 50.0, 50.0), (20.0, 10.0, 10.0), (0.8, 0.4, 0.4)
+    return Survey("one", scores, *sides, (0.5, 0.5, 0.5), (part,))
 
 
 @pytest.mark.parametrize("material", ["water", "aluminium", "steel"])

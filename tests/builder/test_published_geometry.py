@@ -151,6 +151,22 @@ def test_parts_that_the_volume_cannot_show_are_merged_or_lost():
     assert volume.flags == ("equal_levels",)
 
 
+def test_a_table_of_other_figures_gives_its_names_where_it_has_as_many_parts():
+    volume = label_volume(body_volume(0), {"head": 1.5, "handle": 0.1})
+    assert volume.names == ("handle", "head")
+    assert volume.lac_per_cm == pytest.approx([0.2, 2.0], rel=1e-3)
+    assert volume.flags == ("levels_not_in_table",)
+    fewer = label_volume(body_volume(0), {"head": 1.5})
+    assert fewer.names == ("region_01", "region_02")
+    assert (fewer.flags, fewer.lost) == (("levels_not_in_table", "parts_from_volume"), ("head",))
+
+
+def test_a_level_that_the_table_lacks_is_told():
+    volume = label_volume(body_volume(0), {"head": 2.0})
+    assert volume.names == ("head",)
+    assert volume.flags == ("levels_not_in_table",)
+
+
 def test_air_alone_is_refused():
     with pytest.raises(DataError, match=r"expected values above .* got air alone"):
         label_volume(np.zeros((8, 8, 8), dtype=np.float32), TABLE)
@@ -183,7 +199,7 @@ def test_a_sheet_thinner_than_a_voxel_keeps_its_volume():
     net = part_nets(labels, share, np.array([float(share.sum())]))
     mesh = trimesh.Trimesh(net.points, net.faces[0], process=False)
     assert mesh.volume == pytest.approx(float(share.sum()), rel=1e-3)
-    volume = LabelVolume(labels, share, ("sheet",), np.ones(1), (), ())
+    volume = LabelVolume(labels, share, ("sheet",), np.ones(1), (), (), (0, 0, 0), 24)
     assert thickness_voxels(volume)[0] == pytest.approx(0.5, abs=0.1)
 
 
@@ -193,15 +209,42 @@ def test_registration_finds_a_known_pose(place):
     assert (told.place, told.sure, told.size_order) == (place, True, (1, 2, 0))
     told = replace(told, mode="isotropic")
     volume = label_volume(body_volume(place), TABLE)
-    found = register(filled_body(), volume_shares(volume), given(place).size_cm, told)
-    start = np.argwhere(body_volume(place) > 1e-3).min(axis=0) - 4
-    corners = np.stack(np.meshgrid(*([0, 40],) * 3), axis=-1).reshape(-1, 3)
+    found = register(filled_body(), volume_shares(volume), given(place).size_cm, told, SIDE)
+    corners = np.stack(np.meshgrid(*([12, 52],) * 3), axis=-1).reshape(-1, 3)
     truth = affine_of(ORIENTATIONS[place])
-    expected = 5 * ((corners + start) @ truth[:3, :3].T + truth[:3, 3]) @ UPRIGHT.T
+    expected = 5 * (corners @ truth[:3, :3].T + truth[:3, 3]) @ UPRIGHT.T
     got = corners @ found.affine[:3, :3].T + found.affine[:3, 3]
     assert np.abs(got - expected).max() < 0.3 * 5 * UNIT
     assert found.six_side > 0.9
     assert found.flags == ()
+
+
+@pytest.mark.slow
+def test_where_all_meshes_lie_alike_a_damaged_one_is_placed_as_the_others():
+    place = 29
+    told = vote([survey(place)] * 5)
+    assert told.mode == "isotropic"
+    assert told.scale == pytest.approx((1 / UNIT / SIDE,) * 3, rel=0.003)
+    cut = body_volume(place).copy()
+    cut[:, :, 50:] = 0  # of 12 to 52
+    bodies = filled_body(), volume_shares(label_volume(cut, TABLE))
+    truth = affine_of(ORIENTATIONS[place])
+    errors = [
+        np.abs(
+            register(*bodies, given(place).size_cm, each, SIDE).affine[:3, :3] / 5
+            - UPRIGHT @ truth[:3, :3]
+        ).max()
+        for each in (told, replace(told, scale=None, middle=None))
+    ]
+    assert errors[0] < 0.005 * UNIT < errors[1]
+
+
+def test_meshes_that_wander_in_their_volumes_have_a_scale_in_common_but_no_middle():
+    one = survey(29)
+    away = [replace(one, box_middle=(0.45 + 0.02 * step, 0.5, 0.5)) for step in range(5)]
+    told = vote(away)
+    assert told.scale is not None
+    assert told.middle is None
 
 
 def test_a_mirrored_volume_gives_meshes_that_are_wound_outwards():
@@ -214,7 +257,8 @@ def test_a_mirrored_volume_gives_meshes_that_are_wound_outwards():
 
 
 def test_an_object_without_a_preferred_orientation_has_no_vote():
-    flat = Survey("ball", [[0.9] * 48] * 2, (2, 2, 2), (40, 40, 40), (1, 1, 1), ())
+    one, half = (1.0, 1.0, 1.0), (0.5, 0.5, 0.5)
+    flat = Survey("ball", [[0.9] * 48] * 2, one, one, one, one, half, ())
     told = vote([flat, flat, flat])
     assert (told.unambiguous, told.sure) == (0, False)
     assert vote([flat, survey(29), flat]).place == 29
@@ -231,7 +275,11 @@ def test_bodies_of_other_proportions_are_refused():
     told = replace(vote([survey(29)] * 3), mode="isotropic")
     with pytest.raises(DataError, match="boxes of mesh and volume must agree within 8%"):
         register(
-            fill_mesh(long), volume_shares(label_volume(body_volume(0), TABLE)), np.ones(3), told
+            fill_mesh(long),
+            volume_shares(label_volume(body_volume(0), TABLE)),
+            np.ones(3),
+            told,
+            SIDE,
         )
 
 
@@ -254,7 +302,9 @@ def test_the_outer_surface_holds_a_cavity_that_the_parts_do_not():
     labels = np.zeros((20, 20, 20), dtype=np.uint8)
     labels[4:16, 4:16, 4:16] = 1
     labels[7:13, 7:13, 7:13] = 0
-    volume = LabelVolume(labels, labels.astype(np.float32), ("shell",), np.ones(1), (), ())
+    volume = LabelVolume(
+        labels, labels.astype(np.float32), ("shell",), np.ones(1), (), (), (0, 0, 0), 20
+    )
     solids = part_solids(volume, np.eye(4))
     (shell,) = solids.parts
     assert shell is not None

@@ -11,15 +11,20 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from xden1k.errors import DataError
-from xden_builder.published.orientation import MODES, ORIENTATIONS, Orientation
-from xden_builder.published.survey import Survey
+from xden_builder.published.orientation import (
+    MODES,
+    ORIENTATIONS,
+    STRETCH_GAIN,
+    Orientation,
+    best_way,
+)
+from xden_builder.published.refine import MeshBox
+from xden_builder.published.survey import Survey, Three
 
 __all__ = ["Convention", "vote"]
 
 MOST_LOST: Final = 0.15
 """Overlap that one object can hold against an orientation, so that no one decides alone."""
-STRETCH_GAIN: Final = 0.004
-"""Overlap an object by which three scales must be better than one."""
 ALIKE: Final = 0.01
 """Overlap within which an object cannot tell two orientations apart."""
 LEAST_MARGIN: Final = 0.5
@@ -27,6 +32,11 @@ MARGIN_EACH: Final = 0.03
 """What the runner-up must have lost in all, or for each unambiguous object where these are few."""
 LEAST_AGREE: Final = 0.6
 """Share of the unambiguous objects whose own best orientation is the convention."""
+FEWEST: Final = 5
+"""Objects that must say where their meshes lie, before it is taken to hold for all."""
+MOST_SPREAD: Final = 0.002
+"""Median distance from the median, in shares of the volume's longest side, up to which objects lie
+alike: half a voxel of 256."""
 SIZE_ORDERS: Final = tuple((a, b, c) for a, b, c in permutations(range(3)))
 
 
@@ -48,6 +58,11 @@ class Convention:
         Objects with a best orientation of their own, and those of them that agree.
     sure
         Whether margin and agreement suffice; else each object goes by its own.
+    scale
+        Sides of every mesh's box in its volume, or where voxels are cubes of the mesh's unit; along
+        the volume's axes, in shares of its longest side. None where objects differ.
+    middle
+        Of every mesh's box, likewise.
     """
 
     mode: str
@@ -57,6 +72,8 @@ class Convention:
     agreeing: int
     unambiguous: int
     sure: bool
+    scale: Three | None
+    middle: Three | None
 
     @property
     def orientation(self) -> Orientation:
@@ -70,7 +87,25 @@ class Convention:
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Convention:
         """Read what :meth:`to_json` gave."""
-        return cls(**{**values, "size_order": tuple(values["size_order"])})
+        threes = ("size_order", "scale", "middle")
+        known = {name: values[name] and tuple(values[name]) for name in threes}
+        return cls(**{**values, **known})
+
+    def box_of(self, extent: Float64[np.ndarray, "3"], longest: int) -> MeshBox | None:
+        """Where a mesh lies in its volume, in voxels; None where objects differ.
+
+        Parameters
+        ----------
+        extent
+            Of the mesh, along its own axes.
+        longest
+            Longest side of the volume.
+        """
+        if self.scale is None:
+            return None
+        along = extent[list(self.orientation.axes)] if self.mode == MODES[0] else np.ones(3)
+        middle = None if self.middle is None else longest * np.array(self.middle)
+        return MeshBox(longest * along * self.scale, middle)
 
 
 def vote(surveys: Sequence[Survey]) -> Convention:
@@ -97,9 +132,9 @@ def vote(surveys: Sequence[Survey]) -> Convention:
     margin = float(lost[mode, place] - lost[mode][_rivals(own, place)].max(initial=-np.inf))
     needed = min(LEAST_MARGIN, MARGIN_EACH * int(clear.sum()))
     sure = bool(clear.any()) and margin > needed and agreeing >= LEAST_AGREE * int(clear.sum())
-    return Convention(
-        MODES[mode], place, _size_order(surveys), margin, agreeing, int(clear.sum()), sure
-    )
+    order, scale, middle = _size_order(surveys), *_frame(surveys, MODES[mode], place)
+    figures = margin, agreeing, int(clear.sum())
+    return Convention(MODES[mode], place, order, *figures, sure, scale, middle)
 
 
 def _unambiguous(scores: Float64[np.ndarray, "n 48"]) -> Bool[np.ndarray, "n"]:
@@ -112,6 +147,35 @@ def _rivals(scores: Float64[np.ndarray, "n 48"], place: int) -> Bool[np.ndarray,
     """Orientations that some object tells from the winner."""
     apart = np.abs(scores - scores[:, [place]]) > ALIKE
     return np.asarray(apart.any(axis=0))
+
+
+def _frame(surveys: Sequence[Survey], mode: str, place: int) -> tuple[Three | None, Three | None]:
+    """Scale and middle that the objects have in common, by those whose own best is the winner."""
+    asked = [each for each in surveys if best_way(np.array(each.overlaps)) == (mode, place)]
+    sides = np.array([each.box_sides for each in asked]).reshape(-1, 3)
+    if mode == MODES[0]:
+        extents = np.array([each.mesh_extent for each in asked]).reshape(-1, 3)
+        ratio = sides / extents[:, ORIENTATIONS[place].axes]
+        sides = np.exp(np.log(ratio).mean(axis=1, keepdims=True)) * np.ones(3)
+    middles = np.array([each.box_middle for each in asked]).reshape(-1, 3)
+    return _one_side(_common(sides)), _common(middles)
+
+
+def _common(values: Float64[np.ndarray, "n 3"]) -> Three | None:
+    """Median of what some objects say; None if they are too few, or differ."""
+    if len(values) < FEWEST:
+        return None
+    middle = np.median(values, axis=0)
+    spread = np.median(np.abs(values - middle), axis=0)
+    x, y, z = middle.tolist()
+    return (x, y, z) if (spread <= MOST_SPREAD).all() else None
+
+
+def _one_side(scale: Three | None) -> Three | None:
+    """Take a cube for one: of its sides the flat bottoms of things tell one less well."""
+    if scale is None or np.ptp(scale) > MOST_SPREAD:
+        return scale
+    return (float(np.median(scale)),) * 3
 
 
 def _size_order(surveys: Sequence[Survey]) -> tuple[int, int, int]:

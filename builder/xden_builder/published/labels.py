@@ -49,6 +49,10 @@ class LabelVolume:
         Parts of the table that no voxel shows, or without an attenuation.
     flags
         What was found on the way.
+    start
+        Its first voxel in the volume as published; negative where the margin reaches beyond.
+    longest
+        Longest side of the volume as published, in voxels.
     """
 
     labels: UInt8[np.ndarray, "x y z"]
@@ -57,6 +61,8 @@ class LabelVolume:
     lac_per_cm: Float64[np.ndarray, "parts"]
     lost: tuple[str, ...]
     flags: tuple[str, ...]
+    start: tuple[int, int, int]
+    longest: int
 
     @property
     def filled_voxels(self) -> Float64[np.ndarray, "parts"]:
@@ -89,8 +95,9 @@ def label_volume(
     volume
         Attenuation coefficient of each voxel, 1/cm.
     table_lac_per_cm
-        Of each part; empty: levels are looked for in the volume, and parts are named
-        ``region_01`` and so on, the weakest first.
+        Of each part. Where it is empty, or the volume shows none of it but other levels, these
+        count, and parts are named ``region_01`` and so on, the weakest first; by the table where
+        that has as many.
 
     Raises
     ------
@@ -106,15 +113,18 @@ def label_volume(
     [500, 500]
     """
     air = max(OVER_AIR * air_per_cm(volume), LEAST_PER_CM)
-    cropped = _cropped(volume, air)
+    box = _box(volume, air)
+    cropped = np.pad(volume[box], MARGIN)
     usable = {name: lac for name, lac in table_lac_per_cm.items() if lac > air}
-    levels = _from_table(usable) if usable else _from_volume(cropped, air)
+    levels, flags = _levels(cropped, usable, air)
     labels, share = _assigned(cropped, np.array(levels.lac_per_cm), air)
-    return _kept(labels, share, levels, usable, tuple(table_lac_per_cm))
+    x, y, z = (along.start - MARGIN for along in box)
+    place = (x, y, z), max(volume.shape)
+    return _kept(labels, share, levels, tuple(table_lac_per_cm), flags, *place)
 
 
-def _cropped(volume: Float32[np.ndarray, "x y z"], air: float) -> Float32[np.ndarray, "i j k"]:
-    """Cut out what is more than air, with a margin."""
+def _box(volume: Float32[np.ndarray, "x y z"], air: float) -> tuple[slice, slice, slice]:
+    """Find what is more than air."""
     above = volume > air
     box = []
     for axis in range(3):
@@ -122,7 +132,48 @@ def _cropped(volume: Float32[np.ndarray, "x y z"], air: float) -> Float32[np.nda
         if not len(met):
             raise DataError(f"volume: expected values above {air:.2g} 1/cm, got air alone")
         box.append(slice(int(met[0]), int(met[-1]) + 1))
-    return np.pad(volume[tuple(box)], MARGIN)
+    x, y, z = box
+    return x, y, z
+
+
+def _levels(
+    volume: Float32[np.ndarray, "x y z"], table_lac_per_cm: Mapping[str, float], air: float
+) -> tuple[_Levels, tuple[str, ...]]:
+    """Find the levels of the parts, and the flags that come with them.
+
+    A table of which the volume shows no level is one of other figures: the volume's levels count,
+    and have the table's names where there are as many, the weakest first in both.
+    """
+    if not table_lac_per_cm:
+        return _from_volume(volume, air), ("parts_from_volume",)
+    told = _from_table(table_lac_per_cm)
+    merged = ("equal_levels",) * (len(told.names) < len(table_lac_per_cm))
+    near = _near(volume, np.sort(told.lac_per_cm))
+    if not _shared_values(volume[_plateaus(np.where(near, 0, volume), air) == 1], FEWEST[1]):
+        return told, merged
+    if np.count_nonzero(near) >= FEWEST[1]:
+        return told, (*merged, "levels_not_in_table")
+    shown = _from_volume(volume, air)
+    if len(shown.names) != len(told.names):
+        return shown, ("levels_not_in_table", "parts_from_volume")
+    names = tuple(told.names[place] for place in np.argsort(told.lac_per_cm))
+    return _Levels(names, shown.lac_per_cm), (*merged, "levels_not_in_table")
+
+
+def _near(
+    volume: Float32[np.ndarray, "x y z"], ascending: Float64[np.ndarray, "k"]
+) -> UInt8[np.ndarray, "x y z"]:
+    """Level that each voxel has, counted from 1; 0 = none."""
+    near = np.zeros(volume.shape, dtype=np.uint8)
+    kernels.near_levels(volume, ascending, LIKE, near)
+    return near
+
+
+def _plateaus(volume: Float32[np.ndarray, "x y z"], air: float) -> UInt8[np.ndarray, "x y z"]:
+    """Mark the insides of parts, 1, and sheets, 2."""
+    kinds = np.zeros(volume.shape, dtype=np.uint8)
+    kernels.plateaus(volume, air, ROUNDING, kinds)
+    return kinds
 
 
 def _from_table(table_lac_per_cm: Mapping[str, float]) -> _Levels:
@@ -146,8 +197,7 @@ def _from_table(table_lac_per_cm: Mapping[str, float]) -> _Levels:
 
 def _from_volume(volume: Float32[np.ndarray, "x y z"], air: float) -> _Levels:
     """Look for values that many voxels share."""
-    kinds = np.zeros(volume.shape, dtype=np.uint8)
-    kernels.plateaus(volume, air, ROUNDING, kinds)
+    kinds = _plateaus(volume, air)
     inner, sheets = (_shared_values(volume[kinds == kind], FEWEST[kind]) for kind in (1, 2))
     known = np.array(inner)
     new = [value for value in sheets if not (np.abs(known - value) <= LIKE * value).any()]
@@ -172,11 +222,10 @@ def _assigned(
     """Label the voxels by levels in any order."""
     order = np.argsort(lac_per_cm)
     levels = lac_per_cm[order]
-    near, labels = (np.zeros(volume.shape, dtype=np.uint8) for _ in range(2))
+    labels = np.zeros(volume.shape, dtype=np.uint8)
     share = np.zeros(volume.shape, dtype=np.float32)
-    kernels.near_levels(volume, levels, LIKE, near)
     floor = max(FLOOR * float(levels[0]), air)
-    kernels.assign(volume, levels, near, _steps(), floor, labels, share)
+    kernels.assign(volume, levels, _near(volume, levels), _steps(), floor, labels, share)
     return np.append(0, order + 1).astype(np.uint8)[labels], share
 
 
@@ -193,8 +242,10 @@ def _kept(
     labels: UInt8[np.ndarray, "x y z"],
     share: Float32[np.ndarray, "x y z"],
     levels: _Levels,
-    usable: Mapping[str, float],
     told: tuple[str, ...],
+    flags: tuple[str, ...],
+    start: tuple[int, int, int],
+    longest: int,
 ) -> LabelVolume:
     """Leave out parts without a voxel, and number the rest."""
     counts = np.bincount(labels.ravel(), minlength=len(levels.names) + 1)[1:]
@@ -205,9 +256,4 @@ def _kept(
     here = {name for joined in names for name in joined.split(JOINED)}
     lost = tuple(name for name in told if name not in here)
     lac = np.array(levels.lac_per_cm)[shown]
-    raised = {
-        "equal_levels": 0 < len(levels.names) < len(usable),
-        "parts_from_volume": not usable,
-    }
-    flags = tuple(flag for flag, is_raised in raised.items() if is_raised)
-    return LabelVolume(numbers[labels], share, names, lac, lost, flags)
+    return LabelVolume(numbers[labels], share, names, lac, lost, flags, start, longest)

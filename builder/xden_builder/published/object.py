@@ -55,7 +55,8 @@ def import_object(given: PublishedObject, fit: ReleaseFit, split: Split) -> Dens
         If mesh or volume show nothing, are not of one object, or no part is left.
     """
     volume = label_volume(given.lac_per_cm, given.table_lac_per_cm)
-    placed = register(fill_mesh(given.mesh), volume_shares(volume), given.size_cm, fit.convention)
+    bodies = fill_mesh(given.mesh), volume_shares(volume)
+    placed = register(*bodies, given.size_cm, fit.convention, volume.longest)
     solids = part_solids(volume, placed.affine)
     estimates = _estimates(volume, placed, fit)
     shown = [place for place, solid in enumerate(solids.parts) if solid is not None]

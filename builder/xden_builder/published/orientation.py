@@ -11,10 +11,21 @@ from jaxtyping import Float32, Float64
 
 from xden_builder.published.shares import BoxShares, pooled
 
-__all__ = ["MODES", "ORIENTATIONS", "Orientation", "box_factors", "overlaps", "resampled"]
+__all__ = [
+    "MODES",
+    "ORIENTATIONS",
+    "STRETCH_GAIN",
+    "Orientation",
+    "best_way",
+    "box_factors",
+    "overlaps",
+    "resampled",
+]
 
 MODES: Final = ("isotropic", "stretched")
 """Whether the volume's voxels are cubes in the mesh's frame, or its box was stretched."""
+STRETCH_GAIN: Final = 0.004
+"""Overlap by which three scales must be better than one."""
 
 
 class Orientation(NamedTuple):
@@ -85,6 +96,20 @@ def overlaps(mesh: BoxShares, volume: BoxShares) -> Float64[np.ndarray, "2 48"]:
             each = [_best(_flipped(placed, signs), whole, others) for signs in SIGNS]
             found[mode, place] = np.maximum(found[mode, place], each)
     return found.reshape(len(MODES), len(ORIENTATIONS))
+
+
+def best_way(scores: Float64[np.ndarray, "2 48"]) -> tuple[str, int]:
+    """Mode and orientation of the largest overlap.
+
+    Examples
+    --------
+    >>> scores = np.zeros((2, 48))
+    >>> scores[0, 7], scores[1, 9] = 0.9, 0.902
+    >>> best_way(scores)
+    ('isotropic', 7)
+    """
+    mode = int(scores[1].max() - scores[0].max() > STRETCH_GAIN)
+    return MODES[mode], int(scores[mode].argmax())
 
 
 def box_factors(

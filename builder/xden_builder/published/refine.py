@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float32, Float64
@@ -11,7 +11,7 @@ from jaxtyping import Float32, Float64
 from xden_builder.published.orientation import Orientation, box_factors, resampled
 from xden_builder.published.shares import SHARE_SIZE, BoxShares
 
-__all__ = ["Fit", "fit_pair", "voxel_affine"]
+__all__ = ["Fit", "MeshBox", "fit_pair", "mesh_box", "voxel_affine"]
 
 MARGIN: Final = 4
 """Cells around the volume's box that are compared as well."""
@@ -21,6 +21,21 @@ SETTLED: Final = 1e-3
 DAMPING: Final = 1e-3
 FARTHEST: Final = 2.0
 """Cells that one step may go."""
+
+
+class MeshBox(NamedTuple):
+    """Where the box of a mesh lies in a volume, along the volume's axes and in its unit.
+
+    Parameters
+    ----------
+    sides
+        Of the box.
+    middle
+        Of the box; None where it is not known.
+    """
+
+    sides: Float64[np.ndarray, "3"]
+    middle: Float64[np.ndarray, "3"] | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,13 +67,37 @@ class Fit:
         return float(((self.placed - self.volume) ** 2).sum(dtype=np.float64))
 
 
-def fit_pair(mesh: BoxShares, volume: BoxShares, way: Orientation, mode: str) -> Fit:
-    """Place a mesh in an orientation: the best pair of versions, box onto box, then refined."""
-    factors = box_factors(mesh, volume, way, mode)
+def fit_pair(
+    mesh: BoxShares,
+    volume: BoxShares,
+    way: Orientation,
+    mode: str,
+    known: MeshBox | None = None,
+) -> Fit:
+    """Place a mesh in an orientation: the best pair of versions, box onto box, then refined.
+
+    What is known of the box stays as it is.
+    """
+    factors, shift = box_factors(mesh, volume, way, mode), np.zeros(3)
+    free_scales = 3 if mode == "stretched" else 1
+    if known is not None:
+        factors, free_scales = volume.extent / known.sides, 0
+        if known.middle is not None:
+            shift = SHARE_SIZE * ((volume.low + volume.high) / 2 - known.middle) / known.sides
     pairs = [(way.oriented(body), other) for body in mesh.versions for other in volume.versions]
-    starts = [_placed(*pair, factors, np.zeros(3)) for pair in pairs]
+    starts = [_placed(*pair, factors, shift) for pair in pairs]
     best = int(np.argmax([start.iou for start in starts]))
-    return _refined(pairs[best][0], starts[best], free_scales=mode == "stretched")
+    if known is not None and known.middle is not None:
+        return starts[best]
+    return _refined(pairs[best][0], starts[best], free_scales)
+
+
+def mesh_box(
+    volume: BoxShares, fit: Fit
+) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
+    """Sides and middle of the mesh's box as a fit puts it, in the volume's unit."""
+    sides = volume.extent / fit.factors
+    return sides, (volume.low + volume.high) / 2 - fit.shift * sides / SHARE_SIZE
 
 
 def _placed(
@@ -71,7 +110,7 @@ def _placed(
     return Fit(factors, shift, resampled(mesh, factors, shift, MARGIN), target)
 
 
-def _refined(mesh: Float32[np.ndarray, "n n n"], fit: Fit, *, free_scales: bool) -> Fit:
+def _refined(mesh: Float32[np.ndarray, "n n n"], fit: Fit, free_scales: int) -> Fit:
     """Step while the loss falls; a step that raises it is halved once."""
     inner = (slice(MARGIN, -MARGIN),) * 3
     for _ in range(MOST_STEPS):
@@ -94,7 +133,7 @@ def _refined(mesh: Float32[np.ndarray, "n n n"], fit: Fit, *, free_scales: bool)
 
 
 def _step(
-    mesh: Float32[np.ndarray, "n n n"], fit: Fit, free_scales: bool
+    mesh: Float32[np.ndarray, "n n n"], fit: Fit, free_scales: int
 ) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
     """Change of the three logarithms of the factors, and of the shift in cells."""
     cells = np.arange(fit.volume.shape[0]) - (fit.volume.shape[0] - 1) / 2
@@ -104,14 +143,14 @@ def _step(
         along = (fit.factors[axis] * cells).astype(np.float32)
         slopes.append(slope.ravel())
         by_scale.append((slope * along.reshape([-1 if a == axis else 1 for a in range(3)])).ravel())
-    scales = by_scale if free_scales else [np.sum(by_scale, axis=0)]
+    scales = [np.sum(by_scale, axis=0)] if free_scales == 1 else by_scale[:free_scales]
     jacobian = np.stack([*slopes, *scales], axis=1)
     residual = (fit.volume - fit.placed).ravel()
     normal = (jacobian.T @ jacobian).astype(np.float64)
     normal[np.diag_indices_from(normal)] *= 1 + DAMPING
     step = np.linalg.solve(normal, (jacobian.T @ residual).astype(np.float64))
     step *= min(1.0, FARTHEST / max(float(np.abs(step[:3]).max()), 1e-9))
-    return step[3:] * np.ones(3), step[:3]
+    return (step[3:] if scales else np.zeros(1)) * np.ones(3), step[:3]
 
 
 def voxel_affine(

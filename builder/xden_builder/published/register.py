@@ -42,7 +42,7 @@ class Registration:
     Parameters
     ----------
     affine
-        Takes points of the cropped volume, voxel i being i to i + 1, to the object frame in cm.
+        Takes points of the published volume, voxel i being i to i + 1, to the object frame in cm.
     way
         Orientation used.
     iou, six_side
@@ -79,8 +79,20 @@ def register(
     volume: BoxShares,
     size_cm: Float64[np.ndarray, "3"],
     convention: Convention,
+    longest: int,
 ) -> Registration:
     """Place a volume on its mesh.
+
+    Parameters
+    ----------
+    mesh, volume
+        To be placed.
+    size_cm
+        As published, in the release's order.
+    convention
+        Of the release.
+    longest
+        Longest side of the volume as published, in voxels.
 
     Raises
     ------
@@ -90,7 +102,7 @@ def register(
     scores = overlaps(mesh, volume)[MODES.index(convention.mode)]
     place = _chosen(mesh, volume, scores, convention)
     way = ORIENTATIONS[place]
-    fit = fit_pair(mesh, volume, way, convention.mode)
+    fit = _fitted(mesh, volume, place, convention, longest)
     six_side = six_side_agreement(fit.placed, fit.volume)
     _check(mesh, volume, way, convention.mode, (fit.iou, six_side))
     rival = _unlike(mesh, volume, scores, place, convention.mode)
@@ -133,6 +145,19 @@ def _chosen(
         for place in (convention.place, own)
     )
     return own if better - told > KEPT_LOSS else convention.place
+
+
+def _fitted(
+    mesh: BoxShares, volume: BoxShares, place: int, convention: Convention, longest: int
+) -> Fit:
+    """Fit where all meshes of the release lie, unless the object contradicts that clearly."""
+    way = ORIENTATIONS[place]
+    own = fit_pair(mesh, volume, way, convention.mode)
+    known = convention.box_of(mesh.extent, longest)
+    if known is None or place != convention.place:
+        return own
+    common = fit_pair(mesh, volume, way, convention.mode, known)
+    return own if own.iou - common.iou > NEAR_BEST else common
 
 
 def _unlike(

@@ -51,7 +51,7 @@ class BoxShares:
 
 
 def volume_shares(volume: LabelVolume) -> BoxShares:
-    """Put a labelled volume on the grid of its box, in its own voxels: voxel i is i to i + 1."""
+    """Put a labelled volume on the grid of its box, in published voxels: voxel i is i to i + 1."""
     values, bounds = volume.share, []
     for axis in range(3):
         low, high = _bounds(volume.share, axis)
@@ -60,7 +60,7 @@ def volume_shares(volume: LabelVolume) -> BoxShares:
         bounds.append((low, high))
     wall = values > WALL
     solid = np.where(enclosed(wall) & ~wall, np.float32(1), values)
-    low_corner, high_corner = np.array(bounds).T
+    low_corner, high_corner = np.array(bounds).T + np.array(volume.start)
     return BoxShares(low_corner, high_corner, pooled(values), pooled(solid))
 
 

@@ -47,7 +47,7 @@ def part_solids(volume: LabelVolume, affine: Float64[np.ndarray, "4 4"]) -> Soli
     volume
         Labelled, with a margin of air.
     affine
-        Takes its points, voxel i being i to i + 1, to the object frame in cm.
+        Takes points of the published volume, voxel i being i to i + 1, to the object frame in cm.
 
     Raises
     ------
@@ -57,11 +57,13 @@ def part_solids(volume: LabelVolume, affine: Float64[np.ndarray, "4 4"]) -> Soli
     labels, share, size = volume.labels, volume.share, 1
     if surface_size(labels) > MOST_FACES:
         (labels, share), size = _coarse(volume), BLOCK
+    of_net = affine @ np.diag([size, size, size, 1.0])
+    of_net[:3, 3] += affine[:3, :3] @ volume.start
     net = part_nets(labels, share, volume.filled_voxels / size**3)
-    parts = _placed(net, size, affine)
+    parts = _placed(net, of_net)
     if all(part is None for part in parts):
         raise DataError("volume: no part is left")
-    (outer,) = _placed(_outer_net(labels, share), size, affine)
+    (outer,) = _placed(_outer_net(labels, share), of_net)
     assert outer is not None  # what shows a part shows all of them
     return Solids(parts, outer)
 
@@ -73,11 +75,9 @@ def _outer_net(labels: UInt8[np.ndarray, "x y z"], share: Float32[np.ndarray, "x
     return part_nets(full.astype(np.uint8), whole, np.array([float(whole[full].sum())]))
 
 
-def _placed(
-    net: Net, size: int, affine: Float64[np.ndarray, "4 4"]
-) -> list[trimesh.Trimesh | None]:
-    """Take a net of voxels of a size to the object frame."""
-    points = size * net.points @ affine[:3, :3].T + affine[:3, 3]
+def _placed(net: Net, affine: Float64[np.ndarray, "4 4"]) -> list[trimesh.Trimesh | None]:
+    """Take a net to the object frame."""
+    points = net.points @ affine[:3, :3].T + affine[:3, 3]
     mirrored = np.linalg.det(affine[:3, :3]) < 0
     return [
         _solid(points, faces[:, ::-1] if mirrored else faces) if len(faces) else None

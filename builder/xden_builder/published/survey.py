@@ -13,11 +13,15 @@ from xden_builder.published import kernels
 from xden_builder.published.fill import fill_mesh
 from xden_builder.published.given import PublishedObject
 from xden_builder.published.labels import LabelVolume, label_volume
-from xden_builder.published.orientation import overlaps
+from xden_builder.published.orientation import ORIENTATIONS, best_way, overlaps
+from xden_builder.published.refine import fit_pair, mesh_box
 from xden_builder.published.shares import volume_shares
 
 CLASSES: Final = 8
 """Of ways through a part."""
+THREES: Final = ("mesh_extent", "volume_extent", "size_cm", "box_sides", "box_middle")
+
+Three = tuple[float, float, float]
 
 __all__ = ["PartSeen", "Survey", "parts_seen", "survey_object"]
 
@@ -63,15 +67,20 @@ class Survey:
         Sides of the boxes, in the mesh's unit and in voxels.
     size_cm
         As published, in the release's order.
+    box_sides, box_middle
+        Of the mesh's box in the volume, along the volume's axes, in shares of its longest side, as
+        the object's own best mode and orientation put it.
     parts
         In the order of the labels.
     """
 
     object_id: str
     overlaps: Sequence[Sequence[float]]
-    mesh_extent: tuple[float, float, float]
-    volume_extent: tuple[float, float, float]
-    size_cm: tuple[float, float, float]
+    mesh_extent: Three
+    volume_extent: Three
+    size_cm: Three
+    box_sides: Three
+    box_middle: Three
     parts: tuple[PartSeen, ...]
 
     def to_json(self) -> dict[str, Any]:
@@ -82,8 +91,8 @@ class Survey:
     def from_json(cls, values: dict[str, Any]) -> Survey:
         """Read what :meth:`to_json` gave."""
         parts = [PartSeen(**part) for part in values["parts"]]
-        sides = {name: tuple(values[name]) for name in ("mesh_extent", "volume_extent", "size_cm")}
-        return cls(**{**values, **sides, "parts": tuple(parts)})
+        threes = {name: tuple(values[name]) for name in THREES}
+        return cls(**{**values, **threes, "parts": tuple(parts)})
 
 
 def survey_object(given: PublishedObject) -> Survey:
@@ -96,12 +105,17 @@ def survey_object(given: PublishedObject) -> Survey:
     """
     volume = label_volume(given.lac_per_cm, given.table_lac_per_cm)
     mesh, shares = fill_mesh(given.mesh), volume_shares(volume)
+    scores = overlaps(mesh, shares).round(5)
+    mode, place = best_way(scores)
+    sides, middle = mesh_box(shares, fit_pair(mesh, shares, ORIENTATIONS[place], mode))
     return Survey(
         given.object_id,
-        overlaps(mesh, shares).round(5).tolist(),
+        scores.tolist(),
         _three(mesh.extent),
         _three(shares.extent),
         _three(given.size_cm),
+        _three(sides / volume.longest),
+        _three(middle / volume.longest),
         parts_seen(volume),
     )
 
@@ -145,6 +159,6 @@ def _classes(
     return means[0], [max(value, 0.0) for value in means[1]], len(met)
 
 
-def _three(values: Float64[np.ndarray, "3"]) -> tuple[float, float, float]:
+def _three(values: Float64[np.ndarray, "3"]) -> Three:
     x, y, z = values.tolist()
     return x, y, z
