@@ -116,7 +116,7 @@ def label_volume(
     box = _box(volume, air)
     cropped = np.pad(volume[box], MARGIN)
     usable = {name: lac for name, lac in table_lac_per_cm.items() if lac > air}
-    levels, flags = _levels(cropped, usable, air)
+    levels, flags = _levels_and_flags(cropped, usable, air)
     labels, share = _assigned(cropped, np.array(levels.lac_per_cm), air)
     x, y, z = (along.start - MARGIN for along in box)
     place = (x, y, z), max(volume.shape)
@@ -136,7 +136,7 @@ def _box(volume: Float32[np.ndarray, "x y z"], air: float) -> tuple[slice, slice
     return x, y, z
 
 
-def _levels(
+def _levels_and_flags(
     volume: Float32[np.ndarray, "x y z"], table_lac_per_cm: Mapping[str, float], air: float
 ) -> tuple[_Levels, tuple[str, ...]]:
     """Find the levels of the parts, and the flags that come with them.
@@ -147,7 +147,7 @@ def _levels(
     if not table_lac_per_cm:
         return _from_volume(volume, air), ("parts_from_volume",)
     told = _from_table(table_lac_per_cm)
-    merged = ("equal_levels",) * (len(told.names) < len(table_lac_per_cm))
+    merged = _merged_flags(told, table_lac_per_cm)
     near = _near(volume, np.sort(told.lac_per_cm))
     if not _shared_values(volume[_plateaus(np.where(near, 0, volume), air) == 1], FEWEST[1]):
         return told, merged
@@ -158,6 +158,10 @@ def _levels(
         return shown, ("levels_not_in_table", "parts_from_volume")
     names = tuple(told.names[place] for place in np.argsort(told.lac_per_cm))
     return _Levels(names, shown.lac_per_cm), (*merged, "levels_not_in_table")
+
+
+def _merged_flags(told: _Levels, table_lac_per_cm: Mapping[str, float]) -> tuple[str, ...]:
+    return ("equal_levels",) if len(told.names) < len(table_lac_per_cm) else ()
 
 
 def _near(
