@@ -138,6 +138,25 @@ def test_labels_hold_the_volume_of_each_part_whatever_the_edges():
     assert volume.filled_voxels[0] * UNIT**3 == pytest.approx(head, rel=0.03)
 
 
+def thin_shell(level: float, weaker: float) -> np.ndarray:
+    """A shell of 0.8 voxels on a ball, and a solid of a weaker part beside it."""
+    size = 48
+    away = np.linalg.norm(np.indices((size,) * 3) - [[[[15.6]]], [[[24.3]]], [[[23.8]]]], axis=0)
+    share = (0.9 - np.abs(away - 12)).clip(0, 0.8)
+    volume = (level * share).astype(np.float32)
+    volume[34:44, 14:34, 14:34] = weaker
+    return volume
+
+
+@pytest.mark.parametrize("table", [{"strap": 0.11, "shell": 0.19}, {}])
+def test_a_sheet_that_fills_no_voxel_is_not_taken_for_a_weaker_part(table):
+    volume = thin_shell(level=0.19, weaker=0.11)
+    found = label_volume(volume, table)
+    true = float(volume[:32].sum()) / 0.19
+    assert found.filled_voxels[1] == pytest.approx(true * 0.19 / found.lac_per_cm[1], rel=0.02)
+    assert found.filled_voxels[0] == pytest.approx(10 * 20 * 20, rel=0.02)
+
+
 def test_without_a_table_the_levels_come_from_the_volume():
     volume = label_volume(body_volume(0), {})
     assert volume.flags == ("parts_from_volume",)

@@ -181,7 +181,8 @@ def assign(
 
     A voxel that has a level's value as two of its six neighbours do is that level's. What lies
     between two levels belongs to the nearer one in value; at the air, to the next one that is not
-    below it, the nearest in space first.
+    below it, the nearest in space first. Where none is near, as in a sheet that fills no voxel, to
+    the next one that is not below the fullest of the voxels around.
 
     Parameters
     ----------
@@ -214,18 +215,21 @@ def assign(
                         labels[i, j, k] = own
                         share[i, j, k] = 1.0
                         continue
-                below, above, air = 0, 0, False
+                below, above, air, fullest = 0, 0, False, value
                 for s in range(len(steps)):
                     a, b, c = i + steps[s, 0], j + steps[s, 1], k + steps[s, 2]
                     if s < 26:
                         air = air or volume[a, b, c] <= floor
                     found = near[a, b, c]
+                    if found == 0:
+                        fullest = max(fullest, volume[a, b, c])
                     if found and levels[found - 1] >= value * 0.996:
                         above = found if above == 0 else above
                     elif found:
                         below = found if below == 0 else below
                 if above == 0:
-                    above = min(np.searchsorted(levels, value * 0.996) + 1, len(levels))
+                    most = fullest if air else value
+                    above = min(np.searchsorted(levels, most * 0.996) + 1, len(levels))
                 if below and not air and value < (levels[below - 1] + levels[above - 1]) / 2:
                     above = below
                 labels[i, j, k] = above

@@ -200,7 +200,11 @@ def _from_table(table_lac_per_cm: Mapping[str, float]) -> _Levels:
 
 
 def _from_volume(volume: Float32[np.ndarray, "x y z"], air: float) -> _Levels:
-    """Look for values that many voxels share."""
+    """Look for values that many voxels share, and for what is stronger than all of these.
+
+    Voxels never hold more than their strongest part: where many hold more than the strongest value
+    that is shared, a part is too thin to fill enough of them, and the largest value is its own.
+    """
     kinds = _plateaus(volume, air)
     inner, sheets = (_shared_values(volume[kinds == kind], FEWEST[kind]) for kind in (1, 2))
     known = np.array(inner)
@@ -208,6 +212,9 @@ def _from_volume(volume: Float32[np.ndarray, "x y z"], air: float) -> _Levels:
     levels = sorted([*inner, *new])[:MAX_PARTS]
     if not levels:
         raise DataError(f"volume: expected a value that {FEWEST[1]} voxels share, got none")
+    beyond = volume[volume > levels[-1] * (1 + LIKE)]
+    if len(beyond) >= FEWEST[1] and len(levels) < MAX_PARTS:
+        levels.append(float(beyond.max()))
     names = tuple(f"region_{number:02d}" for number in range(1, len(levels) + 1))
     return _Levels(names, tuple(levels))
 
