@@ -176,6 +176,7 @@ def assign(
     floor: float,
     labels: UInt8[np.ndarray, "x y z"],
     share: Float32[np.ndarray, "x y z"],
+    guessed: Float64[np.ndarray, "k"],
 ) -> None:
     """Give each voxel above a floor to a level, and the share of it that is filled.
 
@@ -198,6 +199,8 @@ def assign(
         Value up to which a voxel is air.
     labels, share
         Written: the level, counted from 1 (0 = air), and 0 to 1.
+    guessed
+        Raised: what each level got for want of a voxel of its own near by.
     """
     sides = volume.shape
     for i in range(2, sides[0] - 2):
@@ -227,13 +230,16 @@ def assign(
                         above = found if above == 0 else above
                     elif found:
                         below = found if below == 0 else below
-                if above == 0:
+                alone = above == 0
+                if alone:
                     most = fullest if air else value
                     above = min(np.searchsorted(levels, most * 0.996) + 1, len(levels))
                 if below and not air and value < (levels[below - 1] + levels[above - 1]) / 2:
-                    above = below
+                    above, alone = below, False
                 labels[i, j, k] = above
                 share[i, j, k] = min(value / levels[above - 1], 1.0) if air else 1.0
+                if alone:
+                    guessed[above - 1] += share[i, j, k]
 
 
 @compiled

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int64, UInt8
@@ -45,6 +45,9 @@ class LabelVolume:
         Share of each voxel that its owner fills, 0 to 1.
     names, lac_per_cm
         Of the parts; parts that the volume cannot tell apart are one, ``a+b``.
+    guessed_voxels
+        Volume of each part in voxels that have none of it for certain near by: whose they are was
+        guessed from their values.
     lost
         Parts of the table that no voxel shows, or without an attenuation.
     flags
@@ -59,6 +62,7 @@ class LabelVolume:
     share: Float32[np.ndarray, "x y z"]
     names: tuple[str, ...]
     lac_per_cm: Float64[np.ndarray, "parts"]
+    guessed_voxels: Float64[np.ndarray, "parts"]
     lost: tuple[str, ...]
     flags: tuple[str, ...]
     start: tuple[int, int, int]
@@ -69,6 +73,14 @@ class LabelVolume:
         """Volume of each part."""
         sums = np.bincount(self.labels.ravel(), self.share.ravel(), len(self.names) + 1)
         return np.asarray(sums[1:])
+
+
+class _Voxels(NamedTuple):
+    """Level of each voxel, how full it is, and what each level got by guessing."""
+
+    labels: UInt8[np.ndarray, "x y z"]
+    share: Float32[np.ndarray, "x y z"]
+    guessed: Float64[np.ndarray, "k"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,10 +129,21 @@ def label_volume(
     cropped = np.pad(volume[box], MARGIN)
     usable = {name: lac for name, lac in table_lac_per_cm.items() if lac > air}
     levels, flags = _levels_and_flags(cropped, usable, air)
-    labels, share = _assigned(cropped, np.array(levels.lac_per_cm), air)
+    voxels = _assigned(cropped, np.array(levels.lac_per_cm), air)
+    shown = np.unique(voxels.labels[voxels.labels > 0]).astype(np.int64) - 1
+    names = tuple(levels.names[place] for place in shown)
     x, y, z = (along.start - MARGIN for along in box)
-    place = (x, y, z), max(volume.shape)
-    return _kept(labels, share, levels, tuple(table_lac_per_cm), flags, *place)
+    return LabelVolume(
+        labels=_renumbered(voxels.labels, shown, len(levels.names)),
+        share=voxels.share,
+        names=names,
+        lac_per_cm=np.array(levels.lac_per_cm)[shown],
+        guessed_voxels=voxels.guessed[shown],
+        lost=_lost(names, table_lac_per_cm),
+        flags=flags,
+        start=(x, y, z),
+        longest=max(volume.shape),
+    )
 
 
 def _box(volume: Float32[np.ndarray, "x y z"], air: float) -> tuple[slice, slice, slice]:
@@ -229,15 +252,17 @@ def _shared_values(values: Float32[np.ndarray, "n"], fewest: int) -> list[float]
 
 def _assigned(
     volume: Float32[np.ndarray, "x y z"], lac_per_cm: Float64[np.ndarray, "k"], air: float
-) -> tuple[UInt8[np.ndarray, "x y z"], Float32[np.ndarray, "x y z"]]:
+) -> _Voxels:
     """Label the voxels by levels in any order."""
     order = np.argsort(lac_per_cm)
     levels = lac_per_cm[order]
     labels = np.zeros(volume.shape, dtype=np.uint8)
     share = np.zeros(volume.shape, dtype=np.float32)
+    guessed = np.zeros(len(levels))
     floor = max(FLOOR * float(levels[0]), air)
-    kernels.assign(volume, levels, _near(volume, levels), _steps(), floor, labels, share)
-    return np.append(0, order + 1).astype(np.uint8)[labels], share
+    kernels.assign(volume, levels, _near(volume, levels), _steps(), floor, labels, share, guessed)
+    numbers = np.append(0, order + 1).astype(np.uint8)
+    return _Voxels(numbers[labels], share, guessed[np.argsort(order)])
 
 
 def _steps() -> Int64[np.ndarray, "steps 3"]:
@@ -249,22 +274,16 @@ def _steps() -> Int64[np.ndarray, "steps 3"]:
     return steps[order][1 : int(((far <= 4) | ~beyond).sum())]
 
 
-def _kept(
-    labels: UInt8[np.ndarray, "x y z"],
-    share: Float32[np.ndarray, "x y z"],
-    levels: _Levels,
-    told: tuple[str, ...],
-    flags: tuple[str, ...],
-    start: tuple[int, int, int],
-    longest: int,
-) -> LabelVolume:
-    """Leave out parts without a voxel, and number the rest."""
-    counts = np.bincount(labels.ravel(), minlength=len(levels.names) + 1)[1:]
-    shown = np.flatnonzero(counts)
-    numbers = np.zeros(len(counts) + 1, dtype=np.uint8)
+def _renumbered(
+    labels: UInt8[np.ndarray, "x y z"], shown: Int64[np.ndarray, "parts"], count: int
+) -> UInt8[np.ndarray, "x y z"]:
+    """Leave out levels without a voxel, and number the rest."""
+    numbers = np.zeros(count + 1, dtype=np.uint8)
     numbers[shown + 1] = np.arange(1, len(shown) + 1)
-    names = tuple(levels.names[place] for place in shown)
+    return np.asarray(numbers[labels])
+
+
+def _lost(names: Iterable[str], told: Iterable[str]) -> tuple[str, ...]:
+    """Names of the table that none of the parts has, nor is joined of."""
     here = {name for joined in names for name in joined.split(JOINED)}
-    lost = tuple(name for name in told if name not in here)
-    lac = np.array(levels.lac_per_cm)[shown]
-    return LabelVolume(numbers[labels], share, names, lac, lost, flags, start, longest)
+    return tuple(name for name in told if name not in here)

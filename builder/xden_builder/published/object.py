@@ -25,6 +25,8 @@ __all__ = ["import_object"]
 
 THIN: Final = 1.5
 """Voxels: the volume of a part that is thinner is uncertain by a tenth and more."""
+MOST_GUESSED: Final = 0.2
+"""Share of a part's volume that may be guessed."""
 COLOUR_SAMPLES: Final = 4000
 """Vertices of the mesh whose colour is looked at."""
 GREY: Final = (0.7, 0.7, 0.7)
@@ -64,8 +66,16 @@ def import_object(given: PublishedObject, fit: ReleaseFit, split: Split) -> Dens
     grids = object_grids(meshes, range(len(meshes)), outer=solids.outer)
     colours = _colours(given, placed, meshes)
     thin = thickness_voxels(volume) < THIN
+    guessed = volume.guessed_voxels > MOST_GUESSED * volume.filled_voxels
     parts = tuple(
-        _part(volume, place, mesh, estimates[place], colour, thin=bool(thin[place] or too_thin))
+        _part(
+            volume,
+            place,
+            mesh,
+            estimates[place],
+            colour,
+            _shape_flags(thin=bool(thin[place] or too_thin), guessed=bool(guessed[place])),
+        )
         for place, mesh, colour, too_thin in zip(
             shown, meshes, colours, grids.thin(meshes), strict=True
         )
@@ -106,8 +116,7 @@ def _part(
     mesh: trimesh.Trimesh,
     found: PartEstimate,
     colour: Colour,
-    *,
-    thin: bool,
+    shape_flags: tuple[str, ...],
 ) -> Part:
     lac = float(volume.lac_per_cm[place])
     return Part(
@@ -119,14 +128,14 @@ def _part(
         density_g_cm3=found.density_g_cm3,
         density_sd_g_cm3=found.sd_g_cm3,
         density_source=found.source,
-        flags=_part_flags(found, thin=thin),
+        flags=(*found.flags, *shape_flags),
         color_rgb=colour,
     )
 
 
-def _part_flags(found: PartEstimate, *, thin: bool) -> tuple[str, ...]:
-    """Of its density, and of its mesh."""
-    return (*found.flags, "thin") if thin else found.flags
+def _shape_flags(*, thin: bool, guessed: bool) -> tuple[str, ...]:
+    raised = {"thin": thin, "voxels_guessed": guessed}
+    return tuple(flag for flag, is_raised in raised.items() if is_raised)
 
 
 def _colours(
