@@ -242,7 +242,7 @@ def test_registration_finds_a_known_pose(place):
 @pytest.mark.slow
 def test_where_all_meshes_lie_alike_a_damaged_one_is_placed_as_the_others():
     place = 29
-    told = vote([survey(place)] * 5)
+    told = vote([survey(place)] * 10)
     assert told.mode == "isotropic"
     assert told.scale == pytest.approx((1 / UNIT / SIDE,) * 3, rel=0.003)
     cut = body_volume(place).copy()
@@ -261,7 +261,7 @@ def test_where_all_meshes_lie_alike_a_damaged_one_is_placed_as_the_others():
 
 def test_meshes_that_wander_in_their_volumes_have_a_scale_in_common_but_no_middle():
     one = survey(29)
-    away = [replace(one, box_middle=(0.45 + 0.02 * step, 0.5, 0.5)) for step in range(5)]
+    away = [replace(one, box_middle=(0.45 + 0.02 * step, 0.5, 0.5)) for step in range(10)]
     told = vote(away)
     assert told.scale is not None
     assert told.middle is None

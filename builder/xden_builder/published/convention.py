@@ -32,7 +32,7 @@ MARGIN_EACH: Final = 0.03
 """What the runner-up must have lost in all, or for each unambiguous object where these are few."""
 LEAST_AGREE: Final = 0.6
 """Share of the unambiguous objects whose own best orientation is the convention."""
-FEWEST: Final = 5
+FEWEST: Final = 10
 """Objects that must say where their meshes lie, before it is taken to hold for all."""
 MOST_SPREAD: Final = 0.002
 """Median distance from the median, in shares of the volume's longest side, up to which objects lie
