@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
@@ -14,18 +19,22 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+import xden1k
 from tests import phantoms
 from tests.builder import releases
 from tests.builder.conftest import one_by_one
+from tests.builder.folders import contents
 from tests.builder.releases import TWIN, VOLUME, copied
 from tests.hub_server import HubServer
 from xden1k.cli import cli as xden
 from xden1k.folder import open_folder
+from xden1k.folder.verify import verify_folder
 from xden1k.values.types import DensityObject, Split
 from xden_builder.capture import write_scanner
 from xden_builder.capture.writing import write_image
 from xden_builder.cli import cli as xden_build
 from xden_builder.phantoms.scanner import Scanner, scanner_file
+from xden_builder.pipeline.resumable import work_folder
 from xden_builder.pipeline.splits import read_splits
 from xden_builder.published import run
 from xden_builder.published.given import PublishedObject
@@ -295,23 +304,69 @@ def test_a_repository_that_is_not_there_is_one_line(hub: HubServer, tmp_path: Pa
 # The real thing
 
 
-@pytest.mark.slow
-def test_the_tiny_twin_becomes_a_sound_dataset_and_a_rerun_the_same_bytes(tmp_path: Path) -> None:
-    from xden1k.folder.verify import verify_folder
+@pytest.fixture(scope="module")
+def twin_imported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tiny twin, imported by two processes without any disturbance."""
+    out = tmp_path_factory.mktemp("twin") / "imported"
+    result = imported(TWIN, out, "--workers", 2)
+    assert result.exit_code == 0, result.output
+    return out
 
-    for name in ("one", "other"):
-        result = imported(TWIN, tmp_path / name, "--objects", "1-3", "--workers", 2)
-        assert result.exit_code == 0, result.output
-    assert verify_folder(tmp_path / "one") == []
+
+@pytest.mark.slow
+def test_the_tiny_twin_becomes_a_sound_dataset(twin_imported: Path) -> None:
+    assert verify_folder(twin_imported) == []
     truth = json.loads((TWIN.parent / f"{TWIN.name}.truth.json").read_text())
-    folder = open_folder(tmp_path / "one")
+    folder = open_folder(twin_imported)
     masses = [folder.object(object_id).mass_g for object_id in folder.ids()]
-    true = [truth["objects"][number]["mass_g"] for number in "123"]
+    true = [truth["objects"][str(number)]["mass_g"] for number in range(6)]
     assert np.all(np.isfinite(masses))
     assert np.median(np.abs(np.log(np.array(masses) / true))) < 1.0
-    for path in (tmp_path / "one").rglob("*.parquet"):
-        other = tmp_path / "other" / path.relative_to(tmp_path / "one")
-        assert other.read_bytes() == path.read_bytes()
+
+
+def kill_at(out: Path, pattern: str, fewest: int) -> None:
+    """Start an import of the tiny twin, and kill it once there are so many work files."""
+    command = "from xden_builder.cli import cli; cli()"
+    told = [command, "import", str(TWIN), "--out", str(out), "--workers", "2"]
+    path = {"PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen([sys.executable, "-c", *told], env=os.environ | path) as run:  # noqa: S603
+        while run.poll() is None and len(list(work_folder(out).glob(pattern))) < fewest:
+            time.sleep(0.02)
+        run.kill()
+    assert run.returncode == -signal.SIGKILL
+
+
+@pytest.mark.slow
+def test_an_import_that_is_killed_twice_and_run_again_gives_the_same_bytes(
+    twin_imported: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "imported"
+    for pattern in ("*.survey.json", "*.h5"):
+        kill_at(out, pattern, fewest=2)
+        assert not out.exists()
+    result = imported(TWIN, out, "--workers", 2)
+    assert result.exit_code == 0, result.output
+    assert contents(out) == contents(twin_imported)
+
+
+@pytest.mark.slow
+def test_an_import_is_loaded_drawn_and_exported_as_any_dataset(
+    twin_imported: Path, tmp_path: Path
+) -> None:
+    rows = xden1k.load_dataset(root=twin_imported)["train"]
+    sample = xden1k.XDen1K(twin_imported, split="train")[0]
+    assert rows[0]["object_id"] == sample["object_id"]
+    drawn = tmp_path / "drawn.png"
+    ran = CliRunner().invoke(
+        xden, ["show", "xden1k-0001", "--root", str(twin_imported), "-o", str(drawn)]
+    )
+    assert ran.exit_code == 0, ran.output
+    assert drawn.stat().st_size > 0
+    for format_ in ("mjcf", "glb", "nifti", "npz"):
+        told = ["export", "xden1k-0001", "--format", format_, "-o", str(tmp_path / format_)]
+        ran = CliRunner().invoke(xden, [*told, "--root", str(twin_imported)])
+        assert ran.exit_code == 0, ran.output
+        assert any((tmp_path / format_).rglob("*.*"))
 
 
 # Radiographs, where a mapping file says so
