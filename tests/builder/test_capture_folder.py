@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
 from xden1k.errors import DataError, MissingObjectError
 from xden1k.values.views import ViewGeometry
@@ -100,6 +101,38 @@ def test_a_folder_and_a_capture_can_be_sent_to_a_worker(root: Path) -> None:
     folder = pickle.loads(pickle.dumps(CaptureFolder(root)))  # noqa: S301
     capture = pickle.loads(pickle.dumps(folder.read("mug-01")))  # noqa: S301
     assert capture.parts[0].mesh.volume == pytest.approx(512)
+
+
+def save_mask(root: Path, marked: np.ndarray) -> None:
+    Image.fromarray(np.where(marked, 255, 0).astype(np.uint8)).save(
+        root / "mug-01" / "ignore_lat.png"
+    )
+
+
+def test_masked_pixels_are_not_looked_at_and_count_for_the_digest(root: Path) -> None:
+    before = CaptureFolder(root).digest("mug-01")
+    table = np.zeros(SHAPE, dtype=bool)
+    table[6:] = True
+    save_mask(root, table)
+    pa, lat = CaptureFolder(root).read("mug-01").views
+    assert pa.valid.all()
+    np.testing.assert_array_equal(lat.valid, ~table)
+    np.testing.assert_array_equal(np.isnan(lat.transmission), table)
+    assert CaptureFolder(root).digest("mug-01") != before
+
+
+@pytest.mark.parametrize(
+    ("marked", "said"),
+    [
+        (np.zeros((4, 4), dtype=bool), r"ignore_lat.png: expected 8 x 6 pixels, .* got 4 x 4"),
+        (np.ones(SHAPE, dtype=bool), r"ignore_lat.png: marks every pixel"),
+    ],
+)
+def test_a_mask_that_does_not_fit_is_refused(root: Path, marked: np.ndarray, said: str) -> None:
+    save_mask(root, marked)
+    with pytest.raises(DataError, match=said):
+        CaptureFolder(root).read("mug-01")
+    assert CaptureFolder(root).read("pen").object_id == "pen"
 
 
 POSED = "object_id,category,pose,mesh_scale\npen,pen,"

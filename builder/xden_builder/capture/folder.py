@@ -17,6 +17,7 @@ from xden1k.values.types import CAPTURED, SPLITS, Source, Split
 from xden1k.values.views import XRayView
 from xden_builder.capture.calibration import CalibratedView, calibrate
 from xden_builder.capture.ct import CTReference, read_ct
+from xden_builder.capture.ignored import ignore_name, without_ignored
 from xden_builder.capture.meshes import MESH_SUFFIXES
 from xden_builder.capture.parts import CM_PER_UNIT, CapturePart, read_parts
 from xden_builder.capture.pose import PoseTold, read_pose, read_scale_unknown
@@ -285,7 +286,8 @@ class CaptureFolder:
         for name in (*DATASET_VIEWS, *scanner.further_names, *audited):
             stored = scanner.views[name]
             if name not in audited or (folder / stored.image).is_file():
-                yield calibrate(name, stored, folder, self.root, scanner.detector)
+                seen = calibrate(name, stored, folder, self.root, scanner.detector)
+                yield without_ignored(seen, folder / ignore_name(name))
 
     def _part_files(self, object_id: str) -> tuple[Path, Path, bool]:
         """Return folder of the meshes, table of the parts, and whether each row needs a mesh."""
@@ -307,6 +309,7 @@ class CaptureFolder:
         yield "scanner.toml", self._scanner_path(object_id)
         for name, stored in self._scanner(object_id).views.items():
             yield f"views.{name}.image", folder / stored.image
+            yield ignore_name(name), folder / ignore_name(name)
             for key, source in (("flat", stored.flat), ("dark", stored.dark)):
                 if isinstance(source, str):
                     yield f"views.{name}.{key}", self.root / source

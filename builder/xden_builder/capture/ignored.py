@@ -1,0 +1,66 @@
+"""Pixels that a person masked: a table, a holder, a number of lead on the panel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from xden1k.errors import DataError
+from xden1k.values.views import XRayView
+from xden_builder.capture.calibration import CalibratedView
+from xden_builder.capture.formats import read_image
+
+__all__ = ["ignore_name", "without_ignored"]
+
+
+def ignore_name(view: str) -> str:
+    """Name of the mask of a view, beside its radiograph.
+
+    Examples
+    --------
+    >>> ignore_name("pa")
+    'ignore_pa.png'
+    """
+    return f"ignore_{view}.png"
+
+
+def without_ignored(seen: CalibratedView, path: Path) -> CalibratedView:
+    """Make the pixels that a mask marks invalid, as dead ones are.
+
+    Parameters
+    ----------
+    seen
+        The view.
+    path
+        Of an image of the radiograph's shape, not 0 where it is not to be looked at; need not
+        exist.
+
+    Raises
+    ------
+    DataError
+        If it has another shape, or marks every pixel.
+    """
+    if not path.is_file():
+        return seen
+    marked, view = read_image(path).pixels != 0, seen.view
+    if marked.shape != view.valid.shape:
+        expected, got = (
+            f"{rows} x {columns}" for rows, columns in (view.valid.shape, marked.shape)
+        )
+        raise DataError(f"{path}: expected {expected} pixels, as the radiograph has, got {got}")
+    if not (view.valid & ~marked).any():
+        raise DataError(f"{path}: marks every pixel; expected 0 where the radiograph is looked at")
+    nothing = np.float32(np.nan)
+    left = XRayView(
+        view.name,
+        np.where(marked, nothing, view.transmission),
+        view.valid & ~marked,
+        view.geometry,
+    )
+    at_least = seen.at_least
+    if at_least is not None:
+        at_least = np.where(marked, nothing, at_least)
+        at_least = None if np.isnan(at_least).all() else at_least
+    return replace(seen, view=left, at_least=at_least)
