@@ -69,6 +69,8 @@ SCALES: Final = (0.49, 2.05)
 """Between 0.5 and 2, and a little for meshes that err themselves."""
 WORST_LOSS: Final = 2.4
 """Of a pose that is believed: of 100 right ones of simulated objects the worst has 2.2."""
+DOUBTED_LOSS: Final = 1.5
+"""Of a pose that is looked for again, wider: one right pose of twenty is worse."""
 MOST_OUTLINE: Final = 0.12
 """Of a shape that is believed: share of the outline's pixels."""
 
@@ -96,7 +98,7 @@ def register(capture: Capture, order: Sequence[int]) -> Registration:
         outside 0.5 to 2, or a candidate is asked for that there is not.
     """
     found = _searched(capture, order, USUAL)
-    if isinstance(capture.pose, CoarsePose) or found.candidates[0].loss <= WORST_LOSS:
+    if isinstance(capture.pose, CoarsePose) or found.candidates[0].loss <= DOUBTED_LOSS:
         return found
     wider = _searched(capture, order, WIDE)
     return min(found, wider, key=lambda each: each.candidates[0].loss)

@@ -63,8 +63,8 @@ class Breadth:
 
 USUAL: Final = Breadth(4608, 480, 60, 16)
 """Begins with rotations about ten degrees from any there is."""
-WIDE: Final = Breadth(12000, 1500, 180, 40)
-"""For an object that was not found."""
+WIDE: Final = Breadth(9000, 1000, 120, 30)
+"""For an object that was hardly found."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
