@@ -62,7 +62,7 @@ class CandidateCard:
     ----------
     number
         From 1, the best first.
-    loss
+    loss, deviance
         As of :class:`xden_builder.registration.placement.Found`.
     turned_deg
         Angle between it and the pose that is used.
@@ -76,6 +76,7 @@ class CandidateCard:
 
     number: int
     loss: float
+    deviance: float | None
     turned_deg: float
     scale: float
     pose: str
@@ -220,6 +221,7 @@ def _candidates(
         yield CandidateCard(
             number,
             each.loss,
+            each.deviance,
             _turned_deg(registration.placement, each),
             each.placement.scale,
             pose_text(each.placement),
