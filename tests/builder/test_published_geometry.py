@@ -280,7 +280,7 @@ def test_an_object_without_a_preferred_orientation_has_no_vote():
     one, half = (1.0, 1.0, 1.0), (0.5, 0.5, 0.5)
     flat = Survey("ball", [[0.9] * 48] * 2, one, one, one, one, half, ())
     told = vote([flat, flat, flat])
-    assert (told.unambiguous, told.sure) == (0, False)
+    assert (told.unambiguous, told.sure, told.margin) == (0, False, 0)
     assert vote([flat, survey(29), flat]).place == 29
 
 

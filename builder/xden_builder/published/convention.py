@@ -53,7 +53,7 @@ class Convention:
     size_order
         Which published size belongs to each axis of the mesh.
     margin
-        By how much the runner-up lost.
+        By how much the runner-up lost; 0 where no object tells any other orientation from it.
     agreeing, unambiguous
         Objects with a best orientation of their own, and those of them that agree.
     sure
@@ -129,7 +129,8 @@ def vote(surveys: Sequence[Survey]) -> Convention:
     own = scores[:, mode]
     clear = _unambiguous(own)
     agreeing = int((own[clear].argmax(axis=1) == place).sum())
-    margin = float(lost[mode, place] - lost[mode][_rivals(own, place)].max(initial=-np.inf))
+    rivals = lost[mode][_rivals(own, place)]
+    margin = float(lost[mode, place] - rivals.max()) if len(rivals) else 0.0
     needed = min(LEAST_MARGIN, MARGIN_EACH * int(clear.sum()))
     sure = bool(clear.any()) and margin > needed and agreeing >= LEAST_AGREE * int(clear.sum())
     order, scale, middle = _size_order(surveys), *_frame(surveys, MODES[mode], place)
