@@ -168,6 +168,10 @@ DAMAGE: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda root: releases.save_volume(root, 1, releases.volume(root, 1) + 1),
         rf"{VOLUME}: expected air around the object, .* got 1: no volume of attenuation",
     ),
+    "nothing but air": (
+        lambda root: releases.save_volume(root, 1, 0 * releases.volume(root, 1)),
+        rf"{VOLUME}: expected an object, above 0.001 1/cm, got 0 at most: nothing but air",
+    ),
     "two axes": (
         lambda root: releases.save_volume(root, 1, releases.volume(root, 1)[:, :, 30]),
         rf"{VOLUME}: expected a volume of three axes, got shape \(64, 64\)",
@@ -187,6 +191,10 @@ DAMAGE: dict[str, tuple[Callable[[Path], object], str]] = {
     "a mesh that is none": (
         lambda root: (root / "dataset" / "1" / "mesh.glb").write_bytes(b"<html>404</html>" * 9),
         r"mesh\.glb: expected a binary glTF mesh, got one that begins b'<htm'",
+    ),
+    "a mesh without a byte": (
+        lambda root: (root / "dataset" / "1" / "mesh.glb").write_bytes(b""),
+        r"mesh\.glb: expected a binary glTF mesh, got one that begins b''",
     ),
     "no mesh": (
         lambda root: (root / "dataset" / "1" / "mesh.glb").unlink(),

@@ -14,7 +14,7 @@ from xden1k.errors import DataError
 from xden1k.values.types import MAX_PARTS
 from xden_builder.published import kernels
 
-__all__ = ["LabelVolume", "air_per_cm", "label_volume"]
+__all__ = ["LEAST_PER_CM", "LabelVolume", "air_per_cm", "label_volume"]
 
 LEAST_PER_CM: Final = 1e-3
 """Attenuation up to which a voxel is air, 1/cm; air itself has 2e-4."""

@@ -86,8 +86,10 @@ def _refuse_compressed(path: Path) -> None:
 def _gltf(path: Path) -> dict[str, Any]:
     """Read the JSON of a binary glTF file."""
     with decoding(path, "a binary glTF mesh"), path.open("rb") as file:
-        magic, _, _, length, _ = GLB_HEAD.unpack(file.read(GLB_HEAD.size))
-        if magic != GLB_MAGIC:
-            raise DataError(f"{path}: expected a binary glTF mesh, got one that begins {magic!r}")
+        head = file.read(GLB_HEAD.size)
+        if not head.startswith(GLB_MAGIC):
+            begin = head[: len(GLB_MAGIC)]
+            raise DataError(f"{path}: expected a binary glTF mesh, got one that begins {begin!r}")
+        *_, length, _ = GLB_HEAD.unpack(head)
         values: dict[str, Any] = json.loads(file.read(length))
         return values

@@ -13,7 +13,7 @@ from jaxtyping import Float32
 from xden1k.errors import DataError, require
 from xden1k.values.physics import PAPER_MAC_CM2_G
 from xden_builder.capture.damage import decoding
-from xden_builder.published.labels import air_per_cm
+from xden_builder.published.labels import LEAST_PER_CM, air_per_cm
 from xden_builder.published.reading.table import PartTable
 
 __all__ = ["VolumeHeader", "read_header", "read_volume"]
@@ -76,7 +76,7 @@ def read_volume(path: Path, table: PartTable | None) -> tuple[Volume, bool]:
     ------
     DataError
         If it is no NIfTI file of three axes, is cut off, holds what is negative or not a number,
-        or has no air around the object.
+        has no air around the object, or nothing else.
     """
     image = _opened(path)
     with decoding(path, NIFTI, zlib.error):
@@ -109,6 +109,11 @@ def _check_air(path: Path, values: Volume) -> None:
         raise DataError(
             f"{path}: expected air around the object, below {MOST_AIR_PER_CM} 1/cm in the median "
             f"of its six faces, got {air:.3g}: no volume of attenuation coefficients"
+        )
+    if values.max() <= LEAST_PER_CM:
+        raise DataError(
+            f"{path}: expected an object, above {LEAST_PER_CM} 1/cm, got {values.max():.3g} at "
+            "most: nothing but air"
         )
 
 
