@@ -7,6 +7,7 @@ only what is missing or changed. The dataset folder appears complete or not at a
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import json
 import time
@@ -35,6 +36,7 @@ from xden_builder.pipeline.resumable import (
 from xden_builder.pipeline.storage import inside, read_bytes, refuse_other_folders, write_bytes
 from xden_builder.pipeline.version import made_by_checksum, refuse_other_code
 from xden_builder.pipeline.work import load_row, save_row
+from xden_builder.published.given import PublishedObject
 from xden_builder.published.object import import_object
 from xden_builder.published.radiographs import with_radiographs
 from xden_builder.published.reading import Item, read_item
@@ -196,7 +198,7 @@ def _survey(task: _Task, item: Item) -> Survey:
     digest = task.digest(item)
     if (kept := _kept(read_bytes(file), digest)) is not None:
         return kept
-    survey = survey_object(read_item(item))
+    survey = survey_object(_read(item))
     text = json.dumps({"digest": digest, "survey": survey.to_json()})
     write_bytes(file, text.encode())
     return survey
@@ -227,7 +229,7 @@ def _make(task: _Task, fit: ReleaseFit, splits: Mapping[str, Split], item: Item)
     row = load_row(task.work, item.object_id, digest)
     status: Status = "kept" if row is not None else "built"
     if row is None:
-        given = read_item(item)
+        given = _read(item)
         made = import_object(given, fit, split)
         made = replace(made, flags=(*made.flags, *given.meta["flags"]))
         if task.settings.scanner is not None:
@@ -236,6 +238,16 @@ def _make(task: _Task, fit: ReleaseFit, splits: Mapping[str, Split], item: Item)
         save_row(task.work, item.object_id, digest, row)
     seconds = time.perf_counter() - start
     return Outcome(item.object_id, status, "", find(row), seconds, digest)
+
+
+def _read(item: Item) -> PublishedObject:
+    """Read an object after the memory of those before is free.
+
+    Meshes refer to themselves, so that only the collector frees them, and it counts how many
+    things there are, not how large they are.
+    """
+    gc.collect()
+    return read_item(item)
 
 
 def _clear(work: Path, items: Sequence[Item]) -> None:
