@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from xden1k.rays import ownership_order
-from xden_builder.capture import Capture, CapturePart
+from xden_builder.capture import Capture
 from xden_builder.registration.placement import Registration, RigidPlacement
 from xden_builder.registration.search import register
 
@@ -47,10 +46,5 @@ def registered(capture: Capture) -> Registered:
     meshes = [part.mesh for part in capture.parts]
     order = ownership_order(meshes, [part.priority for part in capture.parts])
     registration = register(capture, order)
-    parts = tuple(_moved(capture.parts, registration))
+    parts = registration.placement.of_parts(capture.parts)
     return Registered(replace(capture, parts=parts, pose="near", scale_unknown=False), registration)
-
-
-def _moved(parts: tuple[CapturePart, ...], registration: Registration) -> Iterator[CapturePart]:
-    for part in parts:
-        yield replace(part, mesh=registration.placement.moved(part.mesh))

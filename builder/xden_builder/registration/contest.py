@@ -16,7 +16,7 @@ from xden_builder.poly.estimate import estimate
 from xden_builder.poly.line import sampled
 from xden_builder.poly.pyramid import PIXEL_SD, WORTH
 from xden_builder.poly.settings import PolySettings
-from xden_builder.registration.placement import Found, RigidPlacement
+from xden_builder.registration.placement import Found
 from xden_builder.registration.reduced import reduced
 from xden_builder.registration.shadow import Shadow
 
@@ -62,18 +62,14 @@ def told_apart(
 
 def _fitted(capture: Capture, order: Sequence[int], found: Found) -> Found:
     """Refine a pose and fit densities, materials and stray light in it."""
-    samples = sampled(_placed(capture, found.placement), order, SETTINGS)
+    placed = replace(capture, parts=found.placement.of_parts(capture.parts))
+    samples = sampled(placed, order, SETTINGS)
     assert samples.pose is not None
     placement = found.placement.followed_by(samples.pose.pose)
     solution = estimate(samples, None, SETTINGS)
     inside = solution.problem.evaluate(solution.minimum.unknowns).loss
     outlines = WORTH * (samples.pose.rms_after / PIXEL_SD) ** 2
     return Found(placement, found.loss, solution.density_g_cm3, inside + outlines)
-
-
-def _placed(capture: Capture, placement: RigidPlacement) -> Capture:
-    parts = tuple(replace(part, mesh=placement.moved(part.mesh)) for part in capture.parts)
-    return replace(capture, parts=parts)
 
 
 def _deviance(found: Found) -> float:

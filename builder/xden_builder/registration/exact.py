@@ -85,7 +85,7 @@ class Judge:
         """
         small, binning = reduced(capture, shadows, wide_px)
         scene, side = set_scene(small, body.order, PolySettings()), binning * BINNING
-        guess = first_guess(_placed(scene, likely))
+        guess = first_guess(replace(scene, parts=likely.of_parts(scene.parts)))
         return cls(
             scene,
             guess.outline_stand_ins.mac_cm2_g,
@@ -160,7 +160,7 @@ class Judge:
 
     def _level(self, placement: RigidPlacement) -> tuple[Level, Float64[np.ndarray, "k"]]:
         """Images and parts in a pose, and densities to start from."""
-        scene = _placed(self.scene, placement)
+        scene = replace(self.scene, parts=placement.of_parts(self.scene.parts))
         target = Target(
             scene.views,
             scene.saturated,
@@ -230,12 +230,6 @@ def _apart_share(
     grown = [binary_dilation(each, iterations=OUTLINE_PX) for each in outlines]
     apart = (outlines[0] & ~grown[1]) | (outlines[1] & ~grown[0])
     return float(apart.sum() / max(outlines.any(axis=0).sum(), 1))
-
-
-def _placed(scene: Scene, placement: RigidPlacement) -> Scene:
-    """Put the parts in a pose."""
-    parts = (replace(part, mesh=placement.moved(part.mesh)) for part in scene.parts)
-    return replace(scene, parts=tuple(parts))
 
 
 def _around(shadow: Shadow, binning: int) -> Window:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -12,6 +12,7 @@ from jaxtyping import Float, Float64
 from scipy.spatial.transform import Rotation
 
 from xden1k.values.arrays import Points
+from xden_builder.capture import CapturePart
 from xden_builder.poly.model.frames import Pose
 
 __all__ = ["Found", "Registration", "RigidPlacement"]
@@ -54,6 +55,10 @@ class RigidPlacement:
     def moved(self, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
         """Give a mesh whose vertices are moved; its faces stay as they are."""
         return trimesh.Trimesh(self.apply(np.asarray(mesh.vertices)), mesh.faces, process=False)
+
+    def of_parts(self, parts: Iterable[CapturePart]) -> tuple[CapturePart, ...]:
+        """Give parts whose meshes are moved."""
+        return tuple(replace(part, mesh=self.moved(part.mesh)) for part in parts)
 
     def followed_by(self, pose: Pose) -> RigidPlacement:
         """Where the mesh stands when the object, once there, goes into a pose."""
