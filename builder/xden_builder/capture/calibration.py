@@ -21,7 +21,7 @@ from xden_builder.capture.images import ImageFile, Polarity
 from xden_builder.capture.scanner import ViewFile
 from xden_builder.physics.source import Detector
 
-__all__ = ["CalibratedView", "calibrate"]
+__all__ = ["CalibratedView", "calibrate", "read_sized"]
 
 LEAST_OPEN_FIELD = 0.01
 """A pixel whose open field is a smaller share of the median one is dead or collimated."""
@@ -186,12 +186,21 @@ def _checked(
 
 def _read_sized(path: Path, stored: ViewFile) -> ImageFile:
     """Read an image that must have the shape of the scanner file."""
+    return read_sized(path, stored.geometry.shape, " (shape in scanner.toml)")
+
+
+def read_sized(path: Path, shape: tuple[int, int], why: str) -> ImageFile:
+    """Read an image that must have a shape.
+
+    Raises
+    ------
+    DataError
+        If it has another; the line goes on with why after what was expected.
+    """
     image = read_image(path)
-    if image.pixels.shape != stored.geometry.shape:
-        expected, got = (
-            f"{rows} x {columns}" for rows, columns in (stored.geometry.shape, image.pixels.shape)
-        )
-        raise DataError(f"{path}: expected {expected} pixels (shape in scanner.toml), got {got}")
+    if image.pixels.shape != shape:
+        expected, got = (f"{rows} x {columns}" for rows, columns in (shape, image.pixels.shape))
+        raise DataError(f"{path}: expected {expected} pixels{why}, got {got}")
     return image
 
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from xden1k.errors import DataError
 from xden1k.values.views import XRayView
-from xden_builder.capture.calibration import CalibratedView
-from xden_builder.capture.formats import read_image
+from xden_builder.capture.calibration import CalibratedView, read_sized
 
 __all__ = ["ignore_name", "without_ignored"]
 
@@ -44,12 +43,8 @@ def without_ignored(seen: CalibratedView, path: Path) -> CalibratedView:
     """
     if not path.is_file():
         return seen
-    marked, view = read_image(path).pixels != 0, seen.view
-    if marked.shape != view.valid.shape:
-        expected, got = (
-            f"{rows} x {columns}" for rows, columns in (view.valid.shape, marked.shape)
-        )
-        raise DataError(f"{path}: expected {expected} pixels, as the radiograph has, got {got}")
+    view = seen.view
+    marked = read_sized(path, view.geometry.shape, ", as the radiograph has").pixels != 0
     if not (view.valid & ~marked).any():
         raise DataError(f"{path}: marks every pixel; expected 0 where the radiograph is looked at")
     nothing = np.float32(np.nan)
