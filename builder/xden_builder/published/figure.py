@@ -121,8 +121,7 @@ def _draw(axes: Any, given: PublishedObject, obj: DensityObject, *, named: bool)
 
 
 def _rgb(color: str) -> tuple[float, float, float]:
-    """Return the parts of a colour as in ``#rrggbb``, 0 to 1."""
-    red, green, blue = (int(color[at : at + 2], 16) / 255 for at in (1, 3, 5))
+    red, green, blue = require("matplotlib.colors", "view").to_rgb(color)
     return red, green, blue
 
 
