@@ -71,19 +71,31 @@ def write_points(runs: Path, name: str, **changes: np.ndarray) -> Path:
 
 
 def write_nerf2physics(runs: Path, name: str, seed: int = 2) -> None:
-    """A scene in metres, object frame; its points in the frame of a reconstruction."""
+    """A scene as nerfstudio and NeRF2Physics' grid mode leave it.
+
+    nerfstudio moves the scene's cameras, metres, into a frame of its own, p -> s (R p + t), and
+    exports its point cloud there. NeRF2Physics' ``load_ns_point_cloud`` (utils.py at 6d81c09) puts
+    1 / s in the corner of a 4 by 4 matrix with [R|t] on top, inverts it, and lets Open3D apply it,
+    which divides by the fourth coordinate; ``predict_physical_property_query`` goes on with what
+    comes out.
+    """
     points, density = cloud()
     found = drawn_similarity(seed)
     rotation, scale = found.matrix[:3, :3] / found.scale, 0.7
-    offset = np.array([0.3, -0.2, 0.1])
+    top = np.concatenate([rotation, [[0.3], [-0.2], [0.1]]], axis=1)
     scene = runs / "scenes" / name
-    in_ns = scale * (points / 100 @ rotation.T + offset)
-    transform = np.concatenate([rotation, offset[:, None]], axis=1).tolist()
     write_json(
-        scene / "ns" / "dataparser_transforms.json", {"transform": transform, "scale": scale}
+        scene / "ns" / "dataparser_transforms.json", {"transform": top.tolist(), "scale": scale}
     )
-    np.savez(scene / "points.npz", points=in_ns.astype(np.float32), density=ranges(density))
+    exported = scale * (points / 100 @ top[:, :3].T + top[:, 3])
+    loaded = _homogeneous(np.linalg.inv(np.vstack([top, [0, 0, 0, 1 / scale]])), exported)
+    np.savez(scene / "points.npz", points=loaded.astype(np.float32), density=ranges(density))
     write_json(runs / "preds" / "preds_mass.json", {name: [0.018, 0.022]})
+
+
+def _homogeneous(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
+    found = np.concatenate([points, np.ones((len(points), 1))], axis=1) @ matrix.T
+    return found[:, :3] / found[:, 3:]
 
 
 def write_pugs(runs: Path, name: str) -> None:

@@ -19,6 +19,7 @@ from tests.baselines.foreign_runs import (
     cloud,
     density_kg_m3,
     drawn_similarity,
+    edit_npz,
     ranges,
     write_json,
     write_nerf2physics,
@@ -108,7 +109,7 @@ def assert_round_trip(runs: Path, folder: DatasetFolder, *, wrong: float, mass: 
     assert total == pytest.approx(exact_mass_g(ANGLE), rel=mass)
 
 
-def test_nerf2physics_comes_back_through_the_dataparser(
+def test_nerf2physics_is_not_taken_out_of_its_reconstruction_twice(
     runs: Path, root: Path, folder: DatasetFolder
 ) -> None:
     write_nerf2physics(runs, NAME)
@@ -188,6 +189,51 @@ def test_vomp_comes_back_from_its_box_or_from_the_meshs_scale(
     assert_round_trip(runs, folder, wrong=0.06, mass=0.03)
 
 
+@pytest.mark.parametrize("segment", ["query_point_material", "interpolated_material"])
+def test_vomp_comes_back_from_points_it_was_asked_for(
+    runs: Path, root: Path, folder: DatasetFolder, segment: str
+) -> None:
+    write_vomp(runs, NAME, segment=segment)
+    moved = runs / f"{NAME}.npz"
+    edit_npz(moved, lambda found: found["voxel_data"]["x"].__iadd__(0.003))  # off the lattice
+    adapted("vomp", runs, root)
+    assert_round_trip(runs, folder, wrong=0.08, mass=0.03)
+
+
+@pytest.mark.parametrize("far", [1.001, 1.04, 1.5, 40.0])
+def test_floaters_do_not_end_a_run_and_are_counted(
+    runs: Path, root: Path, folder: DatasetFolder, far: float
+) -> None:
+    write_pugs(runs, NAME)
+    path = runs / "scenes" / NAME / "pred_result_density"
+    points, density = (np.load(path / f"dense_{one}.npy") for one in ("points", "pred_density"))
+    corners = np.array([(x, y, z) for x in (1 - far, far) for y in (1 - far, far) for z in (far,)])
+    floating = corners * BOX[1] / 100
+    np.save(path / "dense_points.npy", np.concatenate([points, floating]).astype(np.float32))
+    np.save(path / "dense_pred_density.npy", np.concatenate([density, density[:4]]))
+    found = adapted("pugs", runs, root)
+    assert_round_trip(runs, folder, wrong=0.02, mass=0.01)
+    assert found["objects"][0]["floaters"] == (0 if far == 1.001 else 4)
+    adapted("pugs", runs, root, "--frame", "box")
+    assert_round_trip(runs, folder, wrong=0.12 if far == 1.04 else 0.03, mass=0.05)
+
+
+def test_every_object_that_cannot_be_adapted_is_named_at_once(runs: Path, tmp_path: Path) -> None:
+    names = ("angle-0001", "angle-0002", "angle-0003")
+    colors = {"stem": BROWN, "foot": GREY}
+    there = tmp_path / "three"
+    write_folder(
+        [painted(name, ANGLE, colors) for name in names], there, version="0.1.0", builder="t"
+    )
+    write_points(runs, names[0])
+    write_points(runs, names[1], density=np.zeros(7))
+    done = invoke("generic_points", runs, there, *GENERIC)
+    assert done.exit_code == 1
+    assert "2 of 3 objects cannot be adapted:\n" in done.output
+    assert [done.output.count(name) for name in names] == [0, 1, 1]
+    assert not (runs.parent / "preds.npz").exists()
+
+
 def test_generic_points_take_one_density_or_a_range(
     runs: Path, root: Path, folder: DatasetFolder
 ) -> None:
@@ -249,6 +295,54 @@ def test_a_case_is_lifted_by_the_vote_of_its_views(
     assert "1 answers or voxels without density" in found["meta"]["notes"]
 
 
+def test_points_that_no_view_shows_do_not_vote_for_the_largest_mask(
+    runs: Path, root: Path, folder: DatasetFolder
+) -> None:
+    """Label 0 is the largest mask, and every point behind has it for none."""
+    parts = folder.object(NAME).parts
+    centre = BOX.mean(axis=0)
+    around = [np.array(at) * 9.0 for at in ((1, 0.1, 0), (-1, 0.1, 0), (0.1, 0, 1))]
+    cameras = [camera_at(centre + at, centre) for at in around]
+    meshes = [part.mesh for part in parts]
+    case = runs / NAME
+    write_scene(render(meshes, [part.color_rgb for part in parts], cameras).pictures, case)
+    (case / "seg").mkdir()
+    lines = []
+    for view, numbers in enumerate(part_numbers(meshes, cameras)):
+        # as in sam_preprocess.py: the largest mask is 0, the next 1, and the background -1
+        labels = np.select([numbers == 1, numbers == 2], [0, 1], default=-1)
+        np.save(case / "seg" / f"{view:03d}_s.npy", labels.astype(np.int32))
+        lines += [
+            f"gpt_input/{view:02d}/00.png,a stem,resin,40-60,Shore D",
+            f"gpt_input/{view:02d}/01.png,a foot,aluminium,80-90,Shore D",
+        ]
+    (case / f"{NAME}.txt").write_text("\n".join(lines))
+    table = write_json(runs / "table.json", {"resin": [1200, 1200]})
+    options = ("--unit", "kg/m3", "--frame", "m", "--densities", table)
+    adapted("gaussianproperty", runs, root, *options)
+    assert_round_trip(runs, folder, wrong=0.1, mass=0.05)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        "a metal head, metal, 70-90, Shore D",
+        "(a metal head, metal, 70-90, Shore D)",
+        "a metal head, **Metal**, 70-90, <Shore D>",
+        "<think>wood, perhaps, 3</think>\na head, with a claw, metal, 70-90, Shore D",
+        # what vlm_predict.py writes of GPT4V(): str(response.choices[0])
+        "Choice(finish_reason='stop', index=0, logprobs=None, message=ChatCompletionMessage("
+        "content='a metal head, metal, 70-90, Shore D', refusal=None, role='assistant', "
+        "annotations=[], audio=None, function_call=None, tool_calls=None))",
+        "Choice(finish_reason='stop', index=0, message=ChatCompletionMessage("
+        'content="the hammer\'s head,\\nmetal, 70-90, Shore D", refusal=None, audio=None))',
+    ],
+)
+def test_every_form_of_an_answer_is_read(answer: str) -> None:
+    text = f"gp_cases_dirs/hammer/gpt_input/01/00.png,{answer}\na/01/01.png,error,-1\n"
+    assert parse_answers(text) == ({(1, 0): "metal"}, 1)
+
+
 def test_captions_with_commas_and_recorded_errors_are_told_apart() -> None:
     text = "\n".join(
         [
@@ -260,7 +354,7 @@ def test_captions_with_commas_and_recorded_errors_are_told_apart() -> None:
             "<Response [200]>",
         ]
     )
-    assert parse_answers(text) == ({(1, 2): "plastic"}, 4)
+    assert parse_answers(text) == ({(1, 2): "plastic"}, 3)
 
 
 @settings(max_examples=8, deadline=None)

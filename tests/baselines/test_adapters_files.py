@@ -218,7 +218,6 @@ def test_missing_files_are_named(tmp_path: Path) -> None:
     write_pugs(tmp_path, "other")
     scenes = tmp_path / "scenes"
     for path, read in (
-        (scenes / NAME / "ns" / "dataparser_transforms.json", read_nerf2physics),
         (scenes / NAME / "points.npz", read_nerf2physics),
         (scenes / "other" / "pred_result_density" / "dense_points.npy", read_pugs),
     ):
@@ -290,9 +289,9 @@ def test_a_range_that_is_none_is_named(tmp_path: Path) -> None:
         density_range(write_json(path, {"density_p1": 3.0}))
 
 
-def test_vomps_surface_is_not_taken_for_its_inside(tmp_path: Path) -> None:
+def test_vomps_points_of_another_kind_are_refused(tmp_path: Path) -> None:
     write_vomp(tmp_path, NAME, segment="segment_0")
-    with pytest.raises(DataError, match=r"segment_id 'voxel_material', got \['segment_0'\]"):
+    with pytest.raises(DataError, match=r"'interpolated_material'\], got \['segment_0'\]"):
         read_vomp(tmp_path, NAME, original_scale=False)
 
 

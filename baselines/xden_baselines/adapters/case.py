@@ -3,19 +3,24 @@
 ::
 
     CASE/  images/001.png       RGBA pictures
-           seg/001_s.npy        int32 (rows, columns): -1 background, 0 in no part, k = part k
-           NAME.txt             a line for each part: PATH,CAPTION,MATERIAL,LOW-HIGH,Shore X
+           seg/001_s.npy        int32 (rows, columns): -1 background, k = part k; 0 is the largest
+                                mask and what no other mask holds, a part as any other
+           NAME.txt             an answer for each part: PATH,CAPTION,MATERIAL,LOW-HIGH,Shore X
            transforms.json      cameras in the object's frame, as in a scene folder: not by the
                                 original, which lifts nothing
 
-PATH ends in ``01/02.png``: view 1, part 2. Views without a segmentation have no vote.
+PATH ends in ``01/02.png``: view 1, part 2. An answer may be the text of the model, over more than
+one line, or what the original makes of GPT's: the printed ``Choice(... content='...' ...)``. Views
+without a segmentation have no vote.
 """
 
 from __future__ import annotations
 
+import ast
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Integer, Shaped
@@ -37,34 +42,52 @@ CM_PER_M = 100.0
 
 Part = tuple[int, int]
 """View and part, as the original counts them."""
+NOT_SEEN: Final = -1
+"""The label of a point that a view does not show; the original's for the background."""
+_RECORD = re.compile(r"^([^,\n]*)\.png,", re.MULTILINE)
+_PLACE = re.compile(r"(?:^|.*/)(\d{1,6})/(\d{1,6})")
+_CONTENT = re.compile(r"""\bcontent=('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""")
+"""A string as Python prints it."""
+_SHORE = re.compile(r"(.*),([^,]+),[^,]*\d[^,]*,\s*<?Shore\s+[AD]", re.IGNORECASE | re.DOTALL)
+"""Caption, which may hold commas, material, hardness, scale."""
 
 
 def parse_answers(text: str) -> tuple[Mapping[Part, str], int]:
-    r"""Read the material of each part of each view.
+    r"""Read the material of each part of each view, in lower case.
 
     Returns
     -------
     materials
         By view and part.
     unparsed
-        How many lines gave none: errors that were recorded, and answers of another form.
+        How many answers gave none: errors that were recorded, and answers of another form.
 
     Examples
     --------
-    >>> parse_answers("gpt_input/01/02.png,a lid, red,wood,40-60,Shore D\n01/03.png,error,-1")
+    >>> parse_answers("gpt_input/01/02.png,a lid, red,Wood,40-60,Shore D\n01/03.png,error,-1")
     ({(1, 2): 'wood'}, 1)
     """
+    records = list(_RECORD.finditer(text))
+    ends = [*(record.start() for record in records[1:]), len(text)]
     materials: dict[Part, str] = {}
     unparsed = 0
-    for line in filter(None, map(str.strip, text.splitlines())):
-        # from the right: captions hold commas
-        fields = [field.strip() for field in line.rsplit(",", 3)]
-        place = re.search(r"(\d{1,6})/(\d{1,6})\.png$", fields[0].partition(",")[0])
-        if len(fields) < 4 or place is None or not fields[1] or "," not in fields[0]:
+    for record, end in zip(records, ends, strict=True):
+        place = _PLACE.fullmatch(record[1])
+        material = _material(text[record.end() : end])
+        if place is None or material is None:
             unparsed += 1
         else:
-            materials[int(place[1]), int(place[2])] = fields[1]
+            materials[int(place[1]), int(place[2])] = material
     return materials, unparsed
+
+
+def _material(answer: str) -> str | None:
+    """Material of one answer; None if it names none."""
+    printed = _CONTENT.search(answer)
+    said = str(ast.literal_eval(printed[1])) if printed else answer
+    found = _SHORE.search(said)
+    name = found[2].strip(" \t\n*_`\"'()[]<>.").lower() if found else ""
+    return name or None
 
 
 def read_case(
@@ -92,7 +115,7 @@ def read_case(
     """
     answers, unparsed = parse_answers(read_text(case / f"{case.name}.txt"))
     if not answers:
-        raise DataError(f"{case}: none of {unparsed} lines gives a material")
+        raise DataError(f"{case}: none of {unparsed} answers gives a material")
     names, which = np.unique(np.array(list(answers.values())), return_inverse=True)
     pictures = read_scene(case, Surface(np.asarray(sample.outer_mesh.triangles)))
     segmentations = _segmentations(case, pictures)
@@ -141,8 +164,8 @@ def _votes(
     tolerance_cm: float,
     segmentation: Integer[np.ndarray, "rows columns"],
 ) -> Integer[np.ndarray, "points"]:
-    """Which part each point shows in a view; 0 where none."""
+    """Which part each point shows in a view; :data:`NOT_SEEN` where none."""
     seen, pixels = visible(points_cm, pictures, view, tolerance_cm=tolerance_cm)
-    votes = np.zeros(len(points_cm), dtype=np.int64)
-    votes[seen] = segmentation[pixels[:, 0], pixels[:, 1]].clip(min=0)
+    votes = np.full(len(points_cm), NOT_SEEN, dtype=np.int64)
+    votes[seen] = segmentation[pixels[:, 0], pixels[:, 1]].clip(min=NOT_SEEN)
     return votes

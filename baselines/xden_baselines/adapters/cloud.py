@@ -6,17 +6,29 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from xden1k.errors import DataError
 from xden1k.values.arrays import Points
 
-__all__ = ["DENSITIES_G_CM3", "Cloud", "Unit", "density_g_cm3", "middle"]
+__all__ = [
+    "DENSITIES_G_CM3",
+    "Cloud",
+    "Unit",
+    "box_of",
+    "density_g_cm3",
+    "floaters",
+    "middle",
+]
 
 Unit = Literal["kg/m3", "g/cm3"]
 KG_M3_PER_G_CM3: Final = 1000.0
 DENSITIES_G_CM3: Final = (0.001, 25.0)
 """From thinner than any foam to denser than osmium."""
+FEW: Final = 1e-3
+"""Share of the points beyond each end of an axis that the box of the others leaves out."""
+BEYOND: Final = 0.05
+"""Of that box's longest side: how far off a point is a floater, if nothing else tells."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,11 +64,36 @@ class Cloud:
 
     @property
     def bounds(self) -> Float[np.ndarray, "2 3"]:
-        """Lowest and highest corner of what is the object's bounding box."""
+        """Lowest and highest corner of what is the object's bounding box, floaters left out."""
         if self.box is not None:
             return self.box
-        half = self.cell / 2
-        return np.stack([self.points.min(axis=0) - half, self.points.max(axis=0) + half])
+        return box_of(self.points[~floaters(self.points, BEYOND)], self.cell)
+
+
+def box_of(points: Points, cell: float = 0.0) -> Float[np.ndarray, "2 3"]:
+    """Lowest and highest corner of points, or of the cells whose centres they are."""
+    return np.stack([points.min(axis=0) - cell / 2, points.max(axis=0) + cell / 2])
+
+
+def floaters(points: Points, beyond: float = 0.0) -> Bool[np.ndarray, "points"]:
+    """Points outside the box of all but a few, which a reconstruction may have left in the air.
+
+    Parameters
+    ----------
+    points
+        Of one object.
+    beyond
+        How far outside they must lie, of the box's longest side.
+
+    Examples
+    --------
+    >>> line = np.linspace(0, 1, 2000)[:, None] * np.ones(3)
+    >>> floaters(np.concatenate([line, [[0.5, 0.5, 4.0]]]), beyond=0.1).sum()
+    np.int64(1)
+    """
+    low, high = np.quantile(points, (FEW, 1 - FEW), axis=0, method="nearest")
+    reach = beyond * (high - low).max()
+    return np.asarray(((points < low - reach) | (points > high + reach)).any(axis=1))
 
 
 def middle(density: Float[np.ndarray, "points *range"], where: str) -> Float[np.ndarray, "points"]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
@@ -14,7 +14,7 @@ from xden1k.access.samples import SampleView
 from xden1k.errors import DataError
 from xden1k.values.arrays import Grid, Points
 from xden1k.values.types import FIELD_SIZE
-from xden_baselines.adapters.cloud import Cloud, density_g_cm3
+from xden_baselines.adapters.cloud import Cloud, box_of, density_g_cm3, floaters
 from xden_baselines.adapters.frames import Similarity
 from xden_baselines.geometry import voxel_centres_cm
 
@@ -40,11 +40,14 @@ class Filled:
         Share of the object's voxels with a point within :data:`REACH`.
     iou
         Of the bounding boxes, 1 where they agree to within a voxel.
+    floaters
+        Points left out, because they lie far from all others and from the object.
     """
 
     density_g_cm3: Grid
     coverage: float
     iou: float
+    floaters: int
 
 
 def fill(cloud: Cloud, similarity: Similarity, sample: SampleView) -> Filled:
@@ -69,7 +72,9 @@ def fill(cloud: Cloud, similarity: Similarity, sample: SampleView) -> Filled:
     density = density_g_cm3(cloud, where)
     points_cm = similarity(cloud.points)
     cell_cm = max(cloud.cell * similarity.scale, sample.voxel_size_cm)
-    iou = _checked_iou(points_cm, cloud.cell * similarity.scale, cell_cm, sample)
+    lost = floaters(points_cm) & ~_in_box(points_cm, sample.outer_mesh.bounds, cell_cm)
+    points_cm, density = points_cm[~lost], density[~lost]
+    iou = _checked_iou(box_of(points_cm, cloud.cell * similarity.scale), cell_cm, sample)
     inside = sample.envelope > 0
     if (near := _share_near(points_cm, inside, sample, cell_cm)) < MIN_NEAR:
         raise DataError(
@@ -80,7 +85,7 @@ def fill(cloud: Cloud, similarity: Similarity, sample: SampleView) -> Filled:
     field = np.zeros(inside.shape, dtype=np.float32)
     field[inside] = density[nearest] * sample.envelope[inside]
     coverage = float((distance_cm <= REACH * sample.voxel_size_cm).mean())
-    return Filled(field, coverage, iou)
+    return Filled(field, coverage, iou, int(lost.sum()))
 
 
 def box_iou(one: Float[np.ndarray, "2 3"], other: Float[np.ndarray, "2 3"]) -> float:
@@ -96,13 +101,19 @@ def box_iou(one: Float[np.ndarray, "2 3"], other: Float[np.ndarray, "2 3"]) -> f
     return common / float(np.prod(one[1] - one[0]) + np.prod(other[1] - other[0]) - common)
 
 
+def _in_box(
+    points_cm: Points, box_cm: Float[np.ndarray, "2 3"], margin_cm: float
+) -> Bool[np.ndarray, "points"]:
+    low, high = box_cm
+    inside = (points_cm >= low - margin_cm) & (points_cm <= high + margin_cm)
+    return np.asarray(inside.all(axis=1))
+
+
 def _checked_iou(
-    points_cm: Points, own_cell_cm: float, tolerance_cm: float, sample: SampleView
+    source: Float[np.ndarray, "2 3"], tolerance_cm: float, sample: SampleView
 ) -> float:
     """Compare the box of the points with the object's. Sides within a voxel of each other agree."""
     target = np.asarray(sample.outer_mesh.bounds, dtype=np.float64)
-    half = own_cell_cm / 2
-    source = np.stack([points_cm.min(axis=0) - half, points_cm.max(axis=0) + half])
     # thin things: a voxel more or less of a plate is no other frame
     agreed = np.where(np.abs(source - target) <= tolerance_cm, target, source)
     if (iou := box_iou(agreed, target)) < MIN_IOU:

@@ -8,22 +8,45 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
+from typing import Final
 
 import numpy as np
 
 from xden1k.access.samples import SampleView
+from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.predictions import PredictionsWriter, SubmissionMeta, raise_errors
 from xden1k.predictions.meta import parse_meta
 from xden1k.values.modality import Modality
 from xden_baselines.adapters.cloud import Cloud
-from xden_baselines.adapters.filling import fill
+from xden_baselines.adapters.filling import Filled, fill
 from xden_baselines.adapters.frames import Frames
 
-__all__ = ["Adapted", "Read", "Report", "Row", "adapt"]
+__all__ = ["Adapted", "Read", "Report", "Row", "RunError", "adapt"]
 
+READS: Final = Modality.GEOMETRY
+"""What an adapter looks at of the dataset."""
 Read = Callable[[str, SampleView], Cloud]
 """Reads what a run has of an object: by the name it has there, and as the dataset shows it."""
+
+
+class RunError(DataError):
+    """A run that cannot be adapted: a line for each object, after how many there are of how many.
+
+    Parameters
+    ----------
+    refused
+        What is wrong with each.
+    objects
+        How many there are in the split.
+    """
+
+    def __init__(self, refused: Sequence[str], objects: int) -> None:
+        if objects == 1:
+            super().__init__(refused[0])
+        else:
+            count = f"{len(refused)} of {objects} objects cannot be adapted:"
+            super().__init__("\n  ".join([count, *refused]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +85,7 @@ class Adapted:
     ----------
     object_id
         Of the dataset.
-    coverage, iou
+    coverage, iou, floaters
         See :class:`.filling.Filled`.
     unread
         Answers or voxels that gave no density.
@@ -75,6 +98,7 @@ class Adapted:
     object_id: str
     coverage: float
     iou: float
+    floaters: int
     unread: int
     seconds: float
     mass_native_g: float | None
@@ -99,11 +123,13 @@ class Report:
         """Return what a reader of the row must know, on one line."""
         covered = [one.coverage for one in self.objects]
         unread = sum(one.unread for one in self.objects)
+        lost = sum(one.floaters for one in self.objects)
         said = [
             f"files of a real run, adapter {adapter}, run {self.run_sha256[:12]}",
             f"coverage {fmean(covered):.3f} (least {min(covered):.3f})",
             f"box IoU at least {min(one.iou for one in self.objects):.3f}",
             f"{unread} answers or voxels without density" if unread else "",
+            f"{lost} points far off left out" if lost else "",
         ]
         return "; ".join(filter(None, said))
 
@@ -136,27 +162,47 @@ def adapt(
 
     Raises
     ------
-    DataError
-        If the run lacks an object, or a file breaks its format, or what it says is in another
-        frame, scale or unit.
+    RunError
+        With every object that the run lacks, whose files break their format, or of which it speaks
+        in another frame, scale or unit.
     """
     raise_errors(parse_meta(_meta(folder, split, row).to_json())[1])  # now, not after the work
-    objects, digest = [], hashlib.sha256()
+    objects, refused, digest = [], [], hashlib.sha256()
+    ids = folder.ids(split)
     with PredictionsWriter(out) as writer:
-        for object_id in progress(folder.ids(split)):
+        for object_id in progress(ids):
             start = time.perf_counter()
-            sample = SampleView(folder, object_id, Modality.GEOMETRY)
-            cloud = read(frames.run_name(object_id), sample)
-            filled = fill(cloud, frames.similarity(cloud, sample), sample)
+            try:
+                cloud, filled = _read(read, frames, SampleView(folder, object_id, READS))
+            except DataError as err:
+                refused.append(str(err))
+                continue
             writer.add(object_id, filled.density_g_cm3)
-            seconds = time.perf_counter() - start
-            said = (filled.coverage, filled.iou, cloud.unread, seconds, cloud.mass_native_g)
-            objects.append(Adapted(object_id, *said))
+            objects.append(_adapted(object_id, cloud, filled, time.perf_counter() - start))
             _digest(digest, object_id, (cloud.points, cloud.density))
+        if refused:
+            raise RunError(refused, len(ids))
         report = Report(tuple(objects), digest.hexdigest())
         meta = _meta(folder, split, row, report.notes(row.adapter))
         writer.finish(meta)
     return meta, report
+
+
+def _read(read: Read, frames: Frames, sample: SampleView) -> tuple[Cloud, Filled]:
+    cloud = read(frames.run_name(sample.object_id), sample)
+    return cloud, fill(cloud, frames.similarity(cloud, sample), sample)
+
+
+def _adapted(object_id: str, cloud: Cloud, filled: Filled, seconds: float) -> Adapted:
+    return Adapted(
+        object_id,
+        coverage=filled.coverage,
+        iou=filled.iou,
+        floaters=filled.floaters,
+        unread=cloud.unread,
+        seconds=seconds,
+        mass_native_g=cloud.mass_native_g,
+    )
 
 
 def _meta(folder: DatasetFolder, split: str, row: Row, notes: str = "") -> SubmissionMeta:

@@ -2,16 +2,17 @@
 
 ::
 
-    RUNS/scenes/NAME/points.npz                      NeRF2Physics: points (N, 3), density (N, 2)
-    RUNS/scenes/NAME/ns/dataparser_transforms.json   from the scene's frame to the points'
-    RUNS/preds/preds_mass.json                       NAME: [low, high] kg; may be missing
+    RUNS/scenes/NAME/points.npz    NeRF2Physics: points (N, 3), scene's frame, density (N, 2)
+    RUNS/preds/preds_mass.json     NAME: [low, high] kg; may be missing
 
     RUNS/scenes/NAME/pred_result_density/dense_points.npy         PUGS: (N, 3), scene's frame
     RUNS/scenes/NAME/pred_result_density/dense_pred_density.npy   (N, 2)
     RUNS/preds/preds_density.json                                 NAME: [low, high] kg
 
 Densities are in kg/m³, scenes in metres. NeRF2Physics computes points and densities and keeps
-neither: ``points.npz`` has to be written where its grid mode has them.
+neither: ``points.npz`` has to be written where its grid mode has them, as ``query_pts`` and
+``query_pred_vals``. Its reader of point clouds has taken them out of the reconstruction's frame
+already, so ``dataparser_transforms.json`` is not applied again.
 """
 
 from __future__ import annotations
@@ -26,7 +27,6 @@ from xden_baselines.adapters.files import (
     read_npy,
     read_npz,
 )
-from xden_baselines.adapters.frames import dataparser
 
 __all__ = ["read_nerf2physics", "read_pugs"]
 
@@ -34,21 +34,19 @@ G_PER_KG = 1000.0
 
 
 def read_nerf2physics(runs: Path, name: str) -> Cloud:
-    """Read a scene of NeRF2Physics, back in the frame of its cameras.
+    """Read a scene of NeRF2Physics, in the frame of its cameras.
 
     Raises
     ------
     DataError
         If a file is missing or breaks its format.
     """
-    scene = runs / "scenes" / name
-    path = scene / "points.npz"
+    path = runs / "scenes" / name / "points.npz"
     points, density = checked_points(
         read_npz(path, ("points", "density")), "points", "density", path
     )
-    to_scene = dataparser(scene / "ns" / "dataparser_transforms.json").inverse
     return Cloud(
-        to_scene(points),
+        points,
         middle(density, f"{path}: density"),
         "kg/m3",
         mass_native_g=_mass_g(runs / "preds" / "preds_mass.json", name),

@@ -9,7 +9,8 @@
     RENDERS/NAME/clip_features.npz    min_bounds, max_bounds, voxel_size, grid_shape
     RANGES                            normalization_ranges.yaml: one line of JSON
 
-    RUNS/NAME.npz                     VoMP: voxel_data, structured: x, y, z, density, segment_id
+    RUNS/NAME.npz                     VoMP: voxel_data, structured: x, y, z, density, segment_id:
+                                      voxel_material, or query_point_material, interpolated_material
 
 Densities are in kg/m³.
 """
@@ -38,6 +39,8 @@ VOMP_SIZE: Final = 64
 VOMP_BOX: Final = np.array([[-0.5] * 3, [0.5] * 3])
 """The object's box is centred in it, its longest side 1."""
 VOXEL_SEGMENT: Final = "voxel_material"
+QUERY_SEGMENTS: Final = ("query_point_material", "interpolated_material")
+"""Of points that the user chose: vertices of the mesh, unless told."""
 PLY_NAMES: Final = ("x", "y", "z", "density", "material_id")
 NODE_TOLERANCE: Final = 0.05
 """How far off a node, in steps, a point of a PLY file may lie."""
@@ -123,7 +126,10 @@ def read_pixie(runs: Path, name: str, renders: Path, span: Range | None) -> Clou
 
 
 def read_vomp(runs: Path, name: str, *, original_scale: bool) -> Cloud:
-    """Read the voxels of VoMP.
+    """Read the voxels of VoMP, or the points that it was asked for.
+
+    Points of the surface say nothing of the inside: there the nearest one speaks, and the coverage
+    of the row tells how far.
 
     Parameters
     ----------
@@ -135,8 +141,7 @@ def read_vomp(runs: Path, name: str, *, original_scale: bool) -> Cloud:
     Raises
     ------
     DataError
-        If the file is missing, holds points of the surface in place of voxels, or breaks its
-        format.
+        If the file is missing, holds other points or two kinds of them, or breaks its format.
     """
     path = runs / f"{name}.npz"
     voxels = read_npz(path, ("voxel_data",)).get("voxel_data")
@@ -144,15 +149,18 @@ def read_vomp(runs: Path, name: str, *, original_scale: bool) -> Cloud:
     if voxels is None or voxels.ndim != 1 or not expected <= set(voxels.dtype.names or ()):
         got = "nothing" if voxels is None else f"{voxels.dtype} {voxels.shape}"
         raise DataError(f"{path}: voxel_data must have the fields {sorted(expected)}, got {got}")
-    if others := sorted(set(np.unique(voxels["segment_id"]).tolist()) - {VOXEL_SEGMENT}):
+    segments = np.unique(voxels["segment_id"]).tolist()
+    if len(segments) != 1 or segments[0] not in (VOXEL_SEGMENT, *QUERY_SEGMENTS):
         raise DataError(
-            f"{path}: expected voxels, segment_id {VOXEL_SEGMENT!r}, got {others[:3]}: points of "
-            "the surface say nothing of the inside"
+            f"{path}: expected one segment_id of {[VOXEL_SEGMENT, *QUERY_SEGMENTS]}, "
+            f"got {segments[:3]}"
         )
     points = np.stack(
         [numbers(voxels[axis], (None,), f"{path}: voxel_data: {axis}") for axis in "xyz"], axis=1
     )
     density = numbers(voxels["density"], (None,), f"{path}: voxel_data: density")
+    if segments[0] in QUERY_SEGMENTS:
+        return Cloud(points, density, "kg/m3", box=None if original_scale else VOMP_BOX)
     if original_scale:
         return Cloud(
             points, density, "kg/m3", cell=float(np.ptp(points, axis=0).max()) / (VOMP_SIZE - 1)
