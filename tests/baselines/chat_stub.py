@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -23,13 +23,15 @@ class Reply:
     status: int = 200
     body: bytes | None = None
     after_s: float = 0.0
+    finish: str = "stop"
+    headers: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def bytes(self) -> bytes:
         if self.body is not None:
             return self.body
         message = {"role": "assistant", "content": self.text}
-        choice = {"index": 0, "finish_reason": "stop", "message": message}
+        choice = {"index": 0, "finish_reason": self.finish, "message": message}
         return json.dumps({"choices": [choice], "model": "stub", "created": 1, "id": "1"}).encode()
 
 
@@ -63,6 +65,8 @@ def stub_endpoint(script: Sequence[Reply]) -> Iterator[Stub]:
             try:
                 self.send_response(reply.status)
                 self.send_header("Content-Type", "application/json")
+                for name, value in reply.headers.items():
+                    self.send_header(name, value)
                 self.send_header("Content-Length", str(len(reply.bytes)))
                 self.end_headers()
                 self.wfile.write(reply.bytes)

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 
 from tests.baselines.chat_stub import Reply, stub_endpoint
 from xden1k.errors import DataError
+from xden_baselines.chat.asking import at_once
 from xden_baselines.chat.cassette import Recorder, Replayer, read_answers
-from xden_baselines.chat.endpoint import ChatError, Endpoint
+from xden_baselines.chat.endpoint import MAX_TOKENS, ChatError, Endpoint
 from xden_baselines.chat.request import ChatRequest, png
 from xden_baselines.chat.settings import chat_settings, open_chat
 
@@ -36,25 +37,29 @@ CHANGES = {
     "images": (),
     "seed": 101,
     "temperature": 0.0,
-    "max_tokens": 501,
 }
 
 
 @pytest.mark.parametrize("changed", CHANGES)
 def test_whatever_an_answer_depends_on_changes_the_key(changed: str) -> None:
     other = replace(REQUEST, **{changed: CHANGES[changed]})
-    assert other.key("qwen") != REQUEST.key("qwen")
-    assert REQUEST.key("llama") != REQUEST.key("qwen")
+    assert other.key("qwen", MAX_TOKENS) != REQUEST.key("qwen", MAX_TOKENS)
+    assert REQUEST.key("llama", MAX_TOKENS) != REQUEST.key("qwen", MAX_TOKENS)
+    assert REQUEST.key("qwen", 501) != REQUEST.key("qwen", 500)
 
 
 def test_the_key_stays_what_it_was() -> None:
     # A change of this value orphans every cassette there is.
     plain = ChatRequest("materials/1", "mug-0001", "What is it made of?", (b"picture",))
-    assert plain.key("qwen") == "eb1e73b5c9abd815b5acb59a0ecf7208d92629d9fb9c52ef25ddd5ae03d49ad4"
+    assert (
+        plain.key("qwen", 500) == "eb1e73b5c9abd815b5acb59a0ecf7208d92629d9fb9c52ef25ddd5ae03d49ad4"
+    )
 
 
 def test_the_object_is_no_part_of_the_key() -> None:
-    assert replace(REQUEST, about="mug-0002").key("qwen") == REQUEST.key("qwen")
+    assert replace(REQUEST, about="mug-0002").key("qwen", MAX_TOKENS) == REQUEST.key(
+        "qwen", MAX_TOKENS
+    )
 
 
 @given(st.text(max_size=50))
@@ -62,7 +67,7 @@ def test_any_answer_comes_back_as_it_was(
     tmp_path_factory: pytest.TempPathFactory, text: str
 ) -> None:
     path = tmp_path_factory.mktemp("cassette") / "answers.jsonl"
-    path.write_text(json.dumps({"key": REQUEST.key("qwen"), "text": text}) + "\n")
+    path.write_text(json.dumps({"key": REQUEST.key("qwen", MAX_TOKENS), "text": text}) + "\n")
     assert Replayer("qwen", path).complete(REQUEST) == text
 
 
@@ -125,9 +130,12 @@ def test_a_line_cut_off_by_a_crash_costs_that_answer_alone(tmp_path: Path, kept:
     recorded(path, ["oak", "pine"], REQUEST, second)
     first, last = path.read_bytes().splitlines(keepends=True)
     path.write_bytes(first + last[:kept])
-    assert read_answers(path) == {REQUEST.key("qwen"): "oak"}
+    assert read_answers(path) == {REQUEST.key("qwen", MAX_TOKENS): "oak"}
     assert recorded(path, ["fir"], second) == ["fir"]
-    assert read_answers(path) == {REQUEST.key("qwen"): "oak", second.key("qwen"): "fir"}
+    assert read_answers(path) == {
+        REQUEST.key("qwen", MAX_TOKENS): "oak",
+        second.key("qwen", MAX_TOKENS): "fir",
+    }
 
 
 def test_an_answer_is_on_file_before_it_is_used(tmp_path: Path) -> None:
@@ -139,6 +147,31 @@ def test_an_answer_is_on_file_before_it_is_used(tmp_path: Path) -> None:
             recorder.complete(replace(REQUEST, seed=101))
         recorder.close()
     assert list(read_answers(path).values()) == ["oak"]
+
+
+def test_threads_record_what_they_all_ask_once(tmp_path: Path) -> None:
+    path = tmp_path / "answers.jsonl"
+    requests = [replace(REQUEST, seed=seed) for seed in (1, 2, 3, 1, 2, 3)]
+    with stub_endpoint([Reply("oak", after_s=0.01)]) as stub:
+        recorder = Recorder(Endpoint(stub.base_url, "qwen"), path)
+        assert at_once(recorder.complete, requests, 6) == ["oak"] * 6
+        recorder.close()
+    assert path.read_text().count("\n") == len(read_answers(path)) == 3
+
+
+def test_tokens_and_patience_come_from_the_settings() -> None:
+    environment = {
+        "XDEN_VLM_MODE": "live",
+        "XDEN_VLM_MODEL": "qwen",
+        "XDEN_VLM_BASE_URL": "http://127.0.0.1:1/v1",
+        "XDEN_VLM_TIMEOUT_S": "7.5",
+        "XDEN_VLM_MAX_TOKENS": "4000",
+    }
+    model = open_chat(chat_settings(environment))
+    assert isinstance(model, Endpoint)
+    assert (model.timeout_s, model.max_tokens) == (7.5, 4000)
+    fewer = chat_settings(environment | {"XDEN_VLM_MAX_TOKENS": "10"})
+    assert fewer.fingerprint != chat_settings(environment).fingerprint
 
 
 def test_two_recorders_do_not_write_into_one_cassette(tmp_path: Path) -> None:
@@ -190,6 +223,9 @@ def test_each_mode_opens_its_own_kind_of_model(tmp_path: Path) -> None:
         ({"XDEN_VLM_MODE": "live"}, "also needs XDEN_VLM_BASE_URL, XDEN_VLM_MODEL"),
         ({"XDEN_VLM_MODE": "replay", "XDEN_VLM_MODEL": "a"}, "also needs XDEN_VLM_CASSETTE"),
         ({"XDEN_VLM_BASE_URL": "http://a"}, "XDEN_VLM_MODE does not say what for"),
+        ({"XDEN_VLM_FALLBACK": "me"}, r"XDEN_VLM_FALLBACK must be one of \('train', 'none'\), got"),
+        ({"XDEN_VLM_TIMEOUT_S": "soon"}, "XDEN_VLM_TIMEOUT_S must be a number, got 'soon'"),
+        ({"XDEN_VLM_IN_FLIGHT": "0"}, "XDEN_VLM_IN_FLIGHT must be positive, got 0"),
     ],
 )
 def test_settings_that_do_not_go_together_are_refused(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from tests.baselines.chat_stub import NEVER_S, Parrot, Reply, stub_endpoint
 from xden1k.errors import DataError
-from xden_baselines.chat.asking import ask
+from xden_baselines.chat.asking import ask, at_once
 from xden_baselines.chat.endpoint import ChatError, Endpoint
 from xden_baselines.chat.request import ChatRequest, png
 
@@ -26,7 +27,7 @@ def test_the_question_arrives_with_model_seed_and_picture() -> None:
     with stub_endpoint([Reply("oak")]) as stub:
         assert endpoint(stub.base_url).complete(request) == "oak"
     (sent,) = stub.requests
-    assert (sent["model"], sent["seed"], sent["max_tokens"]) == ("qwen", 7, 500)
+    assert (sent["model"], sent["seed"], sent["max_tokens"]) == ("qwen", 7, 2000)
     assert "temperature" not in sent
     text, picture = sent["messages"][0]["content"]
     assert text["text"] == "What is it made of?"
@@ -97,6 +98,46 @@ def test_nobody_there_is_an_error_that_names_the_host() -> None:
         gone = endpoint(stub.base_url, tries=2)
     with pytest.raises(ChatError, match=rf"{gone.host}: no answer in 2 tries.*no connection"):
         gone.complete(REQUEST)
+
+
+def test_a_server_that_says_when_to_come_again_is_left_alone_till_then(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    paused: list[float] = []
+    monkeypatch.setattr("xden_baselines.chat.endpoint.time.sleep", paused.append)
+    busy = Reply(status=429, headers={"Retry-After": "17"})
+    rude = Reply(status=429, headers={"Retry-After": "Sun, 06 Nov 1994 08:49:37 GMT"})
+    with stub_endpoint([busy, rude, Reply("oak")]) as stub:
+        assert endpoint(stub.base_url, pause_s=3.0).complete(REQUEST) == "oak"
+    assert paused == [17.0, 6.0]
+
+
+def test_an_answer_that_ran_out_of_tokens_is_none_however_whole_it_reads() -> None:
+    with stub_endpoint([Reply("8", finish="length"), Reply("9")]) as stub:
+        assert ask(endpoint(stub.base_url), REQUEST, number, retries=1) == 9
+    assert stub.seeds == [100, 101]
+
+
+def test_questions_asked_at_once_are_answered_in_their_order() -> None:
+    together = threading.Barrier(3)
+
+    def work(one: int) -> int:
+        together.wait(60)  # all three are in flight, or nothing is
+        return one * one
+
+    assert at_once(work, iter([3, 1, 2]), 3) == [9, 1, 4]
+
+
+def test_after_an_error_nothing_more_is_asked() -> None:
+    asked: list[int] = []
+
+    def work(one: int) -> int:
+        asked.append(one)
+        raise ChatError("out of order")
+
+    with pytest.raises(ChatError, match="out of order"):
+        at_once(work, iter(range(1000)), 2)
+    assert len(asked) < 20
 
 
 def test_a_model_that_declines_gives_an_empty_answer() -> None:

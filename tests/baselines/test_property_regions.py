@@ -169,6 +169,12 @@ def test_centroids_that_are_none_are_refused(changed: dict) -> None:
         ("a handle, with a hole, Wood_Oak, 1", Answer(1, 1.0)),
         (" a blade, STEEL, 85% \n", Answer(0, 0.85)),
         ("a cap, abs, .5.", Answer(2, 0.5)),
+        ("(a blade, steel, 0.9)", Answer(0, 0.9)),
+        ("```\na blade, steel, 0.9\n```", Answer(0, 0.9)),
+        ("Here is my answer:\n\n1. a blade, **Steel**, 0.9", Answer(0, 0.9)),
+        ("<think>a, wood oak, 0.1</think>\na blade, steel, 0.9", Answer(0, 0.9)),
+        ("a handle, Oak Wood, confidence: 90%", Answer(1, 0.9)),
+        ("a handle, wood, 0.6", Answer(1, 0.6)),
     ],
 )
 def test_an_answer_is_read_from_the_right(text: str, expected: Answer) -> None:
@@ -178,14 +184,15 @@ def test_an_answer_is_read_from_the_right(text: str, expected: Answer) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "expected 'caption, material, confidence'"),
-        ("I cannot see any part.", "expected 'caption, material, confidence'"),
-        ("steel, 0.9", "expected 'caption, material, confidence'"),
-        ("a blade, steel, sure", "expected 'caption, material, confidence'"),
-        ("a blade, steel, 0.9\nbecause it shines, steel, 0.9", "expected 'caption, material"),
-        ("a blade, steel, 90", "expected a confidence from 0 to 1, got '90'"),
+        ("", "expected one line 'caption, material, confidence'"),
+        ("I cannot see any part.", "expected one line 'caption, material, confidence'"),
+        ("steel, 0.9", "expected one line 'caption, material, confidence'"),
+        ("a blade, steel, sure", "expected one line 'caption, material, confidence'"),
+        ("a blade, steel, 0.9\nbecause it shines, steel, 0.9", "expected one line 'caption"),
+        ("a blade, steel, 90", "expected a confidence from 0 to 1, got 90"),
         ("a blade, unobtainium, 0.9", "expected a material of .*, got 'unobtainium'"),
         ("a blade, , 0.9", "expected a material of .*, got ''"),
+        ("<think>a blade, steel, 0.9", "ends within a thought"),
     ],
 )
 def test_what_is_no_answer_is_refused(text: str, message: str) -> None:

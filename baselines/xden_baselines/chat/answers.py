@@ -14,6 +14,7 @@ from typing import Any
 
 from xden1k.errors import DataError
 from xden_baselines.chat.candidates import MAX_CANDIDATES, Candidate, Range
+from xden_baselines.chat.wording import answer_lines, bare, said
 
 __all__ = ["paired", "parse_densities", "parse_json", "parse_thicknesses"]
 
@@ -27,6 +28,8 @@ _DASH = r"-|\u2013|\u2014|~|to"
 _RANGE = re.compile(rf"({_NUMBER})(?:\s*(?:{_DASH})\s*({_NUMBER}))?\s*([a-z].*)?", re.IGNORECASE)
 _TEMPLATE = re.compile(r"material(\s*\d*)|name|[<\[{.].*", re.IGNORECASE)
 """Names a model leaves in when it repeats the template."""
+_REMARK = re.compile(r"[^:;()]*:?|[^:;()\d]*:[^:;()\d]*", re.IGNORECASE)
+"""A line that is no item: a lead-in or a remark after the list."""
 
 
 def parse_densities(text: str) -> dict[str, Range]:
@@ -103,12 +106,20 @@ def parse_json(text: str) -> tuple[Candidate, ...]:
 
 
 def _parse_list(text: str, units: Mapping[str, float]) -> dict[str, Range]:
+    items = [
+        item.strip()
+        for line in answer_lines(text)
+        if not _REMARK.fullmatch(line)
+        for item in line.rstrip(".;").split(";")
+    ]
+    if not items:
+        raise DataError(f"expected '(name: low-high unit)', got {text.strip()[:60]!r}")
     found: dict[str, Range] = {}
-    for item in text.strip().rstrip(".;").split(";"):
-        inner = item.strip()
-        if not (inner.startswith("(") and inner.count(":") == 1):
-            raise DataError(f"expected '(name: low-high unit)', got {inner[:60]!r}")
-        name, _, value = inner.removeprefix("(").removesuffix(")").partition(":")
+    for item in items:
+        inner = bare(item)
+        if inner.count(":") != 1 or inner.startswith("("):
+            raise DataError(f"expected '(name: low-high unit)', got {item[:60]!r}")
+        name, _, value = inner.partition(":")
         found[_name(name, found)] = _range(value, units)
     return _counted(found)
 
@@ -123,7 +134,7 @@ def _name(name: object, taken: Mapping[str, Range]) -> str:
     """Return a name in lower case, its spaces single; refuse what is none, and a second one."""
     if not isinstance(name, str):
         raise DataError(f"expected the name of a material, got {name!r}")
-    plain = " ".join(name.lower().split())
+    plain = " ".join(bare(name).lower().split())
     if not plain or plain[0].isdigit() or _TEMPLATE.fullmatch(plain):
         raise DataError(f"expected the name of a material, got {name!r}")
     if plain in taken:
@@ -163,9 +174,10 @@ def _is_number(value: object) -> bool:
 
 
 def _materials(text: str) -> list[dict[str, Any]]:
-    start = text.find("{")
+    plain = said(text)
+    start = plain.find("{")
     try:
-        values, _ = json.JSONDecoder().raw_decode(text, start if start >= 0 else 0)
+        values, _ = json.JSONDecoder().raw_decode(plain, start if start >= 0 else 0)
     except (ValueError, RecursionError) as err:
         raise DataError(f"expected a JSON object, got {text[:60]!r}") from err
     materials = values.get("materials") if isinstance(values, dict) else None

@@ -1,22 +1,25 @@
-"""Asking until the answer makes sense."""
+"""Asking until the answer makes sense, and asking much at the same time."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from typing import TypeVar
 
 from xden1k.errors import DataError
-from xden_baselines.chat.endpoint import ChatModel
-from xden_baselines.chat.request import ChatRequest
+from xden_baselines.chat.endpoint import ChatError, ChatModel
+from xden_baselines.chat.request import CUT_OFF, ChatRequest
 
-__all__ = ["RETRIES", "ask"]
+__all__ = ["RETRIES", "ask", "at_once", "unanswered"]
 
 RETRIES = 3
 """Further questions after an answer that makes no sense."""
 
 Answer = TypeVar("Answer")
+Question = TypeVar("Question")
 
 logger = logging.getLogger(__name__)
 
@@ -54,7 +57,52 @@ def ask(
     """
     for seed in range(request.seed, request.seed + retries + 1):
         try:
-            return parse(model.complete(replace(request, seed=seed)))
+            return parse(_whole(model.complete(replace(request, seed=seed))))
         except DataError as err:
             logger.info("%s: %s, seed %d: %s", request.about, request.prompt, seed, err)
     return None
+
+
+def unanswered(request: ChatRequest, retries: int) -> ChatError:
+    """Say that no answer made sense where nobody may answer in the model's place."""
+    return ChatError(
+        f"{request.about}: {request.prompt}: no answer of {retries + 1} made sense, and "
+        "XDEN_VLM_FALLBACK=none allows no other"
+    )
+
+
+def at_once(
+    work: Callable[[Question], Answer], questions: Iterable[Question], in_flight: int
+) -> list[Answer]:
+    """Do some work for each question, several at the same time; the order is that of the questions.
+
+    Questions are taken as they are needed, so that few of their pictures are in memory. After an
+    error nothing more is begun.
+
+    Parameters
+    ----------
+    work
+        Asks, in a thread of its own.
+    questions
+        What is asked.
+    in_flight
+        How many at the same time.
+    """
+    room = threading.Semaphore(2 * in_flight)
+    futures: list[Future[Answer]] = []
+    with ThreadPoolExecutor(in_flight) as pool:
+        for question in questions:
+            room.acquire()
+            if any(one.done() and one.exception() for one in futures[-2 * in_flight :]):
+                break
+            future = pool.submit(work, question)
+            future.add_done_callback(lambda _: room.release())
+            futures.append(future)
+        return [future.result() for future in futures]
+
+
+def _whole(text: str) -> str:
+    """Refuse an answer that was cut off: half a list reads as a shorter one."""
+    if text.endswith(CUT_OFF):
+        raise DataError("the answer is cut off: more tokens are needed")
+    return text

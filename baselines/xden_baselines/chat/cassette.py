@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import threading
 from collections.abc import Mapping
 from contextlib import ExitStack
 from datetime import UTC, datetime
@@ -16,7 +17,7 @@ from pathlib import Path
 
 from xden1k.errors import DataError
 from xden1k.folder.place import exclusive
-from xden_baselines.chat.endpoint import ChatError, Endpoint
+from xden_baselines.chat.endpoint import MAX_TOKENS, ChatError, Endpoint
 from xden_baselines.chat.request import ChatRequest
 
 __all__ = ["Recorder", "Replayer", "read_answers"]
@@ -31,6 +32,8 @@ class Replayer:
         Whose answers.
     path
         The cassette.
+    max_tokens
+        They were limited to.
 
     Raises
     ------
@@ -38,8 +41,8 @@ class Replayer:
         If the cassette cannot be read.
     """
 
-    def __init__(self, model: str, path: Path) -> None:
-        self.model, self.path = model, path
+    def __init__(self, model: str, path: Path, max_tokens: int = MAX_TOKENS) -> None:
+        self.model, self.path, self.max_tokens = model, path, max_tokens
         self._answers = read_answers(path)
         self._digest = _digest(self._answers)
 
@@ -56,7 +59,7 @@ class Replayer:
         ChatError
             If there is none.
         """
-        key = request.key(self.model)
+        key = request.key(self.model, self.max_tokens)
         if key not in self._answers:
             raise ChatError(
                 f"{request.about}: {self.path} has no answer of {self.model} to the prompt "
@@ -68,7 +71,8 @@ class Replayer:
 class Recorder(Replayer):
     """Gives recorded answers; asks for those that are not there yet, and records them.
 
-    One recorder at a time: it holds the cassette's lock until it is closed or its process ends.
+    One recorder at a time: it holds the cassette's lock until it is closed or its process ends. Its
+    threads may ask at the same time.
 
     Parameters
     ----------
@@ -84,14 +88,14 @@ class Recorder(Replayer):
     """
 
     def __init__(self, endpoint: Endpoint, path: Path) -> None:
-        self._endpoint, self._lock = endpoint, ExitStack()
+        self._endpoint, self._lock, self._writing = endpoint, ExitStack(), threading.Lock()
         try:
             self._lock.enter_context(exclusive(path))
         except BlockingIOError as err:
             raise DataError(f"{path}: another process records into this cassette") from err
         except OSError as err:
             raise DataError(f"{path}: the cassette cannot be begun: {err.strerror}") from err
-        super().__init__(endpoint.model, path)
+        super().__init__(endpoint.model, path, endpoint.max_tokens)
 
     @property
     def source(self) -> str:
@@ -100,11 +104,13 @@ class Recorder(Replayer):
 
     def complete(self, request: ChatRequest) -> str:
         """Return the answer, on disk before it is used."""
-        key = request.key(self.model)
+        key = request.key(self.model, self.max_tokens)
         if key not in self._answers:
             text = self._endpoint.complete(request)
-            _append(self.path, _line(key, text, request, self._endpoint))
-            self._answers[key] = text
+            with self._writing:
+                if key not in self._answers:  # another thread may have asked the same
+                    _append(self.path, _line(key, text, request, self._endpoint))
+                    self._answers[key] = text
         return self._answers[key]
 
     def close(self) -> None:

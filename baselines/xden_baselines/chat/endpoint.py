@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 from urllib.parse import urlsplit
 
 from xden1k.errors import XDenError
-from xden_baselines.chat.request import ChatRequest
+from xden_baselines.chat.request import CUT_OFF, ChatRequest
 
-__all__ = ["ChatError", "ChatModel", "Endpoint"]
+__all__ = ["MAX_TOKENS", "TIMEOUT_S", "ChatError", "ChatModel", "Endpoint"]
 
 NO_KEY = "none"
 """Sent where no key is set: without one the client would send the user's Hub token."""
 WORTH_ANOTHER_TRY = (408, 409, 425, 429)
 """HTTP statuses below 500 that can pass by themselves."""
+TIMEOUT_S = 120.0
+MAX_TOKENS = 2000
+LONGEST_PAUSE_S = 300.0
 
 logger = logging.getLogger(__name__)
 
@@ -36,6 +40,8 @@ class ChatModel(Protocol):
 
     def complete(self, request: ChatRequest) -> str:
         """Return the raw text of the answer; empty if the model declines to write any.
+
+        One that the limit of tokens has ended ends with :data:`.request.CUT_OFF`.
 
         Raises
         ------
@@ -61,17 +67,21 @@ class Endpoint:
     api_key
         Sent as a bearer token and shown nowhere; empty = none.
     timeout_s
-        For the connection, and between two pieces of an answer.
+        For the connection, and for the answer: a model that thinks long needs more.
+    max_tokens
+        Of an answer, thoughts included.
     tries
         Calls for one request, at least one.
     pause_s
-        Before the second try; doubled with each one after it.
+        Before the second try; doubled with each one after it. Where the server says when to come
+        again (``Retry-After``), that counts, up to :data:`LONGEST_PAUSE_S`.
     """
 
     base_url: str
     model: str
     api_key: str = field(default="", repr=False)
-    timeout_s: float = 20.0
+    timeout_s: float = TIMEOUT_S
+    max_tokens: int = MAX_TOKENS
     tries: int = 4
     pause_s: float = 3.0
 
@@ -96,15 +106,15 @@ class Endpoint:
         """
         where = f"{request.about}: {request.prompt}: {self.source}"
         for attempt in range(self.tries):
-            if attempt:
-                time.sleep(self.pause_s * 2 ** (attempt - 1))
             answer = self._call(request, where)
             if isinstance(answer, str):
                 return answer
             logger.warning("%s: %s (try %d of %d)", where, answer, attempt + 1, self.tries)
+            if attempt + 1 < self.tries:
+                time.sleep(max(self.pause_s * 2**attempt, answer.wait_s))
         raise ChatError(f"{where}: no answer in {self.tries} tries; the last: {answer}")
 
-    def _call(self, request: ChatRequest, where: str) -> str | ChatError:
+    def _call(self, request: ChatRequest, where: str) -> str | _Passing:
         """Return the answer, or what went wrong if that can pass; messages carry no secrets."""
         from huggingface_hub import InferenceClient
         from huggingface_hub.errors import HfHubHTTPError, InferenceTimeoutError
@@ -120,17 +130,37 @@ class Endpoint:
                 model=self.model,
                 seed=request.seed,
                 temperature=request.temperature,
-                max_tokens=request.max_tokens,
+                max_tokens=self.max_tokens,
             )
-            return output.choices[0].message.content or ""
+            choice = output.choices[0]
+            return (choice.message.content or "") + CUT_OFF * (choice.finish_reason == "length")
         except InferenceTimeoutError:
-            return ChatError(f"nothing came for {self.timeout_s:g} s")
+            return _Passing(f"nothing came for {self.timeout_s:g} s")
         except HfHubHTTPError as err:
             status = err.response.status_code
             if status < 500 and status not in WORTH_ANOTHER_TRY:
                 raise ChatError(f"{where}: refused with HTTP status {status}") from None
-            return ChatError(f"HTTP status {status}")
+            return _Passing(f"HTTP status {status}", _wait_s(err.response.headers))
         except broken as err:
-            return ChatError(f"no connection ({type(err).__name__})")
+            return _Passing(f"no connection ({type(err).__name__})")
         except (ValueError, TypeError, KeyError, IndexError, AttributeError):
-            return ChatError("the body is no chat completion")
+            return _Passing("the body is no chat completion")
+
+
+@dataclass(frozen=True, slots=True)
+class _Passing:
+    """What went wrong and may pass, and how long the server wants to be left alone."""
+
+    what: str
+    wait_s: float = 0.0
+
+    def __str__(self) -> str:
+        return self.what
+
+
+def _wait_s(headers: Mapping[str, str]) -> float:
+    """Seconds of a ``Retry-After``; 0 if there is none, or a date."""
+    try:
+        return min(max(float(headers.get("Retry-After", 0)), 0.0), LONGEST_PAUSE_S)
+    except ValueError:
+        return 0.0

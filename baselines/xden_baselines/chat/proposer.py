@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from xden_baselines.chat.answers import paired, parse_densities, parse_json, parse_thicknesses
-from xden_baselines.chat.asking import RETRIES, ask
+from xden_baselines.chat.asking import RETRIES, ask, unanswered
 from xden_baselines.chat.candidates import Candidate, MaterialProposer, Picture
 from xden_baselines.chat.endpoint import ChatModel
 from xden_baselines.chat.request import ChatRequest, png
@@ -43,7 +43,7 @@ class ChatProposer:
     model
         Who is asked.
     fallback
-        Proposes in its place.
+        Proposes in its place; None = nobody does.
     form
         ``lists``: materials and densities in one answer, thicknesses in a second, as NeRF2Physics
         has it; ``json``: all in one.
@@ -54,7 +54,7 @@ class ChatProposer:
     def __init__(
         self,
         model: ChatModel,
-        fallback: MaterialProposer,
+        fallback: MaterialProposer | None,
         *,
         form: Literal["lists", "json"] = "lists",
         retries: int = RETRIES,
@@ -66,7 +66,8 @@ class ChatProposer:
     @property
     def source(self) -> str:
         """The model, and who stands in for it."""
-        return f"{self._model.source}; if it fails, {self._fallback.source}"
+        other = f"; if it fails, {self._fallback.source}" if self._fallback else ""
+        return f"{self._model.source}{other}"
 
     @property
     def fallbacks(self) -> int:
@@ -81,12 +82,14 @@ class ChatProposer:
         Raises
         ------
         ChatError
-            If no answer comes at all.
+            If no answer comes at all, or none makes sense and there is no fallback.
         """
         subject = _SUBJECT.format(category=category, picture="" if picture is None else _PICTURE)
         images = () if picture is None else (png(picture),)
         if (found := self._propose(object_id, subject, images)) is not None:
             return found
+        if self._fallback is None:
+            raise unanswered(ChatRequest("materials", object_id, ""), self._retries)
         self._fallbacks += 1
         return self._fallback.propose(object_id, category, picture)
 

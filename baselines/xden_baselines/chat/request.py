@@ -14,7 +14,10 @@ import PIL.Image
 
 from xden_baselines.chat.candidates import Picture
 
-__all__ = ["ChatRequest", "png"]
+__all__ = ["CUT_OFF", "ChatRequest", "png"]
+
+CUT_OFF = "\n[cut off: no tokens left]"
+"""End of an answer that the limit of tokens has ended; it is recorded with it."""
 
 Content = list[dict[str, Any]]
 
@@ -33,7 +36,7 @@ class ChatRequest:
         What is asked.
     images
         PNG files, sent after the text in this order.
-    seed, temperature, max_tokens
+    seed, temperature
         Sent along; a temperature of None leaves it to the server.
     """
 
@@ -43,13 +46,12 @@ class ChatRequest:
     images: tuple[bytes, ...] = ()
     seed: int = 100
     temperature: float | None = None
-    max_tokens: int = 500
 
     def messages(self) -> list[dict[str, Any]]:
         """Return what is sent: one message of the user, pictures as data URLs."""
         return self._messages(_data_url)
 
-    def key(self, model: str) -> str:
+    def key(self, model: str, max_tokens: int) -> str:
         """SHA-256 of all that an answer can depend on, as canonical JSON, pictures by their own."""
         values = {
             "model": model,
@@ -57,7 +59,7 @@ class ChatRequest:
             "messages": self._messages(lambda image: hashlib.sha256(image).hexdigest()),
             "seed": self.seed,
             "temperature": self.temperature,
-            "max_tokens": self.max_tokens,
+            "max_tokens": max_tokens,
         }
         canonical = json.dumps(values, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(canonical.encode()).hexdigest()

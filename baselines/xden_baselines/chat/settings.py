@@ -6,24 +6,27 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Final, Literal, get_args
 
 from xden1k.errors import DataError
 from xden_baselines.chat.cassette import Recorder, Replayer
-from xden_baselines.chat.endpoint import ChatModel, Endpoint
+from xden_baselines.chat.endpoint import MAX_TOKENS, TIMEOUT_S, ChatModel, Endpoint
 
 __all__ = ["ChatSettings", "Mode", "chat_settings", "open_chat"]
 
 Mode = Literal["off", "live", "record", "replay"]
+Fallback = Literal["train", "none"]
 _NEEDED: dict[str, tuple[str, ...]] = {
     "off": (),
     "live": ("base_url", "model"),
     "record": ("base_url", "model", "cassette"),
     "replay": ("model", "cassette"),
 }
-_VARIABLES = {
-    name: f"XDEN_VLM_{name.upper()}"
-    for name in ("mode", "base_url", "model", "api_key", "cassette")
+_TEXTS: Final = ("mode", "base_url", "model", "api_key", "cassette", "fallback")
+_NUMBERS: Final[Mapping[str, type[int | float]]] = {
+    "timeout_s": float,
+    "max_tokens": int,
+    "in_flight": int,
 }
 
 
@@ -40,11 +43,19 @@ class ChatSettings:
         See :class:`~xden_baselines.chat.endpoint.Endpoint`.
     cassette
         Path of the recorded answers.
+    fallback
+        Who answers where no answer makes sense: ``train``: what was learned from the training
+        split, counted; ``none``: nobody, and the run ends there.
+    timeout_s, max_tokens
+        See :class:`~xden_baselines.chat.endpoint.Endpoint`.
+    in_flight
+        Questions asked at the same time.
 
     Raises
     ------
     DataError
-        If the mode is unknown, lacks what it needs, or is off with an endpoint or a cassette set.
+        If a value is unknown or out of range, the mode lacks what it needs, or is off with an
+        endpoint or a cassette set.
     """
 
     mode: str = "off"
@@ -52,12 +63,22 @@ class ChatSettings:
     model: str = ""
     api_key: str = field(default="", repr=False)
     cassette: str = ""
+    fallback: str = "train"
+    timeout_s: float = TIMEOUT_S
+    max_tokens: int = MAX_TOKENS
+    in_flight: int = 1
 
     def __post_init__(self) -> None:
         if self.mode not in get_args(Mode):
             raise DataError(f"XDEN_VLM_MODE must be one of {get_args(Mode)}, got {self.mode!r}")
+        if self.fallback not in get_args(Fallback):
+            expected = get_args(Fallback)
+            raise DataError(f"XDEN_VLM_FALLBACK must be one of {expected}, got {self.fallback!r}")
+        for name in _NUMBERS:
+            if not getattr(self, name) > 0:
+                raise DataError(f"{_variable(name)} must be positive, got {getattr(self, name):g}")
         if missing := [name for name in _NEEDED[self.mode] if not getattr(self, name)]:
-            names = ", ".join(_VARIABLES[name] for name in missing)
+            names = ", ".join(_variable(name) for name in missing)
             raise DataError(f"XDEN_VLM_MODE={self.mode} also needs {names}")
         if self.mode == "off" and (self.base_url or self.cassette):
             raise DataError(
@@ -76,24 +97,38 @@ class ChatSettings:
         """
         model = open_chat(self) if self.mode == "replay" else None
         host = Endpoint(self.base_url, self.model).host if self.base_url else ""
-        return f"{self.mode} {model.source if model else self.model} {host}".strip()
+        said = [self.mode, model.source if model else self.model, host]
+        if self.fallback != "train":
+            said.append(f"fallback {self.fallback}")
+        if self.mode != "off" and self.max_tokens != MAX_TOKENS:
+            said.append(f"{self.max_tokens} tokens")
+        return " ".join(filter(None, said))
 
 
 def chat_settings(environment: Mapping[str, str] = os.environ) -> ChatSettings:
-    """Read ``XDEN_VLM_MODE``, ``_BASE_URL``, ``_MODEL``, ``_API_KEY`` and ``_CASSETTE``.
+    """Read ``XDEN_VLM_MODE`` and the others, one for each field of :class:`ChatSettings`.
 
     Raises
     ------
     DataError
-        If they do not go together.
+        If one is not of its kind, or they do not go together.
 
     Examples
     --------
-    >>> chat_settings({}).mode
-    'off'
+    >>> chat_settings({"XDEN_VLM_MAX_TOKENS": "4000"}).max_tokens
+    4000
     """
-    found = {name: environment.get(variable, "") for name, variable in _VARIABLES.items()}
-    return ChatSettings(**{name: value for name, value in found.items() if value})
+    found: dict[str, Any] = {
+        name: environment[_variable(name)]
+        for name in (*_TEXTS, *_NUMBERS)
+        if environment.get(_variable(name))
+    }
+    for name in found.keys() & _NUMBERS:
+        try:
+            found[name] = _NUMBERS[name](found[name])
+        except ValueError as err:
+            raise DataError(f"{_variable(name)} must be a number, got {found[name]!r}") from err
+    return ChatSettings(**found)
 
 
 def open_chat(settings: ChatSettings) -> ChatModel | None:
@@ -107,6 +142,16 @@ def open_chat(settings: ChatSettings) -> ChatModel | None:
     if settings.mode == "off":
         return None
     if settings.mode == "replay":
-        return Replayer(settings.model, Path(settings.cassette))
-    endpoint = Endpoint(settings.base_url, settings.model, settings.api_key)
+        return Replayer(settings.model, Path(settings.cassette), settings.max_tokens)
+    endpoint = Endpoint(
+        settings.base_url,
+        settings.model,
+        settings.api_key,
+        timeout_s=settings.timeout_s,
+        max_tokens=settings.max_tokens,
+    )
     return endpoint if settings.mode == "live" else Recorder(endpoint, Path(settings.cassette))
+
+
+def _variable(name: str) -> str:
+    return f"XDEN_VLM_{name.upper()}"

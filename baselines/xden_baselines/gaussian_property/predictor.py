@@ -114,7 +114,10 @@ class _Voting:
     def _take_up(self, materials: ClosedList, centroids: Centroids) -> None:
         self._materials, self._centroids = materials, centroids
         own = LooksVoter(centroids)
-        self._voter: Voter = ChatVoter(self._model, materials, own) if self._model else own
+        self._voter: Voter = own
+        if self._model:
+            other = own if self._chat.fallback == "train" else None
+            self._voter = ChatVoter(self._model, materials, other, in_flight=self._chat.in_flight)
         self.notes = f"{self._voter.source}; {self.masks}; {len(materials)} materials"
 
     @cached_property

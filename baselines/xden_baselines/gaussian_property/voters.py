@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from xden1k.errors import DataError
-from xden_baselines.chat.asking import RETRIES, ask
+from xden1k.values.materials import load_materials
+from xden_baselines.chat.asking import RETRIES, ask, at_once, unanswered
 from xden_baselines.chat.candidates import Picture
 from xden_baselines.chat.endpoint import ChatModel
 from xden_baselines.chat.request import ChatRequest, png
+from xden_baselines.chat.wording import answer_lines, bare
 from xden_baselines.gaussian_property.appearance import Centroids, looks
 from xden_baselines.gaussian_property.library import ClosedList
 from xden_baselines.gaussian_property.regions import Segmentation
@@ -24,6 +26,8 @@ Step by step, decide what the part is, and which one material of this list it ma
 {names}.
 Answer with nothing but one line in this form, the last figure from 0 to 1:
 short caption of the part, material, how sure you are"""
+
+_CONFIDENCE = re.compile(r"(?:confidence:?\s*)?(\d+(?:\.\d+)?|\.\d+)\s*(%?)", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,20 +98,24 @@ class ChatVoter:
     materials
         What it may choose from.
     fallback
-        Who stands in.
+        Who stands in; None = nobody does.
     retries
         Further questions after an answer that makes no sense.
+    in_flight
+        Regions asked about at the same time.
     """
 
     model: ChatModel
     materials: ClosedList
-    fallback: Voter
+    fallback: Voter | None
     retries: int = RETRIES
+    in_flight: int = 1
 
     @property
     def source(self) -> str:
         """The model, and who stands in for it."""
-        return f"{self.model.source}; if it fails, {self.fallback.source}"
+        other = f"; if it fails, {self.fallback.source}" if self.fallback else ""
+        return f"{self.model.source}{other}"
 
     def vote(
         self, object_id: str, picture: Picture, segmentation: Segmentation
@@ -117,54 +125,91 @@ class ChatVoter:
         Raises
         ------
         ChatError
-            If no answer comes at all.
+            If no answer comes at all, or none makes sense and there is no fallback.
         """
-        others = self.fallback.vote(object_id, picture, segmentation)
-        asked = (
-            self._ask(object_id, three_tiles(picture, segmentation == number))
-            for number in range(1, len(others) + 1)
+        regions = range(1, int(segmentation.max()) + 1)
+        requests = (
+            self._request(object_id, three_tiles(picture, segmentation == number))
+            for number in regions
         )
+        asked = at_once(self._ask, requests, self.in_flight)
+        if self.fallback is None or None not in asked:
+            return tuple(filter(None, asked))
+        others = self.fallback.vote(object_id, picture, segmentation)
         return tuple(
             answer or Answer(other.material, other.confidence, fallback=True)
             for answer, other in zip(asked, others, strict=True)
         )
 
-    def _ask(self, object_id: str, tiles: Picture) -> Answer | None:
+    def _request(self, object_id: str, tiles: Picture) -> ChatRequest:
         text = _PROMPT.format(names=", ".join(map(_spoken, self.materials.names)))
-        request = ChatRequest("part-material/1", object_id, text, (png(tiles),))
-        return ask(
-            self.model,
-            request,
-            lambda line: parse_answer(line, self.materials),
-            retries=self.retries,
-        )
+        return ChatRequest("part-material/1", object_id, text, (png(tiles),))
+
+    def _ask(self, request: ChatRequest) -> Answer | None:
+        def read(text: str) -> Answer:
+            return parse_answer(text, self.materials)
+
+        answer = ask(self.model, request, read, retries=self.retries)
+        if answer is None and self.fallback is None:
+            raise unanswered(request, self.retries)
+        return answer
 
 
 def parse_answer(text: str, materials: ClosedList) -> Answer:
     """Read ``a wooden handle, with a hole, wood oak, 0.8``: from the right, captions hold commas.
 
+    The line may stand amid others, in brackets or a code fence, after thoughts. The words of a name
+    may come in another order or be a part of it (``stainless steel``: the first of the list that
+    has both), and it may be one that the material library also knows it by.
+
     Raises
     ------
     DataError
-        If it is no such line, or the material is not of the list.
+        If there is no such line or more than one, or the material is not of the list.
 
     Examples
     --------
-    >>> parse_answer("a blade, shiny, Steel, 90%", ClosedList(("wood_oak", "steel"), (1, 1)))
+    >>> parse_answer("(a blade, shiny, **Steel**, 90%)", ClosedList(("wood_oak", "steel"), (1, 1)))
     Answer(material=1, confidence=0.9, fallback=False)
     """
-    fields = [field.strip() for field in text.strip().rsplit(",", 2)]
-    found = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)\s*(%?)\.?", fields[-1])
-    if len(fields) < 3 or "\n" in text.strip() or found is None:
-        raise DataError(f"expected 'caption, material, confidence', got {text.strip()[:60]!r}")
-    confidence = float(found[1]) / (100 if found[2] else 1)
+    found = [fields for line in answer_lines(text) if (fields := _fields(bare(line)))]
+    if len(found) != 1:
+        raise DataError(
+            f"expected one line 'caption, material, confidence', got {text.strip()[:60]!r}"
+        )
+    name, number, percent = found[0]
+    confidence = float(number) / (100 if percent else 1)
     if confidence > 1:
-        raise DataError(f"expected a confidence from 0 to 1, got {fields[-1]!r}")
-    names = [_spoken(name) for name in materials.names]
-    name = _spoken(fields[1].lower())
-    if name not in names:
-        raise DataError(f"expected a material of {names}, got {fields[1][:60]!r}")
-    return Answer(names.index(name), confidence)
+        raise DataError(f"expected a confidence from 0 to 1, got {number}{percent}")
+    return Answer(_place(bare(name), materials), confidence)
+
+
+def _fields(line: str) -> tuple[str, str, str] | None:
+    """Material, figure and percent sign of a line that answers."""
+    fields = [field.strip() for field in line.rsplit(",", 2)]
+    figure = _CONFIDENCE.fullmatch(fields[-1])
+    return None if len(fields) < 3 or figure is None else (fields[1], figure[1], figure[2])
+
+
+def _place(name: str, materials: ClosedList) -> int:
+    """Index of a material, however its words are put; of several that have them, the commonest."""
+    library = load_materials()
+    label = "_".join(name.lower().split())
+    known = library[label].name if label in library.labels else name
+    names = [_words(one) for one in materials.names]
+    for wanted in (_words(name), _words(known)):
+        if wanted in names:
+            return names.index(wanted)
+    for place, words in enumerate(names):
+        if wanted and wanted <= words:
+            return place
+    raise DataError(
+        f"expected a material of {[_spoken(one) for one in materials.names]}, got {name[:60]!r}"
+    )
+
+
+def _words(name: str) -> frozenset[str]:
+    return frozenset(_spoken(name.lower()).split())
 
 
 def _spoken(name: str) -> str:

@@ -144,7 +144,8 @@ class NeRF2Physics:
     def _take_up(self, seed: int, prior: Proposals, fitted: FittedEncoder | None) -> None:
         self._seed, self._prior = seed, prior
         chat = open_chat(self._chat)
-        self._proposer: MaterialProposer = prior if chat is None else ChatProposer(chat, prior)
+        other = prior if self._chat.fallback == "train" else None
+        self._proposer: MaterialProposer = prior if chat is None else ChatProposer(chat, other)
         self._encoder: PatchEncoder = fitted or open_clip(self._clip)
         self.notes = f"{self._encoder.source}; {self._proposer.source}; volume rule {self.rule}"
 

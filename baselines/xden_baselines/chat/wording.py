@@ -1,0 +1,70 @@
+"""What a model puts around its answer: thoughts, fences, emphasis, brackets, remarks."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from xden1k.errors import DataError
+
+__all__ = ["answer_lines", "bare", "said"]
+
+_THOUGHT = re.compile(r"<(think|thinking|reasoning)>.*?</\1>", re.DOTALL | re.IGNORECASE)
+_OPEN_THOUGHT = re.compile(r"<(think|thinking|reasoning)>", re.IGNORECASE)
+_FENCE = re.compile(r"```[\w-]*\n(.*?)\n?```", re.DOTALL)
+_BULLET = re.compile(r"^\s*(?:[-*\u2022]\s+|\d{1,2}[.)]\s+)")
+_EMPHASIS = re.compile(r"\*+|`+|(?<!\w)_+|_+(?!\w)")
+_PAIRS = {"(": ")", "[": "]", "<": ">", '"': '"', "'": "'"}
+
+
+def said(text: str) -> str:
+    r"""Return an answer without the thoughts before it, out of its code fence, without emphasis.
+
+    Raises
+    ------
+    DataError
+        If it ends within a thought.
+
+    Examples
+    --------
+    >>> said("<think>wood? no</think>Here it is:\n```text\n**Steel**, 0.8\n```")
+    'Steel, 0.8'
+    """
+    rest = _THOUGHT.sub("", text)
+    if _OPEN_THOUGHT.search(rest):
+        raise DataError("the answer ends within a thought: more tokens are needed")
+    fenced = _FENCE.findall(rest)
+    return _EMPHASIS.sub("", fenced[-1] if fenced else rest).strip()
+
+
+def answer_lines(text: str) -> Iterator[str]:
+    r"""Give the lines of an answer that are not empty, without bullets and numbers.
+
+    Examples
+    --------
+    >>> list(answer_lines("1. steel\n\n- oak"))
+    ['steel', 'oak']
+    """
+    for line in said(text).splitlines():
+        if plain := _BULLET.sub("", line).strip():
+            yield plain
+
+
+def bare(text: str) -> str:
+    """Return a text without the brackets or quotes all around it, and without a full stop.
+
+    Examples
+    --------
+    >>> bare(' (a lid, "steel", 0.8). '), bare("(a) lid (b)")
+    ('a lid, "steel", 0.8', '(a) lid (b)')
+    """
+    plain = text.strip().rstrip(".;").strip()
+    while len(plain) > 1 and _PAIRS.get(plain[0]) == plain[-1] and not _opens(plain):
+        plain = plain[1:-1].strip()
+    return plain
+
+
+def _opens(text: str) -> bool:
+    """Whether the first bracket is closed before the end."""
+    first, inner = text[0], text[1:-1]
+    return _PAIRS[first] in inner and (first == _PAIRS[first] or first in inner)
