@@ -203,6 +203,8 @@ for _key, _value in (
         "E203",
         lambda s, key=_key, value=_value: zipped(s.members(**{key: value})),
     )
+for _mark in ("<!-- results: end -->", "<!--", "-->"):
+    add(f"meta with {_mark}", "E206", lambda s, mark=_mark: zipped(s.members(command=mark)))
 add("meta of unknown units", "E204", lambda s: zipped(s.members(units="lb/ft3")))
 add("meta of units in a list", "E204", lambda s: zipped(s.members(units=["g/cm3"])))
 for _key, _value in {

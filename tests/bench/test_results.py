@@ -430,10 +430,20 @@ def test_markdown_in_names_is_shown_not_run(entry: dict[str, Any]) -> None:
     }
     text = render([entry])
     assert "My \\| \\*net\\*" in text
-    assert "\\<img src=x\\>" in text
+    assert "&lt;img src=x\\>" in text
     assert "<javascript" not in text
     assert "<https://example.org/a_b>" in text
     assert "`run 'x' \\| y`" in text
+
+
+def test_a_strangers_marker_does_not_end_the_table(entry: dict[str, Any], tmp_path: Path) -> None:
+    path = tmp_path / "LEADERBOARD.md"
+    entry["method"] |= {"command": f"x {END}", "notes": END, "paper": BEGIN}
+    write_leaderboard([entry], path)
+    check_leaderboard([entry], path)
+    write_leaderboard([entry], path)
+    assert "<code>x &lt;!-- results: end --\\></code>" in path.read_text()
+    assert path.read_text().count(END) == 1
 
 
 def test_only_the_part_between_the_markers_is_written(

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import re
 import reprlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal, get_args
 
 from xden1k.predictions.problems import Problem
 from xden1k.values.modality import INPUTS, Modality, Track, track_of
 
-__all__ = ["MAX_TEXT", "SCHEMA", "SubmissionMeta", "Target", "Units", "parse_meta"]
+__all__ = ["COMMENT_MARKS", "MAX_TEXT", "SCHEMA", "SubmissionMeta", "Target", "Units", "parse_meta"]
 
 SCHEMA = "xden-submission/1"
 """The only schema there is."""
@@ -21,6 +21,8 @@ Target = Literal["density", "apparent_density"]
 MAX_TEXT = 500
 """Characters in any one text; a method's name has at most :data:`MAX_NAME`."""
 MAX_NAME = 80
+COMMENT_MARKS = ("<!--", "-->")
+"""Of HTML, and so of Markdown."""
 _BRIEF = reprlib.Repr()
 _BRIEF.maxlevel, _BRIEF.maxstring = 3, 100
 
@@ -98,7 +100,7 @@ def parse_meta(text: str) -> tuple[SubmissionMeta | None, list[Problem]]:
     Returns
     -------
     meta, problems
-        None if there is any problem, and every problem found: E201 to E204.
+        None if there is any problem, and every problem found: E201 to E204, E206.
     """
     try:
         values = json.loads(text, object_pairs_hook=_without_repeats)
@@ -143,12 +145,21 @@ def _field_problems(values: Mapping[str, Any]) -> list[Problem]:
         elif not is_valid(values[key]):
             message = f"{key} must be {expected}, got {_shown(values[key])}"
             problems.append(Problem(code, None, message))
-    return problems
+    return [*problems, *_comment_problems(values)]
 
 
 def _is_text(value: object, most: int = MAX_TEXT) -> bool:
     """One printable line. Lone surrogates and line breaks are not printable."""
     return isinstance(value, str) and len(value) <= most and value.isprintable()
+
+
+def _comment_problems(values: Mapping[str, Any]) -> Iterator[Problem]:
+    """Refuse marks of an HTML comment, which would hide what follows wherever a text is shown."""
+    for key, value in values.items():
+        for text in value if isinstance(value, list) else [value]:
+            if isinstance(text, str) and any(mark in text for mark in COMMENT_MARKS):
+                expected = " nor ".join(COMMENT_MARKS)
+                yield Problem("E206", None, f"{key} must hold neither {expected}: {_shown(text)}")
 
 
 def _is_name(value: object) -> bool:

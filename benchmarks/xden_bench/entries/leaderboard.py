@@ -165,10 +165,13 @@ def check_leaderboard(entries: Iterable[Entry], path: Path) -> None:
 
 
 def _with_section(text: str, section: str, path: Path) -> str:
-    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
+    """Replace what stands between the markers, which are whole lines."""
+    lines = text.split("\n")
+    places = [place for place, line in enumerate(lines) if line in (BEGIN, END)]
+    if [lines[place] for place in places] != [BEGIN, END]:
         raise DataError(f"{path}: the lines {BEGIN!r} and {END!r} must each be there once")
-    before, rest = text.split(BEGIN)
-    return f"{before}{BEGIN}\n\n{section}\n\n{END}{rest.split(END)[1]}"
+    first, last = places
+    return "\n".join([*lines[: first + 1], "", section, "", *lines[last:]])
 
 
 def _table_key(entry: Entry) -> tuple[Any, ...]:
@@ -219,7 +222,11 @@ def _group_table(rows: Sequence[Entry], key: str, metric: str | None) -> str:
     if lacking := [row["method"]["name"] for row in rows if name not in row["metrics"]]:
         raise DataError(f"no {name} in the rows {lacking}; there are {list(rows[0]['metrics'])}")
     table = [
-        (group, one["n_objects"], *(_figure(row[key][group]["metrics"], name) for row in rows))
+        (
+            _plain(group),
+            one["n_objects"],
+            *(_figure(row[key][group]["metrics"], name) for row in rows),
+        )
         for group, one in rows[0][key].items()
     ]
     headings = [METRICS[name].heading, "objects", *(_plain(row["method"]["name"]) for row in rows)]
@@ -235,8 +242,8 @@ def _title(row: Entry) -> str:
     return (
         f"## Track `{row['track']}`: {TRACK_TITLES[row['track']]}\n\n"
         f"Source of the objects: **{_plain(data['source'])}**. Target `{row['target']}`, "
-        f"split `{_code(data['split'])}`, {row['n_objects']} objects, dataset "
-        f"{_plain(data['revision'])} (manifest `{_code(data['manifest_sha256'][:12])}`), "
+        f"split {_code(data['split'])}, {row['n_objects']} objects, dataset "
+        f"{_plain(data['revision'])} (manifest {_code(data['manifest_sha256'][:12])}), "
         f"protocol {_plain(row['protocol'])}{version}. "
         "Means over objects with 95 % bootstrap intervals."
         + (f"\n\nChoices that the paper leaves open: {said}." if choices else "")
@@ -270,15 +277,14 @@ def _figure(metrics: Mapping[str, Any], name: str) -> str:
 def _details(row: Entry) -> str:
     """One list item: commands, version, checksum, notes and warnings."""
     method = row["method"]
-    commands = [f"`{_code(one)}`" for one in (method["command"], row["command"]) if one]
-    commit = (
-        f", commit `{_code(row['commit'][:12])}{_dirty(row['commit'])}`" if row["commit"] else ""
-    )
+    commands = [_code(one) for one in (method["command"], row["command"]) if one]
+    commit = row["commit"] or ""
+    shown = f", commit {_code(commit[:12] + _dirty(commit))}" if commit else ""
     reason = unranked_because(row)
     facts = [
         f"**{_plain(method['name'])}**: {', then '.join(commands)}",
-        f"xden1k {_plain(row['xden_version'])}{commit}",
-        f"submission `{_code(row['submission_sha256'][:12])}`",
+        f"xden1k {_plain(row['xden_version'])}{shown}",
+        f"submission {_code(row['submission_sha256'][:12])}",
         *([f"not ranked: {reason}"] if reason not in (None, TRIVIAL) else []),
         *(_plain(text) for text in (method["notes"], *row["warnings"]) if text),
         *(_link(method[key]) for key in ("paper", "code") if method[key]),
@@ -303,13 +309,18 @@ def _paper_section() -> str:
 
 
 def _plain(text: str) -> str:
-    """Text that Markdown shows as it is, whatever a stranger put into it."""
-    return re.sub(r"([\\`*_\[\]<>|~&$])", r"\\\1", text)
+    """Text that Markdown shows as it is, whatever a stranger put into it.
+
+    A ``<`` becomes an entity: what reads the page as HTML knows of no other escape.
+    """
+    return re.sub(r"([\\`*_\[\]>|~&$])", r"\\\1", text).replace("<", "&lt;")
 
 
 def _code(text: str) -> str:
-    """Text that can stand between backticks in a table."""
-    return text.replace("`", "'").replace("|", "\\|")
+    """Text as code, also in a table; with a ``<``, which stays one in backticks, as HTML."""
+    if "<" in text:
+        return f"<code>{_plain(text)}</code>"
+    return "`{}`".format(text.replace("`", "'").replace("|", "\\|"))
 
 
 def _link(text: str) -> str:

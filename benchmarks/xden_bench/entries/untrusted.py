@@ -12,6 +12,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from xden1k.errors import DataError
+from xden1k.predictions.meta import COMMENT_MARKS
 
 __all__ = ["read_json", "read_table"]
 
@@ -39,7 +40,7 @@ def read_json(path: Path) -> Any:
     ------
     DataError
         If it is no plain file, larger than 16 MiB, not JSON or nested too deeply, or a text in it
-        is not printable.
+        is not printable or holds the mark of an HTML comment.
     OSError
         If there is no such file.
     """
@@ -51,11 +52,15 @@ def read_json(path: Path) -> Any:
         raise DataError(f"{path}: larger than {MAX_BYTES} bytes")
     try:
         values = json.loads(data.decode("utf-8"))
-        unprintable = next((text for text in _texts(values) if not text.isprintable()), None)
+        texts = tuple(_texts(values))
     except (ValueError, RecursionError) as err:
         raise DataError(f"{path}: not JSON: {err}") from err
-    if unprintable is not None:
-        raise DataError(f"{path}: every text must be printable, found {unprintable[:60]!a}")
+    for text in texts:
+        if not text.isprintable():
+            raise DataError(f"{path}: every text must be printable, found {text[:60]!a}")
+        if any(mark in text for mark in COMMENT_MARKS):
+            expected = " nor ".join(COMMENT_MARKS)
+            raise DataError(f"{path}: no text may hold {expected}, found {text[:60]!a}")
     return values
 
 
