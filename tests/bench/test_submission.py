@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,9 +16,11 @@ from xden1k.folder import open_folder, write_folder
 from xden_bench.methods.baseline import find_predictor, run_predictor
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.score import score
 from xden_bench.scoring.submission import validate
 
 RULES = load_protocol()
+COPIED = f"W504: the values of the reference, within {RULES.copied_within:.1%}"
 Submit = Callable[..., Path]
 
 
@@ -163,19 +166,64 @@ def test_w503_mass_outside(submission: Submit, reference: Reference) -> None:
     )
 
 
-def test_w504_the_truth_itself(submission: Submit, reference: Reference) -> None:
-    path = submission(lambda one, grid: grid if one == "bar-0002" else 1.1 * grid)
+def with_air(_: str, grid: np.ndarray) -> np.ndarray:
+    grid[0, 0, 0] += np.float32(0.01)
+    return grid
+
+
+def with_noise(_: str, grid: np.ndarray) -> np.ndarray:
+    noise = np.random.default_rng(0).normal(0, 0.001, grid.shape)
+    return np.maximum(grid * (1 + noise), 0).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(lambda _, grid: grid, id="the truth itself"),
+        pytest.param(with_air, id="one voxel of air"),
+        pytest.param(lambda _, grid: np.float32(1.0015) * grid, id="scaled"),
+        pytest.param(lambda _, grid: grid.astype(np.float16).astype(np.float32), id="rounded"),
+        pytest.param(with_noise, id="noise"),
+    ],
+)
+def test_w504_a_copy_of_the_truth_is_told_whatever_is_done_to_it(
+    submission: Submit, reference: Reference, change: Callable[[str, np.ndarray], np.ndarray]
+) -> None:
+    path = submission(change)
     assert found(path, reference) == [
-        "W504: identical to the reference, to a step of float16: 1: 'bar-0002'"
+        f"{COPIED}: 4: 'bar-0002', 'cube-0003', 'filled-0001', 'hollow-0002'"
     ]
+
+
+def hit(*names: str) -> Callable[[str, np.ndarray], np.ndarray]:
+    """The truth of these objects, and what is a tenth off of others."""
+    return lambda one, grid: grid if one in names else 1.1 * grid
+
+
+def test_w504_is_not_for_homogeneous_objects_that_a_good_method_hits(
+    submission: Submit, reference: Reference
+) -> None:
+    assert found(submission(hit("cube-0003")), reference) == []
 
 
 def test_w504_is_not_for_a_few_objects_that_a_good_method_hits(
     submission: Submit, reference: Reference
 ) -> None:
-    path = submission(lambda one, grid: grid if one == "bar-0002" else 1.1 * grid)
-    lenient = replace(load_protocol(), max_identical_share=1 / len(reference.ids))
+    path = submission(hit("bar-0002"))
+    assert found(path, reference) == [f"{COPIED}: 1: 'bar-0002'"]
+    lenient = replace(RULES, max_identical_share=0.5)
     assert validate(path, reference, lenient) == ()
+
+
+def test_the_checksum_of_the_arrays_sees_what_is_scored_alone(
+    submission: Submit, reference: Reference
+) -> None:
+    def checksum(*change: Any, **options: Any) -> str:
+        return score(submission(*change, **options), reference, RULES).arrays_sha256
+
+    plain = checksum()
+    assert plain == checksum(with_air) == checksum(method="another")
+    assert plain != checksum(hit("bar-0002"))
 
 
 def test_an_object_without_density_is_scored_on_attenuation_alone(

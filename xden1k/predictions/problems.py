@@ -20,6 +20,7 @@ CODES = {
     "E203": "field of __meta__ missing, unknown or of the wrong type",
     "E204": "unknown units",
     "E205": "revision, manifest, config, split, track or target is not what is being scored",
+    "E206": "a text of __meta__ holds the mark of an HTML comment",
     "E301": "objects missing",
     "E302": "objects not in the split",
     "E303": "density_sd of some objects only, or without its density",
@@ -32,7 +33,8 @@ CODES = {
     "W501": "units look wrong",
     "W502": "one constant for all objects",
     "W503": "mass outside the object",
-    "W504": "identical to the reference, to a step of float16",
+    "W504": "the values of the reference",
+    "W505": "the values of a trivial method",
 }
 """Every code and its meaning. E: the file is refused. W: a footnote to the row."""
 

@@ -38,6 +38,7 @@ __all__ = [
     "mass_mnre",
     "nonuniformity",
     "nonuniformity_error",
+    "relative_error",
     "score_object",
 ]
 
@@ -118,6 +119,28 @@ def density_mae_g_cm3(truth: Grid, guess: Grid, envelope: Grid) -> float:
     error = np.abs(guess - truth)
     total = np.sum(envelope, dtype=np.float64)
     return float(np.sum(error * envelope, dtype=np.float64) / total)
+
+
+def relative_error(truth: Grid, guess: Grid, envelope: Grid) -> float:
+    """Density MAE as a share of the mean true density: ``sum(w |guess - truth|) / sum(w truth)``.
+
+    Parameters
+    ----------
+    truth, guess
+        Shape (x, y, z), g/cm³, voxel means; the truth has mass.
+    envelope
+        Shape (x, y, z), 0 to 1: the ``w``.
+
+    Examples
+    --------
+    >>> shell = np.array([[[2.0, 0.0, 2.0]]])
+    >>> relative_error(shell, 1.5 * shell, np.ones((1, 1, 3)))
+    0.5
+    """
+    error, mass = (
+        np.sum(one * envelope, dtype=np.float64) for one in (np.abs(guess - truth), truth)
+    )
+    return float(error / mass)
 
 
 def com_l1_cm(truth_cm: Vec3, guess_cm: Vec3) -> float:

@@ -51,10 +51,12 @@ class Protocol:
     max_outside_share
         More of the mass outside the object gets the footnote W503.
     max_identical_share
-        Of the objects: more that equal the reference are the warning W504. Of homogeneous objects
-        a good method hits a few.
+        Of the objects that are not homogeneous: more that equal the reference are the warning W504.
     unranked
         Names of methods that are printed without a rank.
+    copied_within
+        An object equals the reference where its
+        :func:`xden_bench.scoring.metrics.relative_error` is below this.
     open_choices
         What a source that this protocol follows leaves open, and what is taken here.
 
@@ -79,6 +81,7 @@ class Protocol:
     max_outside_share: float
     max_identical_share: float
     unranked: Sequence[str]
+    copied_within: float = 0.002
     open_choices: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

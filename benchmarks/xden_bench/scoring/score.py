@@ -55,6 +55,8 @@ class Score:
         What the submission says about itself.
     submission_sha256
         Checksum of the file.
+    arrays_sha256
+        Of what was scored: see :attr:`xden_bench.scoring.submission.Check.arrays_sha256`.
     objects
         One for each object of the split, sorted by id.
     protocol
@@ -65,6 +67,7 @@ class Score:
 
     meta: SubmissionMeta
     submission_sha256: str
+    arrays_sha256: str
     objects: tuple[ObjectScore, ...]
     protocol: Protocol
     warnings: tuple[Problem, ...]
@@ -162,7 +165,8 @@ def score(
         objects = tuple(_object_score(*one, protocol) for one in check.fields())
         raise_errors(check.problems)
         assert predictions.meta is not None
-        return Score(predictions.meta, predictions.sha256, objects, protocol, check.problems)
+        checksums = predictions.sha256, check.arrays_sha256
+        return Score(predictions.meta, *checksums, objects, protocol, check.problems)
 
 
 def _object_score(truth: Truth, grid: Grid, sd: Grid | None, protocol: Protocol) -> ObjectScore:
