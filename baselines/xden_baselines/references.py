@@ -108,7 +108,7 @@ class LabelNominal(_Oracle):
     """Oracle of each part's material, with the density the material table calls usual."""
 
     name = "label-nominal"
-    reads = Modality.PARTS | Modality.TRUTH
+    reads = Modality.PARTS | Modality.MATERIALS
 
     def predict(self, sample: SampleView) -> Prediction:
         """Predict the nominal density of each part's label.
@@ -120,7 +120,7 @@ class LabelNominal(_Oracle):
         """
         if sample.target != "density":
             raise DataError("label-nominal knows true densities, not apparent ones")
-        labels = [part.material.lower() for part in sample.truth.parts]
+        labels = [material.lower() for material in sample.part_materials]
         if unknown := sorted({*labels} - {*load_materials().labels, *families()}):
             raise DataError(f"{sample.object_id}: the material table has no {unknown}")
         remark = VAGUE if {*labels} & {*families()} else ""

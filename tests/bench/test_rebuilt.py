@@ -11,7 +11,7 @@ from tests.phantoms import BAR, box_object
 from xden1k.errors import DataError, MissingObjectError
 from xden1k.folder import open_folder, write_folder
 from xden1k.predictor import SampleView
-from xden1k.values.modality import track_of
+from xden1k.values.modality import Modality, track_of
 from xden1k.values.types import DensityField
 from xden_bench.cli import cli
 from xden_bench.methods.baseline import run_predictor
@@ -21,23 +21,54 @@ from xden_bench.scoring.reference import Reference
 from xden_bench.scoring.score import score
 
 
+READS = Modality.GEOMETRY | Modality.PARTS | Modality.XRAY
+
+
+def told(obj, labels):
+    """Return an object that says whether its builder read the labels."""
+    return replace(obj, meta={**obj.meta, "settings": {"labels": labels}})
+
+
 def folder_of(obj, root):
     write_folder([obj], root, version="0.1.0", builder="tests")
     return open_folder(root)
 
 
 def sample_of(folder, obj):
-    return SampleView(folder, obj.object_id, Rebuilt.reads)
+    return SampleView(folder, obj.object_id, READS)
 
 
 def test_the_truth_rebuilt_scores_zero_in_the_xray_track(dataset, tmp_path):
     folder = open_folder(dataset)
     meta = run_predictor(Rebuilt(folder, "density"), folder, "test", tmp_path / "root.npz").meta
     scored = score(tmp_path / "root.npz", Reference(folder, "test"), load_protocol())
-    assert track_of(Rebuilt.reads) == meta.track == "xray"
+    assert track_of(READS) == meta.track == "xray"
     assert scored.metrics["density_mae_g_cm3"].mean == 0
     assert scored.metrics["mass_mape"].mean == 0
     assert scored.metrics["com_l1_cm"].mean == 0
+
+
+@pytest.mark.parametrize(
+    ("made", "name", "inputs"),
+    [
+        (lambda obj: told(obj, "withheld"), "builder", ("mesh", "parts", "xray")),
+        (lambda obj: told(obj, "read"), "builder-labels", ("mesh", "parts", "xray", "materials")),
+        (lambda obj: obj, "builder-labels", ("mesh", "parts", "xray", "materials")),
+    ],
+)
+def test_only_what_says_that_it_was_built_blind_is_the_blind_builder(
+    tmp_path, made, name, inputs
+):
+    folder = folder_of(made(box_object("bar-0001", BAR, split="test")), tmp_path / "built")
+    row = Rebuilt(folder, "density")
+    assert (row.name, row.reads.inputs) == (name, inputs)
+
+
+def test_one_object_built_with_labels_makes_the_row_one_with_labels(tmp_path):
+    blind = told(box_object("bar-0001", BAR, split="test"), "withheld")
+    labelled = told(box_object("bar-0002", BAR, split="test"), "read")
+    write_folder([blind, labelled], tmp_path / "built", version="0.1.0", builder="tests")
+    assert Rebuilt(open_folder(tmp_path / "built"), "density").name == "builder-labels"
 
 
 def test_the_notes_say_from_what_it_was_made(dataset, tmp_path):

@@ -386,6 +386,14 @@ def test_a_row_that_is_the_reference_or_circular_has_no_rank_and_says_why(
     assert "| *b*" not in render(rows)
 
 
+def test_a_row_that_is_told_the_materials_has_no_rank_and_says_why(entry: dict[str, Any]) -> None:
+    told = row(entry, "b", 0.1, 0.0)
+    told["method"]["inputs"] = ["mesh", "parts", "xray", "materials"]
+    rows = [row(entry, "a", 1.0, 0.1), told]
+    assert ranks(rows) == [1, None]
+    assert "not ranked: it is told the material of each part" in render(rows)
+
+
 def test_what_differs_is_never_in_one_table(entry: dict[str, Any]) -> None:
     rows = [
         row(entry, "base", 1.0, 0.1),

@@ -44,11 +44,12 @@ def test_counts_must_be_positive(count):
 def test_every_choice_changes_the_digest():
     digests = {BuildSettings().digest, BuildSettings(model="paper").digest}
     digests.add(BuildSettings(filtration="told").digest)
+    digests.add(BuildSettings(labels="withheld").digest)
     for each in fields(PolySettings):
         value = getattr(PolySettings(), each.name)
         other = not value if isinstance(value, bool) else 2 * value + 1
         digests.add(BuildSettings(poly=replace(PolySettings(), **{each.name: other})).digest)
-    assert len(digests) == 3 + len(fields(PolySettings))
+    assert len(digests) == 4 + len(fields(PolySettings))
     assert BuildSettings().digest == BuildSettings(poly=PolySettings()).digest
 
 

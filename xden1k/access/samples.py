@@ -119,6 +119,12 @@ class SampleView:
         return tuple(self._row("part_names")["part_names"])
 
     @cached_property
+    def part_materials(self) -> tuple[str, ...]:
+        """Material or family of each part, empty = unknown. Needs ``MATERIALS``."""
+        self._need(Modality.MATERIALS, "part_materials")
+        return tuple(self._row("part_materials")["part_materials"])
+
+    @cached_property
     def labels(self) -> Labels:
         """Shape (128, 128, 128): 0 = air, k = part k. Needs ``PARTS``."""
         self._need(Modality.PARTS, "labels")

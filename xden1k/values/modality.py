@@ -40,6 +40,9 @@ class Modality(enum.Flag):
     """``text``: the category's name or a caption. Makes no track of its own; the row prints it."""
     XRAY = enum.auto()
     """``xray``: the two radiographs."""
+    MATERIALS = enum.auto()
+    """``materials``: the named material of each part, as captures and the dataset state it. Makes
+    no track; the name all but tells the density, so who reads it is printed without a rank."""
     TRUTH = enum.auto()
     """``truth``: the answers. Makes no track; who reads it is an oracle, printed without a rank."""
 
@@ -69,6 +72,7 @@ _BY_INPUT = {
     "parts": Modality.PARTS,
     "text": Modality.CATEGORY,
     "xray": Modality.XRAY,
+    "materials": Modality.MATERIALS,
     "truth": Modality.TRUTH,
 }
 INPUTS = tuple(_BY_INPUT)

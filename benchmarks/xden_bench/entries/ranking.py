@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from xden1k.errors import DataError
-from xden_bench.methods.rebuilt import Rebuilt
+from xden_bench.methods.rebuilt import NAMES as REBUILT
 from xden_bench.scoring.bootstrap import CI95, SAME, resampled_means
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.protocol import is_trivial, load_protocol
@@ -101,9 +101,11 @@ def unranked_because(row: Entry) -> str | None:
         return TRIVIAL
     if "truth" in row["method"]["inputs"]:
         return "oracle: it is told what only the truth tells"
+    if "materials" in row["method"]["inputs"]:
+        return "it is told the material of each part"
     if any(warning.startswith("W504") for warning in row["warnings"]):
         return "its values are those of the reference"
-    if row["method"]["name"] == Rebuilt.name and "scan" in row["dataset"]["source"].split("+"):
+    if row["method"]["name"] in REBUILT and "scan" in row["dataset"]["source"].split("+"):
         return "circular: on scans the truth is the builder's own reconstruction"
     return None
 

@@ -67,7 +67,7 @@ def _listed(name: str) -> Listed:
         predictor = find_predictor(name)
     except DataError as err:
         return Listed(name, "-", str(err))
-    oracle = "oracle: " if Modality.TRUTH in predictor.reads else ""
+    oracle = "oracle: " if (Modality.TRUTH | Modality.MATERIALS) & predictor.reads else ""
     summary = (inspect.getdoc(predictor) or "").split("\n")[0]
     return Listed(name, track_of(predictor.reads), oracle + summary)
 

@@ -1,11 +1,17 @@
 """A dataset folder as a submission: what the builder reconstructed, against the truth.
 
-On phantoms this is the upper row of the X-ray track: the simulator knows the truth and the builder
-has seen none of it. On scans the truth *is* the builder's reconstruction: the row compares a thing
-with itself, says so, and has no rank.
+On phantoms the blind builder is the upper row of the X-ray track: the simulator knows the truth and
+the builder has seen none of it. A folder that was built with the captures' labels is another row,
+which declares them and has no rank: a named material all but tells its density. What a folder was
+built from stands in each of its rows; one that does not say so counts as built with labels. On
+scans the truth *is* the builder's reconstruction: the row compares a thing with itself, says so,
+and has no rank.
 """
 
 from __future__ import annotations
+
+import json
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float
@@ -17,8 +23,10 @@ from xden1k.predictions import Target
 from xden1k.predictor import Examples, Prediction, SampleView
 from xden1k.values.modality import Modality
 
-__all__ = ["Rebuilt"]
+__all__ = ["NAMES", "Rebuilt"]
 
+NAMES: Final = ("builder", "builder-labels")
+"""Of the row that was built blind, and of the one that was told the labels."""
 SAME_PLACE = 0.01
 """Grids further apart than this share of a voxel are not the same."""
 CIRCULAR = "circular: the truth of scans is the builder's own"
@@ -33,15 +41,23 @@ class Rebuilt:
         What the builder wrote.
     target
         ``density`` or ``apparent_density``.
+
+    Attributes
+    ----------
+    name, reads
+        As the folder was built: ``builder``, or ``builder-labels``, which reads ``MATERIALS``.
     """
 
-    name = "builder"
-    version = "1"
-    reads = Modality.GEOMETRY | Modality.PARTS | Modality.XRAY
+    version = "2"
     trainable = False
     external_data = False
 
     def __init__(self, built: DatasetFolder, target: Target) -> None:
+        blind = _is_blind(built)
+        self.name = NAMES[0] if blind else NAMES[1]
+        self.reads = Modality.GEOMETRY | Modality.PARTS | Modality.XRAY
+        if not blind:
+            self.reads |= Modality.MATERIALS
         self._built = built
         self._target = target
 
@@ -100,3 +116,14 @@ class Rebuilt:
                 f"parts: {sorted(known)}, expected {sorted(names)}"
             )
         return np.array([0.0, *(known[name] for name in names)], dtype=np.float32)
+
+
+def _is_blind(built: DatasetFolder) -> bool:
+    """Whether every object says that it was rebuilt with its labels withheld."""
+    return all(_labels(row["meta_json"]) == "withheld" for row in built.rows(columns=["meta_json"]))
+
+
+def _labels(meta_json: str) -> str:
+    """Return what an object says of its labels; nothing if its builder stated no settings."""
+    labels: str = json.loads(meta_json).get("settings", {}).get("labels", "")
+    return labels

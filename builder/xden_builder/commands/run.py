@@ -45,6 +45,11 @@ MOST_LISTED = 30
     show_default=True,
     help="Whether the beam's filter is fitted to the folder, or as scanner.toml tells.",
 )
+@click.option(
+    "--blind",
+    is_flag=True,
+    help="Withhold materials, hollow parts and weighed masses: radiographs and meshes alone.",
+)
 @click.option("--parts", help="Other part meshes in place of the annotated ones.")
 @click.option(
     "--cluster",
@@ -59,6 +64,7 @@ def run(
     out: str,
     model: Any,
     filtration: Any,
+    blind: bool,
     parts: str | None,
     cluster: str,
     workers: int,
@@ -82,7 +88,7 @@ def run(
         report = build(
             place(captures),
             place(out),
-            BuildSettings(model=model, filtration=filtration),
+            BuildSettings(model, filtration, labels="withheld" if blind else "read"),
             workers=workers,
             cluster=cluster,
             parts=place(parts) if parts else None,

@@ -7,6 +7,7 @@ from xden_builder.poly.survey import Clue, survey
 from xden_builder.reconstruct.plausible import check_places, check_twins
 from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.reconstruct.space import divide
+from xden_builder.reconstruct.withheld import as_told
 from xden_builder.registration.capture import registered
 
 __all__ = ["find_clues"]
@@ -22,7 +23,7 @@ def find_clues(capture: Capture, settings: BuildSettings) -> tuple[Clue, ...]:
     """
     if capture.tube is None or capture.tube.kv is None:
         return ()
-    capture = registered(capture).capture
+    capture = registered(as_told(capture, settings.labels)).capture
     check_places(capture.parts, capture.fitted_views)
     check_twins(capture.parts)
     space = divide(capture.parts)

@@ -20,6 +20,7 @@ from xden_builder.reconstruct.plausible import (
 )
 from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.reconstruct.space import divide
+from xden_builder.reconstruct.withheld import as_told
 from xden_builder.registration.capture import registered
 
 __all__ = ["reconstruct"]
@@ -51,7 +52,7 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
         the source or through the detector, most of the object is saturated, the meshes are in
         other units than ``objects.csv`` says, or their pose is unknown and cannot be looked for.
     """
-    there = registered(capture)
+    there = registered(as_told(capture, settings.labels))
     capture = there.capture
     check_places(capture.parts, capture.fitted_views)
     check_twins(capture.parts)

@@ -11,10 +11,11 @@ from xden1k.errors import DataError
 from xden1k.rays import COLUMN_SAMPLES
 from xden_builder.poly.settings import PolySettings
 
-__all__ = ["MODELS", "BuildSettings", "Filtration", "Model"]
+__all__ = ["MODELS", "BuildSettings", "Filtration", "Labels", "Model"]
 
 Model = Literal["poly", "paper"]
 Filtration = Literal["fitted", "told"]
+Labels = Literal["read", "withheld"]
 MODELS: tuple[Model, ...] = get_args(Model)
 
 
@@ -32,6 +33,10 @@ class BuildSettings:
     filtration
         ``fitted``: the beam's filter is an unknown of the folder, found before its objects are
         rebuilt (``poly`` only). ``told``: it is as ``scanner.toml`` says.
+    labels
+        ``read``: what the capture folder says of materials, hollow parts and weighed masses is
+        reckoned with. ``withheld``: it is blanked before anything looks at it, as it is for a
+        method of the X-ray track.
     subrays
         Rays along each side of a pixel whose intensities are averaged when attenuation
         coefficients are fitted (``poly`` only). One ray a pixel reads a frame of thin bars 2 %
@@ -49,6 +54,7 @@ class BuildSettings:
 
     model: Model = "poly"
     filtration: Filtration = "fitted"
+    labels: Labels = "read"
     subrays: int = 3
     column_samples: int = COLUMN_SAMPLES
     poly: PolySettings = field(default_factory=PolySettings)
