@@ -7,7 +7,7 @@ import pytest
 
 from xden1k.errors import DataError
 from xden1k.values.materials import MaterialLibrary, load_materials
-from xden_builder.phantoms import CATALOGUE, Plan, make_phantom, realism
+from xden_builder.phantoms import CATALOGUE, Plan, appearance, make_phantom, realism
 from xden_builder.phantoms.realism import (
     LIFELIKE,
     TIDY,
@@ -16,6 +16,7 @@ from xden_builder.phantoms.realism import (
     draw_solid_share,
 )
 
+PAINTED = Realism(paint_share=1.0)
 WRONG = Realism(wrong_label_share=1.0)
 PLAN = Plan.of(3, "screwdriver-0002")
 
@@ -46,6 +47,17 @@ def test_parts_of_one_role_share_pores_and_paint() -> None:
         parts = make_phantom(Plan.of(0, f"scissors-{number:04d}"), real).parts
         batches = {(p.role, p.solid_share, p.painted, p.color_rgb, p.roughness) for p in parts}
         assert len(batches) == len({part.role for part in parts})
+
+
+def test_no_coat_is_told_by_a_colour_of_the_palette_to_the_bit() -> None:
+    painted = [
+        part.color_rgb
+        for number in range(4)
+        for part in make_phantom(Plan.of(3, f"screwdriver-{number:04d}"), PAINTED).parts
+    ]
+    off = np.abs(np.array(painted)[:, None] - np.array(appearance._PAINTS)).max(axis=2).min(axis=1)
+    assert (off > 0.0).all()
+    assert np.median(off) < 0.05
 
 
 @pytest.mark.parametrize(("material", "may"), [("abs", True), ("steel", False), ("water", False)])

@@ -65,9 +65,13 @@ def draw_color(rng: np.random.Generator, material: str) -> Color:
     """Draw a base colour that a part of this material may have, three values from 0 to 1."""
     family = load_materials()[material].family
     usual = _BY_NAME.get(material, _BY_FAMILY.get(family, ((0.7, 0.7, 0.7),)))
-    color = np.array(usual[rng.integers(len(usual))])
-    color = color * rng.normal(1.0, _SHADE_SD) + rng.normal(0.0, _HUE_SD, 3)
-    red, green, blue = color.clip(0.0, 1.0).round(3).tolist()
+    return _varied(rng, usual[rng.integers(len(usual))])
+
+
+def _varied(rng: np.random.Generator, color: Color) -> Color:
+    """Give a colour the shade and hue of one batch."""
+    varied = np.array(color) * rng.normal(1.0, _SHADE_SD) + rng.normal(0.0, _HUE_SD, 3)
+    red, green, blue = varied.clip(0.0, 1.0).round(3).tolist()
     return red, green, blue
 
 
@@ -78,7 +82,15 @@ def draw_finish(rng: np.random.Generator, material: str) -> tuple[float, float]:
     return _METALNESS.get(family, 0.0), round(float(rough), 3)
 
 
-def draw_paint(rng: np.random.Generator) -> tuple[Color, float]:
-    """Draw base colour and roughness of a coat of paint; it is never metallic."""
-    red, green, blue = _PAINTS[rng.integers(len(_PAINTS))]
-    return (red, green, blue), round(float(rng.uniform(0.2, 0.7)), 3)
+def draw_paint(rng: np.random.Generator, shades: np.random.Generator) -> tuple[Color, float]:
+    """Draw base colour and roughness of a coat of paint; it is never metallic.
+
+    Parameters
+    ----------
+    rng
+        Chooses the paint and its roughness.
+    shades
+        Vary its colour, as that of bare materials is varied: nothing tells a coat by its colour.
+    """
+    color = _varied(shades, _PAINTS[rng.integers(len(_PAINTS))])
+    return color, round(float(rng.uniform(0.2, 0.7)), 3)

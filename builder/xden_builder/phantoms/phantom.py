@@ -268,7 +268,7 @@ def _draw_materials(pieces: Sequence[Piece], plan: Plan) -> list[PhantomPart]:
 
 def _weathered(parts: Sequence[PhantomPart], plan: Plan, realism: Realism) -> list[PhantomPart]:
     """Give the parts of each batch their finish, pores and paint."""
-    finish, pores, paint = (plan.rng(purpose) for purpose in ("finish", "pores", "paint"))
+    finish, pores, paint, shades = map(plan.rng, ("finish", "pores", "paint", "shades"))
     batches: dict[str, dict[str, Any]] = {}
     for part in parts:
         if part.role in batches:
@@ -281,7 +281,7 @@ def _weathered(parts: Sequence[PhantomPart], plan: Plan, realism: Realism) -> li
             "metalness": metalness,
             "roughness": roughness,
         }
-        chance, (color, coat) = paint.random(), draw_paint(paint)
+        chance, (color, coat) = paint.random(), draw_paint(paint, shades)
         if chance < realism.paint_share:
             batch |= {"color_rgb": color, "metalness": 0.0, "roughness": coat, "painted": True}
         batches[part.role] = batch
