@@ -116,7 +116,7 @@ def test_good_files_are_entered_bad_ones_explained_and_the_log_knows_no_address(
     first, second, third = (ended(desk, ticket) for ticket in tickets)
 
     expected = score(good, reference, RULES)
-    (entry,) = desk.entries()
+    (entry,) = read_entries(desk.results)
     assert first.state == "scored"
     assert first.entry_path is not None
     assert json.loads(first.entry_path.read_text())["metrics"] == entry["metrics"] == first.metrics
@@ -167,28 +167,12 @@ def test_the_same_file_is_entered_once_whether_here_or_by_command(
     today = datetime.date(2026, 1, 1)
     entry = entry_of(scored, reference, command="xden-bench submit f.npz", date=today)
     write_entry(entry, scored, desk.results)
-    entries = len(desk.entries())
+    entries = len(read_entries(desk.results))
     for number, file in enumerate((here, there)):
         with turned_away("entered", r"this very file is entered already: v1/.*\.json"):
             desk.submit(file, user=f"other {number}", filename="x")
-    assert len(desk.entries()) == entries
+    assert len(read_entries(desk.results)) == entries
     assert desk.upload_of(entry["submission_sha256"]) is None
-
-
-def test_entries_are_read_again_only_after_a_change(
-    desk: Desk, submission: Submit, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    reads = []
-    monkeypatch.setattr(
-        "xden_bench.serve.desk.read_entries",
-        lambda results: reads.append(results) or read_entries(results),
-    )
-    before = desk.entries()
-    reads.clear()
-    ended(desk, desk.submit(submission(scaled(1.3), method="reread"), user="a", filename="x"))
-    assert desk.entries() is desk.entries()
-    assert len(desk.entries()) == len(before) + 1
-    assert len(reads) == 1
 
 
 def test_a_strangers_filename_can_be_shown_and_kept(desk: Desk, submission: Submit) -> None:
@@ -233,7 +217,7 @@ def test_a_process_that_cannot_even_load_is_a_failure_and_enters_nothing(
     assert status.state == "failed"
     assert "ended without a result; the server's log says more" in status.message
     assert "scoring process, exit" in caplog.text
-    assert desk.entries() == ()
+    assert read_entries(desk.results) == ()
     wait_for_uploads(desk, [])
 
 
@@ -289,7 +273,7 @@ def test_an_entry_whose_process_died_before_it_could_say_so_is_found(
     status = ended(desk, ticket)
     assert status.state == "scored"
     assert status.metrics == entered.metrics
-    assert len(desk.entries()) == 1
+    assert len(read_entries(desk.results)) == 1
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,6 +30,7 @@ __all__ = [
     "EnteredError",
     "entry_of",
     "entry_path",
+    "entry_paths",
     "figures",
     "object_columns",
     "read_entries",
@@ -162,13 +163,34 @@ def entry_path(entry: Mapping[str, Any]) -> Path:
     return Path(_slug(entry["protocol"]), _slug(table), entry["track"], name)
 
 
-def read_entries(results: Path) -> tuple[dict[str, Any], ...]:
+def entry_paths(results: Path) -> list[Path]:
+    """JSON files of every entry below a folder, sorted.
+
+    Raises
+    ------
+    DataError
+        If there is no such folder, or a note in it has no entry beside it.
+    """
+    if not results.is_dir():
+        raise DataError(f"there is no folder of results at {results}")
+    paths = sorted(results.rglob("*.json"))
+    entries = [path for path in paths if not path.name.endswith(SUFFIX)]
+    if alone := set(paths) - {*entries, *(path.with_suffix(SUFFIX) for path in entries)}:
+        raise DataError(f"{min(alone)}: there is no entry beside it")
+    return entries
+
+
+def read_entries(
+    results: Path, read: Callable[[Path, Path], dict[str, Any]] | None = None
+) -> tuple[dict[str, Any], ...]:
     """Every entry below a folder, sorted by path.
 
     Parameters
     ----------
     results
         The folder.
+    read
+        Gives an entry by its JSON file and the folder; None = :func:`read_entry`.
 
     Returns
     -------
@@ -180,13 +202,7 @@ def read_entries(results: Path) -> tuple[dict[str, Any], ...]:
     DataError
         If there is no such folder, or a JSON file in it is neither an entry nor a note beside one.
     """
-    if not results.is_dir():
-        raise DataError(f"there is no folder of results at {results}")
-    paths = sorted(results.rglob("*.json"))
-    entries = [path for path in paths if not path.name.endswith(SUFFIX)]
-    if alone := set(paths) - {*entries, *(path.with_suffix(SUFFIX) for path in entries)}:
-        raise DataError(f"{min(alone)}: there is no entry beside it")
-    return tuple(read_entry(path, results) for path in entries)
+    return tuple((read or read_entry)(path, results) for path in entry_paths(results))
 
 
 def read_entry(path: Path, results: Path | None = None) -> dict[str, Any]:

@@ -18,20 +18,18 @@ from __future__ import annotations
 import datetime
 import secrets
 import sqlite3
-import threading
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final
+from typing import Final
 
 from filelock import FileLock, Timeout
 
 from xden1k.errors import DataError
 from xden_bench.entries.durable import sync_folder
-from xden_bench.entries.result import read_entries
 from xden_bench.scoring.protocol import Protocol
 from xden_bench.scoring.reference import Reference
 from xden_bench.serve.audit_log import AuditLog, Pseudonyms
@@ -87,8 +85,6 @@ class Desk:
     ) -> None:
         self.reference, self.rules, self.limits = reference, rules, limits
         self.results, self._uploads, self._clock = results, state / "uploads", clock
-        self._entries: tuple[object, tuple[dict[str, Any], ...]] | None = None
-        self._reading = threading.Lock()
         results.mkdir(parents=True, exist_ok=True)
         state.mkdir(parents=True, exist_ok=True, mode=0o700)
         self._uploads.mkdir(exist_ok=True)
@@ -154,22 +150,6 @@ class Desk:
             return status
         checked, total = self._runner.progress(number)
         return replace(status, checked=checked, total=total)
-
-    def entries(self) -> tuple[dict[str, Any], ...]:
-        """Every entry, as :func:`xden_bench.entries.result.read_entries` gives them.
-
-        They are read again only when a file of the results has changed.
-
-        Raises
-        ------
-        DataError
-            If one of them cannot be trusted.
-        """
-        with self._reading:
-            files = _fingerprint(self.results)
-            if self._entries is None or self._entries[0] != files:
-                self._entries = files, read_entries(self.results)
-            return self._entries[1]
 
     def upload_of(self, submission_sha256: str) -> Path | None:
         """Return the scored submission of that checksum if it came to this desk, else None."""
@@ -287,11 +267,3 @@ def _printable(filename: str) -> str:
     """
     shown = "".join(one if one.isprintable() else "?" for one in filename[:_NAME_LENGTH])
     return shown or "unnamed"
-
-
-def _fingerprint(results: Path) -> tuple[tuple[str, int, int], ...]:
-    """Name, time and size of every file of the results."""
-    files = (path for path in results.rglob("*") if path.suffix in (".json", ".parquet"))
-    return tuple(
-        sorted((str(path), (stat := path.stat()).st_mtime_ns, stat.st_size) for path in files)
-    )

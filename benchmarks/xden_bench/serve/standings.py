@@ -1,0 +1,226 @@
+"""Every entry and its rank, as of now: read without a lock, computed beside the readers.
+
+Verifying an entry and ranking a table take seconds of bootstraps. Both are done once for each
+content (:mod:`xden_bench.serve.kept`), in processes of their own, and what readers see is a
+:class:`Snapshot` that never changes: a new one takes its place whole.
+"""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final
+
+from xden1k.errors import DataError
+from xden_bench.entries.leaderboard import tables
+from xden_bench.entries.ranking import Entry, ranks
+from xden_bench.entries.result import entry_path, entry_paths, read_entries, read_entry
+from xden_bench.entries.untrusted import read_table
+from xden_bench.serve.kept import Kept, entry_key, key_of
+
+__all__ = ["Snapshot", "Standings", "Table", "place_of"]
+
+logger = logging.getLogger(__name__)
+
+Files = tuple[tuple[str, int, int], ...]
+Compute = Callable[..., Callable[[], Any]]
+"""Begins some work, given a function and what it is about; what is returned waits for its end."""
+
+POLL_S: Final = 0.5
+"""How often the folder of the results is looked at."""
+_NICENESS: Final = 5
+_OBJECTS: Final = "object_scores"
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Rows that are compared with each other.
+
+    Parameters
+    ----------
+    rows
+        The best first, without the scores of their objects.
+    ranks
+        Of each row, as :func:`xden_bench.entries.ranking.ranks` gives them.
+    """
+
+    rows: tuple[Entry, ...]
+    ranks: tuple[int | None, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """The results at one moment.
+
+    Parameters
+    ----------
+    entries
+        Every entry, sorted by path, without the scores of its objects.
+    tables
+        The same entries as tables.
+    is_current
+        Whether this is what the files say; they may have been spoilt since.
+    """
+
+    entries: tuple[Entry, ...] = ()
+    tables: tuple[Table, ...] = ()
+    is_current: bool = True
+
+    def table_of(self, place: str) -> Table | None:
+        """Return the table that has an entry, given its place among the results."""
+        return next(
+            (one for one in self.tables if any(place_of(row) == place for row in one.rows)), None
+        )
+
+
+class Standings:
+    """Keeps :attr:`now` up to date. Use it as a context manager.
+
+    Parameters
+    ----------
+    results
+        Folder of the entries.
+    kept
+        Folder for what was verified and ranked.
+    workers
+        Processes that verify and rank; 0 = none, in the thread that watches.
+    """
+
+    def __init__(self, results: Path, kept: Path, *, workers: int | None = None) -> None:
+        self.results = results
+        self.now = Snapshot()
+        self._kept = Kept(kept)
+        self._workers = (os.cpu_count() or 1) if workers is None else workers
+        self._files: Files | None = None
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="standings", daemon=True)
+
+    def refresh(self) -> None:
+        """Read what has changed, if anything has; returns when :attr:`now` has it.
+
+        Results that cannot be read leave the entries as they were, and a line in the log.
+        """
+        try:
+            files = _files(self.results)
+            if files == self._files:
+                return
+            self.now = self._snapshot()
+        except BrokenExecutor as err:
+            logger.error("a process that verifies entries ended, another will try: %s", err)
+            return
+        except (DataError, OSError) as err:
+            logger.error("the results cannot be read: %s", err)
+            self.now = replace(self.now, is_current=False)
+        self._files = files
+
+    def __enter__(self) -> Standings:
+        """Begin to watch the folder."""
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stopping.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        while not self._stopping.wait(POLL_S):
+            self.refresh()
+
+    def _snapshot(self) -> Snapshot:
+        keys: dict[Path, str] = {}
+        with self._computing() as compute:
+            waiting = {path: self._entry(path, keys, compute) for path in entry_paths(self.results)}
+
+            def read(path: Path, _: Path) -> Any:
+                return (waiting.get(path) or self._entry(path, keys, compute))()
+
+            entries = read_entries(self.results, read)
+            ranked = [self._table(rows, keys, compute) for rows in tables(entries)]
+        self._kept.keep_only([*keys.values(), *(key for key, _ in ranked)])
+        return Snapshot(entries, tuple(table for _, table in ranked))
+
+    def _entry(self, path: Path, keys: dict[Path, str], compute: Compute) -> Callable[[], Any]:
+        """Begin to verify an entry, unless it was; what is returned waits for it."""
+        key = keys[path] = entry_key(path, self.results)
+        if key in self._kept:
+            return lambda: self._kept[key]
+        finish = compute(_verified, path, self.results)
+
+        def entry() -> Any:
+            found = finish()
+            if entry_key(path, self.results) == key:  # else it was changed meanwhile
+                self._kept[key] = found
+            return found
+
+        return entry
+
+    def _table(
+        self, rows: Sequence[Entry], keys: Mapping[Path, str], compute: Compute
+    ) -> tuple[str, Table]:
+        """Rank a table, or find how it was ranked."""
+        key = key_of("ranks", *(keys[self.results / entry_path(row)] for row in rows))
+        if key not in self._kept:
+            self._kept[key] = compute(_ranks, rows, self.results)()
+        return key, Table(tuple(rows), tuple(self._kept[key]))
+
+    @contextmanager
+    def _computing(self) -> Iterator[Compute]:
+        """Give what computes something beside this thread; nothing is started before it is used."""
+        if not self._workers:
+            yield lambda work, *about: lambda: work(*about)
+            return
+        spawn = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(
+            self._workers, mp_context=spawn, initializer=os.nice, initargs=(_NICENESS,)
+        ) as pool:
+            yield lambda work, *about: _submitted(pool, work, *about)
+
+
+def place_of(row: Entry) -> str:
+    """Where an entry lies among the results, without its suffix: the name of a row in links."""
+    return entry_path(row).with_suffix("").as_posix()
+
+
+def _submitted(pool: Executor, work: Callable[..., Any], *about: Any) -> Callable[[], Any]:
+    return pool.submit(work, *about).result
+
+
+def _verified(path: Path, results: Path) -> Entry:
+    """Read an entry, all of it checked, without the scores of its objects."""
+    return _light(read_entry(path, results))
+
+
+def _ranks(rows: Sequence[Entry], results: Path) -> list[int | None]:
+    """Rank rows, for which the scores of their objects are read."""
+    return ranks([{**row, _OBJECTS: _objects(row, results)} for row in rows])
+
+
+def _objects(row: Entry, results: Path) -> dict[str, list[Any]]:
+    data = (results / entry_path(row)).with_suffix(".parquet").read_bytes()
+    columns: dict[str, list[Any]] = read_table(data).to_pydict()
+    return columns
+
+
+def _light(entry: Entry) -> Entry:
+    return {key: value for key, value in entry.items() if key != _OBJECTS}
+
+
+def _files(results: Path) -> Files:
+    """Name, time and size of every file of the results."""
+    found = (path for path in results.rglob("*") if path.suffix in (".json", ".parquet"))
+    return tuple(
+        sorted((str(path), (stat := path.stat()).st_mtime_ns, stat.st_size) for path in found)
+    )
