@@ -84,7 +84,7 @@ METHODS := zero water train-median category-median \
   nerf2physics nerf2physics-thickness \
   gaussian-property gaussian-property-weighted gaussian-property-parts \
   geometry-unet pixie xray-uniform xray-mean xray-unet \
-  true-mass-uniform label-nominal part-oracle
+  true-mass-uniform label-nominal part-oracle seen-materials seen-materials-hollow
 SUBMISSIONS := $(METHODS:%=$(ROWS)/%.npz) $(ROWS)/blind.npz $(ROWS)/labels.npz
 
 leaderboard: $(SUBMISSIONS)  # all rows, use -j2; entries that are there are refused

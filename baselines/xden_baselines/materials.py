@@ -1,13 +1,20 @@
-"""Materials of training parts, and what the material library says of their density."""
+"""Materials of parts, and what the material library says of their density."""
 
 from __future__ import annotations
 
+from statistics import median
+
 from xden1k.errors import DataError
-from xden1k.predictor import Examples
-from xden1k.values.materials import load_materials
+from xden1k.predictor import Examples, SampleView
+from xden1k.values.materials import families, load_materials
 from xden1k.values.types import Part
 
-__all__ = ["check_target", "density_range_g_cm3", "material_of"]
+__all__ = [
+    "check_target",
+    "density_range_g_cm3",
+    "material_of",
+    "nominal_densities_g_cm3",
+]
 
 GAS_G_CM3 = 0.005
 """Nothing solid or liquid is lighter."""
@@ -57,3 +64,27 @@ def density_range_g_cm3(material: str) -> tuple[float, float]:
         raise DataError(f"the material library has no {material!r}")
     lows = [each.density_low_g_cm3 for each in known]
     return min(lows), max(each.density_high_g_cm3 for each in known)
+
+
+def nominal_densities_g_cm3(sample: SampleView) -> list[float]:
+    """Return the usual density of each part's material; of a family, the median of its members.
+
+    Needs ``MATERIALS``.
+
+    Raises
+    ------
+    DataError
+        If a part has no material, or the library does not know it.
+    """
+    labels = [material.lower() for material in sample.part_materials]
+    if unknown := sorted({*labels} - {*load_materials().labels, *families()}):
+        raise DataError(f"{sample.object_id}: the material table has no {unknown}")
+    return list(map(_nominal_g_cm3, labels))
+
+
+def _nominal_g_cm3(label: str) -> float:
+    library = load_materials()
+    if label in library.labels:
+        return library[label].density_nominal_g_cm3
+    bases = library.bases.values()
+    return median(one.density_nominal_g_cm3 for one in bases if one.family == label)

@@ -11,7 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
-from statistics import fmean, median
+from statistics import fmean
 
 import numpy as np
 from jaxtyping import Float32
@@ -20,10 +20,11 @@ from xden1k.errors import DataError
 from xden1k.predictor import Example, Examples, Prediction, SampleView
 from xden1k.rays import path_lengths
 from xden1k.values.arrays import Grid
-from xden1k.values.materials import families, load_materials
+from xden1k.values.materials import families
 from xden1k.values.modality import Modality
 from xden1k.values.views import XRayView
 from xden_baselines.geometry import nearest_filled, voxel_centres_cm
+from xden_baselines.materials import nominal_densities_g_cm3
 from xden_baselines.xray import OPAQUE, back_projected_lac_per_cm
 
 __all__ = [
@@ -121,10 +122,8 @@ class LabelNominal(_Oracle):
         if sample.target != "density":
             raise DataError("label-nominal knows true densities, not apparent ones")
         labels = [material.lower() for material in sample.part_materials]
-        if unknown := sorted({*labels} - {*load_materials().labels, *families()}):
-            raise DataError(f"{sample.object_id}: the material table has no {unknown}")
         remark = VAGUE if {*labels} & {*families()} else ""
-        return Prediction(_part_values(sample, list(map(_nominal_g_cm3, labels))), remark=remark)
+        return Prediction(_part_values(sample, nominal_densities_g_cm3(sample)), remark=remark)
 
 
 class PublishedLac017(_Oracle):
@@ -150,14 +149,6 @@ class PublishedLac017(_Oracle):
             )
         apparent = [part.apparent_density_g_cm3 for part in sample.truth.parts]
         return _part_values(sample, apparent)
-
-
-def _nominal_g_cm3(label: str) -> float:
-    library = load_materials()
-    if label in library.labels:
-        return library[label].density_nominal_g_cm3
-    bases = library.bases.values()
-    return median(one.density_nominal_g_cm3 for one in bases if one.family == label)
 
 
 class _Calibrated(ABC):

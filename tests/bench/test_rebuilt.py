@@ -56,9 +56,7 @@ def test_the_truth_rebuilt_scores_zero_in_the_xray_track(dataset, tmp_path):
         (lambda obj: obj, "builder-labels", ("mesh", "parts", "xray", "materials")),
     ],
 )
-def test_only_what_says_that_it_was_built_blind_is_the_blind_builder(
-    tmp_path, made, name, inputs
-):
+def test_only_what_says_that_it_was_built_blind_is_the_blind_builder(tmp_path, made, name, inputs):
     folder = folder_of(made(box_object("bar-0001", BAR, split="test")), tmp_path / "built")
     row = Rebuilt(folder, "density")
     assert (row.name, row.reads.inputs) == (name, inputs)
