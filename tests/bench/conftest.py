@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.apart import run_here
 from tests.bench.sealing import Sealed, sealed_dataset, write_dataset
 from tests.phantoms import BAR, CUBE, FILLED, HOLLOW, box_object
 from xden1k.folder import DatasetFolder, open_folder, write_folder
 from xden1k.predictions import SubmissionMeta, write_predictions
-from xden_bench.methods import baseline
+from xden_bench.methods import apart, baseline
 from xden_bench.scoring.reference import Reference
 
 GOLDEN = Path(__file__).parents[1] / "golden"
@@ -78,6 +79,14 @@ def methods_looked_for_once() -> Iterator[None]:
     """Search what is installed for methods once: each command would, and nothing changes."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(baseline, "entry_points", cache(baseline.entry_points))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def methods_run_here() -> Iterator[None]:
+    """Run methods in this process: each of their own takes two seconds (see test_apart.py)."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(apart, "run_apart", run_here)
         yield
 
 

@@ -20,7 +20,6 @@ from xden_bench.scoring.protocol import load_protocol
 from xden_bench.scoring.reference import Reference
 from xden_bench.scoring.score import score
 
-
 READS = Modality.GEOMETRY | Modality.PARTS | Modality.XRAY
 
 

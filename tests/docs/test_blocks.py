@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.apart import run_here
 from tests.docs.blocks import ROOT, Block, blocks, pages, parse
 from tests.docs.playing import Player, clean_environment, steps
+from xden_bench.methods import apart
 
 PAGES = {path.relative_to(ROOT).as_posix(): path for path in pages()}
 SLOW_PAGES = (
@@ -41,6 +43,7 @@ def player(
     kept = (base.parent if "popen-gw" in base.name else base) / "kept"  # one for all of xdist
     kept.mkdir(exist_ok=True)
     clean_environment(monkeypatch, tmp_path)
+    monkeypatch.setattr(apart, "run_apart", run_here)
     folder = tmp_path / "here"
     folder.mkdir()
     monkeypatch.chdir(folder)

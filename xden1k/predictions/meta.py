@@ -38,8 +38,8 @@ class SubmissionMeta:
     dataset_revision, config, split
         What was predicted: the manifest's version, ``default``, and one of its splits.
     inputs
-        Any of ``mesh``, ``rgb``, ``parts``, ``text``, ``xray``: everything the method looked at.
-        They decide the track.
+        Any of ``mesh``, ``rgb``, ``parts``, ``text``, ``xray``, ``materials``, ``truth``:
+        everything the method looked at. They decide the track, and whether the row has a rank.
     training_data
         Every data set trained on; may be empty.
     external_data

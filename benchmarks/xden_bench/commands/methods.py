@@ -124,26 +124,27 @@ def _run(asked: Mapping[str, Any], folder: DatasetFolder, out: Path, command: st
     """Run the method that was asked for."""
     from xden1k.folder import open_folder
     from xden1k.predictor import Budget
-    from xden_bench.methods.baseline import find_pictures, find_predictor
+    from xden_bench.methods import apart
+    from xden_bench.methods.baseline import find_pictures
     from xden_bench.methods.rebuilt import Rebuilt
     from xden_bench.methods.running import Options, run_predictor
 
     built, target, budget = asked["built"], asked["target"], asked["budget"]
-    method = (
-        find_predictor(asked["name"], _settings(asked["settings"]))
-        if built is None
-        else Rebuilt(open_folder(built), target)
-    )
+    method = apart.Method(asked["name"], _settings(asked["settings"]))
+    predictor = method.load() if built is None else Rebuilt(open_folder(built), target)
     options = Options(
         target=target,
         seed=asked["seed"],
         budget=Budget.parse(budget) if budget else None,
         model=asked["model"],
         save=asked["save"],
-        pictures=find_pictures(method, asked["views"]),
+        pictures=find_pictures(predictor, asked["views"]),
         command=command,
     )
-    return run_predictor(method, folder, asked["split"], out, options, progress_bar)
+    run = (folder, asked["split"], out, options, progress_bar)
+    if built is not None:
+        return run_predictor(predictor, *run)
+    return apart.run_apart(method, predictor, *run)
 
 
 def _settings(texts: Sequence[str]) -> dict[str, Any]:

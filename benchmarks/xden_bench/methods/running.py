@@ -17,7 +17,6 @@ from xden1k.folder import DatasetFolder
 from xden1k.predictions import MAX_TEXT, PredictionsWriter, SubmissionMeta, Target
 from xden1k.predictor import (
     Budget,
-    Examples,
     Fingerprinted,
     PictureSource,
     Prediction,
@@ -36,10 +35,11 @@ from xden_bench.methods.partial import (
     partial_run,
 )
 from xden_bench.methods.rebuilt import Rebuilt
+from xden_bench.methods.scope import TRAIN, FolderScope, Scope, Task
 from xden_bench.scoring.reference import xray_refusal
 from xden_bench.scoring.submission import Progress
 
-__all__ = ["Options", "Report", "run_predictor"]
+__all__ = ["Options", "Report", "refuse_without_radiographs", "run_predictor", "run_within"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +119,8 @@ def run_predictor(
 ) -> Report:
     """Let a method learn from the training split, predict objects, and write its submission.
 
-    What is done is kept beside the submission until that is complete: the same run again, after
-    an error or a kill, goes on from there (:mod:`xden_bench.methods.partial`).
+    It runs in this process, which is for trying: code beside the dataset can read all of it.
+    :func:`xden_bench.methods.apart.run_apart` is for rows.
 
     Parameters
     ----------
@@ -147,8 +147,57 @@ def run_predictor(
         If the method touches what it did not declare.
     """
     options.check(predictor)
-    run = _Run(predictor, folder, split, options)
-    run.refuse_without_radiographs()
+    refuse_without_radiographs(predictor, folder, split, options)
+    seen = (predictor.reads, options.target, options.pictures, options.command)
+    scope = FolderScope(folder, Task.of(folder, split), *seen)
+    return run_within(scope, predictor, out, options, progress)
+
+
+def refuse_without_radiographs(
+    predictor: Predictor, folder: DatasetFolder, split: str, options: Options
+) -> None:
+    """Check that every object that is looked at has what an X-ray method reads.
+
+    Raises
+    ------
+    DataError
+        With the count of those that do not.
+    """
+    if Modality.XRAY not in predictor.reads:
+        return
+    learns = predictor.trainable and not options.model
+    for one in dict.fromkeys([*([TRAIN] * learns), split]):
+        if refusal := xray_refusal(folder, one):
+            raise DataError(f"{folder.root}: {refusal}")
+
+
+def run_within(
+    scope: Scope, predictor: Predictor, out: Path, options: Options, progress: Progress = iter
+) -> Report:
+    """Let a method learn, predict and write its submission from what a scope shows.
+
+    What is done is kept beside the submission until that is complete: the same run again, after
+    an error or a kill, goes on from there (:mod:`xden_bench.methods.partial`).
+
+    Parameters
+    ----------
+    scope
+        What the method is shown.
+    predictor
+        The method.
+    out
+        The ``preds.npz`` to write.
+    options
+        How it is run; its pictures and command are those of the scope.
+    progress
+        Goes through the ids of the objects that are left to do.
+
+    Raises
+    ------
+    DataError, ModalityError
+        As :func:`run_predictor`.
+    """
+    run = _Run(predictor, scope, options)
     with partial_run(out, run.identity) as partial:
         fit = run.made_ready(partial.fit_folder)
         continued = partial.count
@@ -167,8 +216,7 @@ class _Run:
     """A method on a split."""
 
     predictor: Predictor
-    folder: DatasetFolder
-    split: str
+    scope: Scope
     options: Options
 
     @property
@@ -182,7 +230,7 @@ class _Run:
             target=options.target,
             seed=options.seed,
             budget=asdict(options.budget) if options.budget else None,
-            manifest_sha256=self.folder.manifest_sha256,
+            manifest_sha256=self.scope.task.manifest_sha256,
             code_sha256=code_sha256(type(method)),
             fingerprint=_fingerprint(method),
             pictures=f"{options.pictures.description} {_fingerprint(options.pictures)}".strip()
@@ -195,24 +243,9 @@ class _Run:
         """All that the predictions depend on."""
         model = self.options.model
         return asdict(self.fit) | {
-            "split": self.split,
+            "split": self.scope.task.split,
             "model": folder_sha256(model) if model else "",
         }
-
-    def refuse_without_radiographs(self) -> None:
-        """Check that every object that is looked at has what an X-ray method reads.
-
-        Raises
-        ------
-        DataError
-            With the count of those that do not.
-        """
-        if Modality.XRAY not in self.predictor.reads:
-            return
-        learns = self.predictor.trainable and not self.options.model
-        for split in dict.fromkeys([*(["train"] * learns), self.split]):
-            if refusal := xray_refusal(self.folder, split):
-                raise DataError(f"{self.folder.root}: {refusal}")
 
     def made_ready(self, folder: Path) -> Fit | None:
         """Let the method learn, or take up what it learned; None if it learns nothing."""
@@ -221,30 +254,28 @@ class _Run:
             return None
         if options.model and isinstance(self.predictor, Storable):
             return load_fit(self.predictor, self.fit, options.model)
-        source = (self.folder, "train", self.predictor.reads, options.target, options.pictures)
-        train = Examples(*source)
-        fit_or_take_up(self.predictor, train, self.fit, options.budget, options.save or folder)
+        kept = options.save or folder
+        fit_or_take_up(self.predictor, self.scope.train(), self.fit, options.budget, kept)
         return self.fit
 
     def predictions(
         self, writer: PredictionsWriter, partial: PartialRun, progress: Progress
     ) -> Iterator[tuple[str, Facts]]:
         """Write every object: first those that are kept, then the others."""
-        ids, done = self.folder.ids(self.split), partial.count
+        ids, done = self.scope.task.ids, partial.count
         for place, object_id in enumerate(ids[:done]):
             kept = partial.read(place)
             writer.add(object_id, kept.values, kept.sd)
             yield object_id, kept.facts
         for place, object_id in enumerate(progress(ids[done:]), start=done):
-            kept = self._predict(object_id)
+            sample = self.scope.sample(object_id)
+            kept = self._predict(sample)
             writer.add(object_id, kept.values, kept.sd)
-            _check_parts(self.folder, object_id, kept.values, self.predictor.reads)
+            _check_parts(sample, kept.values, self.predictor.reads)
             partial.keep(place, kept)
             yield object_id, kept.facts
 
-    def _predict(self, object_id: str) -> Kept:
-        reads, options = self.predictor.reads, self.options
-        sample = SampleView(self.folder, object_id, reads, options.pictures, options.target)
+    def _predict(self, sample: SampleView) -> Kept:
         start = time.perf_counter()
         found = self.predictor.predict(sample)
         seconds = time.perf_counter() - start
@@ -264,18 +295,18 @@ class _Run:
         """Return what the file says about itself."""
         return SubmissionMeta(
             method=self.predictor.name,
-            dataset_revision=self.folder.manifest.version,
+            dataset_revision=self.scope.task.version,
             config="default",
-            split=self.split,
+            split=self.scope.task.split,
             inputs=self.predictor.reads.inputs,
             training_data=("xden1k/train",) if fit else (),
             external_data=self.predictor.external_data,
             target=self.options.target,
-            command=self.options.command,
+            command=self.scope.command(),
             notes=_short([self.predictor.notes, *self._notes(fit, facts)]),
             seconds_per_object=self._seconds(facts),
             seed=fit.seed if fit else None,
-            manifest_sha256=self.folder.manifest_sha256,
+            manifest_sha256=self.scope.task.manifest_sha256,
         )
 
     def _seconds(self, facts: Sequence[Facts]) -> float | None:
@@ -286,7 +317,7 @@ class _Run:
 
     def _notes(self, fit: Fit | None, facts: Sequence[Facts]) -> Iterator[str]:
         """Tell what the run knows and a reader of the row must."""
-        if fit and fit.manifest_sha256 != self.folder.manifest_sha256:
+        if fit and fit.manifest_sha256 != self.scope.task.manifest_sha256:
             yield f"trained on the dataset of manifest {fit.manifest_sha256[:12]}"
         if self.options.pictures:
             yield self.options.pictures.description
@@ -314,16 +345,15 @@ def _fingerprint(value: object) -> str:
     return value.fingerprint if isinstance(value, Fingerprinted) else ""
 
 
-def _check_parts(
-    folder: DatasetFolder, object_id: str, values: np.ndarray, reads: Modality
-) -> None:
+def _check_parts(sample: SampleView, values: np.ndarray, reads: Modality) -> None:
     """Refuse part densities of the wrong number, or by a method that declares no parts."""
     if values.ndim != 1:
         return
     if Modality.PARTS not in reads:
-        raise DataError(f"{object_id}: part densities need the modality PARTS: give a grid")
-    parts = len(folder.row(object_id, ["part_names"])["part_names"])
+        raise DataError(f"{sample.object_id}: part densities need the modality PARTS: give a grid")
+    parts = len(sample.part_names)
     if len(values) != parts + 1:
         raise DataError(
-            f"{object_id}: shape must be ({parts + 1},), air and {parts} parts, got {values.shape}"
+            f"{sample.object_id}: shape must be ({parts + 1},), air and {parts} parts, "
+            f"got {values.shape}"
         )

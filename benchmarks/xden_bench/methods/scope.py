@@ -1,0 +1,113 @@
+"""What a run takes from a dataset: the objects to predict, samples of them, and examples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from xden1k.folder import DatasetFolder
+from xden1k.predictions import Target
+from xden1k.predictor import Examples, PictureSource, SampleView
+from xden1k.values.modality import Modality
+
+__all__ = ["FolderScope", "Scope", "Task"]
+
+TRAIN = "train"
+"""The split that is learned from."""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What is to be predicted, and from which dataset.
+
+    Parameters
+    ----------
+    split, ids
+        The objects to predict.
+    train_ids
+        Those to learn from; empty where there are none.
+    version, manifest_sha256
+        Of the dataset.
+    """
+
+    split: str
+    ids: tuple[str, ...]
+    train_ids: tuple[str, ...]
+    version: str
+    manifest_sha256: str
+
+    @classmethod
+    def of(cls, folder: DatasetFolder, split: str) -> Task:
+        """Return the task of predicting a split of a dataset folder.
+
+        Raises
+        ------
+        DataError
+            If there is no such split.
+        """
+        return cls(
+            split=split,
+            ids=folder.ids(split),
+            train_ids=folder.ids(TRAIN) if TRAIN in folder.manifest.splits else (),
+            version=folder.manifest.version,
+            manifest_sha256=folder.manifest_sha256,
+        )
+
+
+class Scope(Protocol):
+    """The dataset as far as a run needs it."""
+
+    @property
+    def task(self) -> Task:
+        """What is to be predicted."""
+        ...
+
+    def sample(self, object_id: str) -> SampleView:
+        """Return an object as the method may see it."""
+        ...
+
+    def train(self) -> Examples:
+        """Return what the method may learn from."""
+        ...
+
+    def command(self) -> str:
+        """Return the command that runs this again; asked when all is predicted."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class FolderScope:
+    """A dataset folder in the process of the method, which could read all of it.
+
+    Parameters
+    ----------
+    folder, task
+        The dataset, and what of it is predicted.
+    reads
+        What the method declared.
+    target
+        ``density`` or ``apparent_density``.
+    pictures
+        Where colour pictures come from, if there are any.
+    told_command
+        That runs this again.
+    """
+
+    folder: DatasetFolder
+    task: Task
+    reads: Modality
+    target: Target = "density"
+    pictures: PictureSource | None = None
+    told_command: str = ""
+
+    def sample(self, object_id: str) -> SampleView:
+        """Return an object as the method may see it."""
+        return SampleView(self.folder, object_id, self.reads, self.pictures, self.target)
+
+    def train(self) -> Examples:
+        """Return the training split."""
+        return Examples(self.folder, TRAIN, self.reads, self.target, self.pictures)
+
+    def command(self) -> str:
+        """Return the command that runs this again."""
+        return self.told_command
