@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import click
@@ -30,8 +31,21 @@ __all__ = ["serve"]
     help="Port to listen at.",
 )
 @click.option("--settings", type=FILE, help="TOML with the limits of the desk.")
+@click.option(
+    "--trusted-proxy",
+    "trusted_proxies",
+    metavar="ADDRESS",
+    multiple=True,
+    help="Address or network of a proxy whose X-Forwarded-For is believed. Repeatable.",
+)
 def serve(
-    root: Path | str | None, results: Path, state: Path, host: str, port: int, settings: Path | None
+    root: Path | str | None,
+    results: Path,
+    state: Path,
+    host: str,
+    port: int,
+    settings: Path | None,
+    trusted_proxies: tuple[str, ...],
 ) -> None:
     """Serve the web app: leaderboard, object explorer, and a desk that takes submissions.
 
@@ -39,5 +53,6 @@ def serve(
     """
     from xden_bench.serve.site import Site, run
 
-    click.echo(f"http://{host}:{port} (stop with Ctrl-C)", err=True)
-    run(Site(open_reference(root, "test"), results, state, settings), host=host, port=port)
+    reference = open_reference(root, "test")
+    site = Site(reference, results, state, settings, trusted_proxies=trusted_proxies)
+    run(site, host=host, port=port, say=partial(click.echo, err=True))

@@ -1,143 +1,197 @@
-"""The web app put together: pages, look, and the server's guards. Needs the extra ``view``."""
+"""The web app put together: addresses, guards, and the server. Needs the extra ``view``."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Awaitable, Callable, MutableMapping
+import socket
+from collections.abc import Awaitable, Callable, MutableMapping, Sequence
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Final
 
 import gradio as gr
-from starlette.middleware import Middleware
+import uvicorn
+from fastapi import FastAPI
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, RedirectResponse, Response
+from starlette.routing import BaseRoute, Route
 
+from xden1k.errors import DataError, MissingObjectError
 from xden_bench.serve.desk import Desk
 from xden_bench.serve.explorer import Explorer
-from xden_bench.serve.page_board import board_page
-from xden_bench.serve.page_explore import explore_page
-from xden_bench.serve.page_submit import submit_page, visitor_memory
-from xden_bench.serve.told import PRIVATE
+from xden_bench.serve.incoming import Incoming
+from xden_bench.serve.page_board import board_routes
+from xden_bench.serve.page_explore import CSS, explore_app
+from xden_bench.serve.page_submit import submit_routes
+from xden_bench.serve.render import STATIC, render, static
+from xden_bench.serve.standings import Standings
 
-__all__ = ["HEADERS", "Guard", "build_app", "launch"]
+__all__ = ["Guard", "build_app", "headers", "listen", "serve"]
 
 Message = MutableMapping[str, Any]
 Send = Callable[[Message], Awaitable[None]]
 
-HEADERS: Final = {
-    "content-security-policy": (
-        "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; "
-        "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
-        "connect-src 'self' data: blob:; worker-src 'self' blob:; object-src 'none'; "
-        "base-uri 'self'"
-    ),
-    "x-content-type-options": "nosniff",
-    "referrer-policy": "same-origin",
-}
-"""Of every answer: a page may load nothing from elsewhere, whatever gradio would like to."""
-
-CSS: Final = """
-.gradio-container {
-  width: 100%; min-width: 0; max-width: min(1280px, 100vw) !important; margin: auto;
-  box-sizing: border-box; overflow-x: clip;
-}
-.gradio-container .column, .gradio-container .block, .gradio-container .form { min-width: 0 }
-.note { font-size: 0.92em; opacity: 0.85 }
-#chart { max-width: 900px }
-#status progress { width: 100%; height: 0.9em }
-#board td, #problems td, #parts td { overflow-wrap: anywhere }
-@media (hover: none) {
-  .header-cell .cell-menu-button { display: flex !important }
-  .header-cell .cell-wrap { padding-right: 2em }
-}
-@media (max-width: 640px) {
-  .gradio-container .row, .gradio-container .form { flex-direction: column }
-  .gradio-container .row > * { width: 100%; min-width: 0 !important }
-  .gradio-container { padding: 6px !important }
-  .gradio-container table { font-size: 0.82em }
-}
-"""
-CACHE_SECONDS: Final = (600, 3600)
-"""How often gradio's copies of files are looked through, and the age at which they go."""
+OBJECTS: Final = "/objects"
+"""Where gradio's page is; the others are plain."""
 AT_ONCE: Final = 4
-"""Events answered at the same time."""
+"""Events of the explorer answered at the same time."""
+_PLAIN: Final = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; style-src-attr 'unsafe-inline'; "
+    "img-src 'self' data:; connect-src 'self'; form-action 'self'; base-uri 'none'"
+)
+_GRADIO: Final = (
+    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; "
+    "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
+    "connect-src 'self' data: blob:; worker-src 'self' blob:; object-src 'none'; "
+    "base-uri 'self'; form-action 'self'"
+)
+_SPACES: Final = "https://huggingface.co"
 
 
-def build_app(desk: Desk, scratch: Path, *, login: bool = False) -> gr.Blocks:
-    """Build the three pages over a desk.
+def build_app(desk: Desk, standings: Standings, folder: Path, *, login: bool = False) -> FastAPI:
+    """Build the pages over a desk.
 
     Parameters
     ----------
     desk
-        Has the entries, takes files, and knows the dataset.
-    scratch
-        Empty folder for 3D models.
+        Takes files, and knows the dataset.
+    standings
+        Has the entries and their ranks.
+    folder
+        For files on their way in and for 3D models; emptied.
     login
         Whether whoever sends a file must log in with Hugging Face (in a Space of theirs).
     """
     os.environ["GRADIO_ANALYTICS_ENABLED"] = "False"
-    explorer = Explorer(desk.reference.folder, desk.upload_of, scratch)
-    app = gr.Blocks(title="XDen-1K benchmark", analytics_enabled=False, delete_cache=CACHE_SECONDS)
-    with app:
-        gr.Markdown(
-            "# XDen-1K benchmark\n\nHow dense is every voxel of an object, where is its centre of "
-            "mass, and what does it weigh?"
-        )
-        memory = visitor_memory()
-        with gr.Tabs():
-            with gr.Tab("Leaderboard", id="leaderboard") as first:
-                board = board_page(desk.entries, desk.results)
-            with gr.Tab("Objects", id="objects") as second:
-                fill_objects_on = explore_page(explorer, desk.entries, desk.results)
-            with gr.Tab("Submit", id="submit") as third:
-                sent = submit_page(desk, memory, login=login)
-        app.load(*board, **PRIVATE)
-        app.load(*sent, show_progress="hidden", **PRIVATE)
-        third.select(*sent, show_progress="hidden", **PRIVATE)
-        first.select(*board, show_progress="hidden", **PRIVATE)
-        fill_objects_on(second.select)
-    return app
+    routes: list[BaseRoute] = [
+        Route("/", lambda _: RedirectResponse("/board")),
+        Route("/static/{name}", _static),
+        *board_routes(standings),
+        *submit_routes(desk, standings, Incoming(folder / "incoming", desk.limits), login=login),
+    ]
+    app = FastAPI(
+        routes=routes,
+        openapi_url=None,
+        exception_handlers={MissingObjectError: _missing, HTTPStatus.NOT_FOUND: _missing},
+    )
+    if login:
+        from huggingface_hub import attach_huggingface_oauth
 
-
-def launch(app: gr.Blocks, desk: Desk, *, host: str, port: int, block: bool = True) -> str:
-    """Serve the app; returns its address at once if it does not block.
-
-    Raises
-    ------
-    OSError
-        If the port is taken.
-    """
-    app.queue(api_open=False, default_concurrency_limit=AT_ONCE)
-    _, address, _ = app.launch(
-        server_name=host,
-        server_port=port,
-        share=False,
-        prevent_thread_lock=not block,
-        show_error=True,
-        quiet=True,
+        attach_huggingface_oauth(app)
+    models = folder / "models"
+    models.mkdir(exist_ok=True)
+    explorer = Explorer(desk.reference.folder, desk.upload_of, models)
+    blocks = explore_app(explorer, standings)
+    blocks.queue(api_open=False, default_concurrency_limit=AT_ONCE)
+    gr.mount_gradio_app(
+        app,
+        blocks,
+        OBJECTS,
         footer_links=[],
-        max_file_size=desk.limits.upload_bytes,
+        show_error=True,
         ssr_mode=False,
-        app_kwargs={"middleware": [Middleware(Guard)]},
         theme=gr.themes.Default(
             font=["system-ui", "sans-serif"], font_mono=["ui-monospace", "monospace"]
         ),
         css=CSS,
     )
-    return str(address)
+    app.add_middleware(Guard, embedded=login)
+    return app
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """Take an address, before anything else is begun.
+
+    Raises
+    ------
+    DataError
+        If it cannot be had.
+    """
+    try:
+        return socket.create_server((host, port), family=_family(host))
+    except OSError as err:
+        raise DataError(f"cannot listen at {host}, port {port}: {err.strerror}") from err
+
+
+def serve(app: FastAPI, listener: socket.socket, trusted_proxies: Sequence[str]) -> None:
+    """Serve until interrupted.
+
+    Parameters
+    ----------
+    app
+        From :func:`build_app`.
+    listener
+        From :func:`listen`.
+    trusted_proxies
+        Addresses or networks whose ``X-Forwarded-For`` is believed: a visitor is then the last
+        address in it that is none of theirs. Nobody else's is.
+    """
+    config = uvicorn.Config(
+        app,
+        log_level="warning",
+        proxy_headers=bool(trusted_proxies),
+        forwarded_allow_ips=list(trusted_proxies),
+        server_header=False,
+    )
+    uvicorn.Server(config).run([listener])
+
+
+def headers(path: str, *, embedded: bool) -> dict[str, str]:
+    """Return what goes with every answer: a page may load nothing from elsewhere.
+
+    Parameters
+    ----------
+    path
+        What was asked for.
+    embedded
+        Whether the pages may stand in a page of Hugging Face; else in none but their own.
+    """
+    policy = _GRADIO if path.startswith(OBJECTS) else _PLAIN
+    ancestors = f"'self' {_SPACES}" if embedded else "'self'"
+    return {
+        "content-security-policy": f"{policy}; frame-ancestors {ancestors}",
+        "x-content-type-options": "nosniff",
+        "referrer-policy": "same-origin",
+        "cross-origin-opener-policy": "same-origin",
+        "permissions-policy": "camera=(), geolocation=(), microphone=()",
+    }
 
 
 class Guard:
-    """Puts :data:`HEADERS` on every answer of a web application."""
+    """Puts :func:`headers` on every answer, and keeps files from the explorer, which needs none."""
 
-    def __init__(self, app: Callable[..., Awaitable[None]]) -> None:
-        self._app = app
+    def __init__(self, app: Callable[..., Awaitable[None]], *, embedded: bool) -> None:
+        self._app, self._embedded = app, embedded
 
     async def __call__(self, scope: Message, receive: Callable[..., Any], send: Send) -> None:
         """Answer a request."""
+        path = scope.get("path", "")
 
         async def guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
-                extra = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
+                ours = headers(path, embedded=self._embedded)
+                extra = [(name.encode(), value.encode()) for name, value in ours.items()]
                 message = {**message, "headers": [*message.get("headers", []), *extra]}
             await send(message)
 
-        await self._app(scope, receive, guarded)
+        if path.startswith(OBJECTS) and "/upload" in path:
+            await Response("no files here", HTTPStatus.FORBIDDEN)(scope, receive, guarded)
+        else:
+            await self._app(scope, receive, guarded)
+
+
+def _static(request: Request) -> Response:
+    name = request.path_params["name"]
+    if name not in STATIC:
+        raise MissingObjectError("there is no such file")
+    return Response(static(name), media_type=STATIC[name])
+
+
+async def _missing(_: Request, err: Exception) -> Response:
+    said = str(err) if isinstance(err, MissingObjectError) else "There is no such page."
+    page = render("problem", page="", title="Not found", said=said)
+    return HTMLResponse(page, HTTPStatus.NOT_FOUND)
+
+
+def _family(host: str) -> socket.AddressFamily:
+    return socket.AF_INET6 if ":" in host else socket.AF_INET

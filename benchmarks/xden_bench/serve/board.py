@@ -1,158 +1,300 @@
-"""What the leaderboard page shows, as plain tables. Text of strangers stays text."""
+"""What the leaderboard page shows, for its template. Text of strangers stays text."""
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final
+from urllib.parse import urlencode
 
 import numpy as np
 
+from xden1k.errors import MissingObjectError
 from xden1k.values.types import PRIVATE
-from xden_bench.entries.leaderboard import tables
-from xden_bench.entries.ranking import TRIVIAL, Entry, ranks, unranked_because
+from xden_bench.entries.leaderboard import TRACK_TITLES
+from xden_bench.entries.ranking import Entry, unranked_because
 from xden_bench.entries.result import entry_path
+from xden_bench.entries.standing import rank_label
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.protocol import load_protocol
+from xden_bench.serve.names import alphabets, is_link
+from xden_bench.serve.standings import Snapshot, Table, place_of
 
 __all__ = [
+    "ORACLE",
+    "Asked",
     "best_first",
-    "board_table",
-    "boards",
-    "entry_at",
+    "board_values",
     "facts",
     "group_table",
     "how_made",
+    "kind",
+    "link",
     "metric_choices",
-    "trivial",
 ]
 
-Rows = list[list[Any]]
+RESULTS: Final = "benchmarks/results"
+"""Where entries lie in a checkout, for the commands that are shown."""
+ORACLE: Final = "oracle"
+"""What the reason of a row begins with that is told what only the truth tells."""
+_KEY_DIGITS: Final = 8
 
-KEY_DIGITS: Final = 8
-"""Of the submission's checksum: the key of a row, its last column."""
-BEFORE: Final = ("rank", "tie", "method", "source")
-AFTER: Final = ("looks at", "trained on", "external data", "status", "date", "submission")
 
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What a visitor asked for; None = the first.
 
-def boards(entries: Iterable[Entry]) -> dict[str, dict[str, Sequence[Entry]]]:
-    """Sort entries into the tables they may be compared in: by title, then by track.
-
-    A title has source, split, target, dataset, protocol and, where it is old, metric version.
-    Nothing is ranked across.
+    Parameters
+    ----------
+    table
+        From :func:`_address`.
+    track
+        Of the table.
+    metric
+        That sorts it.
+    row
+        Place of an entry, which is shown in full: its table and track hold, whatever else is asked.
     """
-    found: dict[str, dict[str, Sequence[Entry]]] = {}
-    for rows in tables(entries):
-        found.setdefault(_title(rows[0]), {})[rows[0]["track"]] = rows
-    return found
+
+    table: str | None = None
+    track: str | None = None
+    metric: str | None = None
+    row: str | None = None
 
 
-def metric_choices(rows: Sequence[Entry]) -> list[tuple[str, str]]:
-    """Heading and name of each metric that a row of a table has, the ranking one first."""
+def board_values(snapshot: Snapshot, asked: Asked) -> dict[str, Any]:
+    """Return everything the template names but the chart.
+
+    Raises
+    ------
+    MissingObjectError
+        If there is no such table, track, metric or row.
+    """
+    if not snapshot.tables:
+        return {"is_current": snapshot.is_current, "rows": [], "unranked": []}
+    table, tracks = _chosen(snapshot, asked)
+    first = table.rows[0]
+    asked = replace(asked, table=_address(first), track=first["track"])
+    names = metric_choices(table.rows)
+    metric = asked.metric or names[0]
+    if metric not in names:
+        raise MissingObjectError(f"no row of the table has the metric {metric}")
+    names = [metric, *(name for name in names if name != metric)]
+    ordered = best_first(table.rows, metric)
+    shown = [_line(row, table, names, asked) for row in ordered]
+    return {
+        "is_current": snapshot.is_current,
+        "title": _title(first),
+        "track": first["track"],
+        "metric": metric,
+        "table": table,
+        "titles": _titles(snapshot, asked),
+        "tracks": [
+            {
+                "name": one,
+                "title": TRACK_TITLES[one],
+                "href": link(Asked(table=asked.table, track=one)),
+                "chosen": one == asked.track,
+            }
+            for one in tracks
+        ],
+        "headings": [_heading(name, metric, asked) for name in names],
+        "ranked_by": METRICS[load_protocol(first["protocol"]).rank_by].title,
+        "rows": [one for one in shown if one["rank"]],
+        "unranked": [one for one in shown if not one["rank"]],
+        "groups": list(_groups(ordered, metric)),
+    }
+
+
+def link(asked: Asked) -> str:
+    """Return the address of the page that shows something."""
+    pairs = {"table": asked.table, "track": asked.track, "metric": asked.metric, "row": asked.row}
+    if asked.row:
+        name = asked.row.rpartition("/")[2]
+        return f"/board?{urlencode({'row': asked.row}, safe='/')}#{name}"
+    return f"/board?{urlencode({key: text for key, text in pairs.items() if text}, safe='/')}"
+
+
+def metric_choices(rows: Sequence[Entry]) -> list[str]:
+    """Name of each metric that a row of a table has, the ranking one first."""
     first = load_protocol(rows[0]["protocol"]).rank_by
     names = [name for name in METRICS if any(name in row["metrics"] for row in rows)]
-    names.sort(key=lambda name: name != first)
-    return [(METRICS[name].heading, name) for name in names]
+    return sorted(names, key=lambda name: name != first)
 
 
-def trivial(row: Entry) -> bool:
-    """Whether a row is one of a trivial method."""
-    return unranked_because(row) == TRIVIAL
+def kind(row: Entry) -> str:
+    """Say why a row stands apart: ``trivial``, ``oracle: ...`` or another reason; else nothing."""
+    return unranked_because(row) or ""
 
 
 def best_first(rows: Sequence[Entry], metric: str) -> list[Entry]:
-    """Rows that have a metric, best mean first, equal ones by name."""
-    rows = [row for row in rows if metric in row["metrics"]]
-    means = np.array([row["metrics"][metric]["mean"] for row in rows], dtype=np.float64)
+    """Rows that have a metric, best mean first, equal ones by name; then the others."""
+    have = [row for row in rows if metric in row["metrics"]]
+    means = np.array([row["metrics"][metric]["mean"] for row in have], dtype=np.float64)
     losses = METRICS[metric].loss(means).tolist()
-    order = sorted(range(len(rows)), key=lambda at: (losses[at], rows[at]["method"]["name"]))
-    return [rows[place] for place in order]
+    order = sorted(range(len(have)), key=lambda at: (losses[at], have[at]["method"]["name"]))
+    return [*(have[at] for at in order), *(row for row in rows if metric not in row["metrics"])]
 
 
-def board_table(rows: Sequence[Entry], metric: str) -> tuple[list[str], Rows]:
-    """Headings and rows of the leaderboard, best in the metric first.
-
-    The rank is that of the ranking metric, whichever metric is chosen; a tie is a rank that rows
-    share. Means are numbers, so that a table sorts by them; the chosen metric has its
-    interval beside it.
-    """
-    others = [name for _, name in metric_choices(rows) if name != metric]
-    found = ranks(rows)
-    standing = {
-        _key(row): [rank, "=" if rank is not None and found.count(rank) > 1 else ""]
-        for row, rank in zip(rows, found, strict=True)
-    }
-    interval = f"95 % interval of {METRICS[metric].title}"
-    headings = [*BEFORE, METRICS[metric].heading, interval]
-    headings += [*(METRICS[name].heading for name in others), *AFTER]
-    ordered = best_first(rows, metric)
-    return headings, [[*standing[_key(row)], *_row(row, metric, others)] for row in ordered]
-
-
-def entry_at(rows: Sequence[Entry], cells: Sequence[Any]) -> Entry | None:
-    """Find the entry of a row of :func:`board_table`, however the page has sorted it."""
-    return next((row for row in rows if cells and _key(row) == cells[-1]), None)
-
-
-def group_table(rows: Sequence[Entry], metric: str, by: str) -> tuple[list[str], Rows]:
+def group_table(rows: Sequence[Entry], metric: str, by: str) -> tuple[list[str], list[list[str]]]:
     """Headings and rows of the table by ``category`` or ``size``: one column for each method.
 
     No rows of the split private: a group may be a single object, whose score tells its answer.
     """
-    ordered = best_first(rows, metric)
-    shown = [row for row in ordered if row["dataset"]["split"] != PRIVATE]
+    shown = [row for row in rows if row["dataset"]["split"] != PRIVATE]
     groups = list(dict.fromkeys(name for row in shown for name in row[f"by_{by}"]))
     table = []
     for group in groups:
-        found = [row[f"by_{by}"].get(group) for row in ordered]
+        found = [row[f"by_{by}"].get(group) for row in rows]
         count = max(one["n_objects"] for one in found if one)
-        table.append([group, count, *(_group_cell(one, metric) for one in found)])
-    return [by, "objects", *(row["method"]["name"] for row in ordered)], table
+        table.append([group, str(count), *(_group_cell(one, metric) for one in found)])
+    return [by, "objects", *(row["method"]["name"] for row in rows)], table
 
 
-def how_made(row: Entry, results: Path) -> str:
+def how_made(row: Entry) -> str:
     """Return the commands that make a row again, and those that check it."""
     method = row["method"]
-    place = shlex.quote((results / entry_path(row)).as_posix())
-    commit = f", commit {_line(row['commit'])}" if row["commit"] else ""
+    commit = f", commit {_one_line(row['commit'])}" if row["commit"] else ""
     lines = [
-        f"# xden1k {_line(row['xden_version'])}{commit}",
-        f"# dataset {_line(row['dataset']['revision'])}, manifest sha256 "
+        f"# xden1k {_one_line(row['xden_version'])}{commit}",
+        f"# dataset {_one_line(row['dataset']['revision'])}, manifest sha256 "
         f"{row['dataset']['manifest_sha256']}",
-        *(_line(command) for command in (method["command"], row["command"]) if command),
+        *(_one_line(command) for command in (method["command"], row["command"]) if command),
         "",
         "# compare every number with the stored entry",
-        f"xden-bench verify {place}",
+        f"xden-bench verify {shlex.quote(f'{RESULTS}/{entry_path(row).as_posix()}')}",
     ]
     return "\n".join(lines)
 
 
-def facts(row: Entry) -> Rows:
-    """Return what a row says of itself, one line each: name and text."""
+def facts(row: Entry) -> list[tuple[str, str, bool]]:
+    """Return what a row says of itself: name, text, and whether the text may be a link."""
     method = row["method"]
-    reason = unranked_because(row)
+    links = {key: method[key] for key in ("paper", "code")}
     pairs = {
-        "method": method["name"],
-        "not ranked": reason,
+        "not ranked": kind(row),
         "notes": method["notes"],
-        "paper": method["paper"],
-        "code": method["code"],
+        **links,
+        "external data": "yes" if method["external_data"] else "no",
         "seconds per object": method["seconds_per_object"],
         "objects": row["n_objects"],
         "submission sha256": row["submission_sha256"],
         **{f"footnote {place}": text for place, text in enumerate(row["warnings"], start=1)},
+        **{f"letters in {key}": alphabets(text or "") for key, text in links.items()},
     }
-    return [[name, str(text)] for name, text in pairs.items() if text not in (None, "")]
+    return [
+        (name, str(text), name in links and is_link(str(text)))
+        for name, text in pairs.items()
+        if text not in (None, "")
+    ]
+
+
+def _chosen(snapshot: Snapshot, asked: Asked) -> tuple[Table, list[str]]:
+    """Return the table asked for, and the tracks beside it."""
+    address, track = asked.table, asked.track
+    if asked.row is not None:
+        table = snapshot.table_of(asked.row)
+        if table is None:
+            raise MissingObjectError("there is no such row")
+        address, track = _address(table.rows[0]), table.rows[0]["track"]
+    address = address or _address(snapshot.tables[0].rows[0])
+    beside = {
+        one.rows[0]["track"]: one for one in snapshot.tables if _address(one.rows[0]) == address
+    }
+    track = track or next(iter(beside), "")
+    if track not in beside:
+        raise MissingObjectError("there is no such table")
+    return beside[track], list(beside)
+
+
+def _titles(snapshot: Snapshot, asked: Asked) -> list[dict[str, Any]]:
+    found = {_address(table.rows[0]): _title(table.rows[0]) for table in snapshot.tables}
+    return [
+        {"value": value, "title": title, "chosen": value == asked.table}
+        for value, title in found.items()
+    ]
+
+
+def _heading(name: str, metric: str, asked: Asked) -> dict[str, Any]:
+    chosen = Asked(table=asked.table, track=asked.track, metric=name)
+    return {
+        "heading": METRICS[name].heading,
+        "href": link(chosen),
+        "chosen": name == metric,
+        "sort": "descending" if METRICS[name].higher_is_better else "ascending",
+    }
+
+
+def _groups(rows: Sequence[Entry], metric: str) -> Iterator[dict[str, Any]]:
+    titles = {"category": "By category", "size": "By size of the object"}
+    for by, title in titles.items():
+        headings, cells = group_table(rows, metric, by)
+        if cells:
+            yield {
+                "title": f"{title}: {METRICS[metric].heading}",
+                "headings": headings,
+                "rows": cells,
+            }
+
+
+def _line(row: Entry, table: Table, names: Sequence[str], asked: Asked) -> dict[str, Any]:
+    """Return a row of the table, for the template."""
+    method, place = row["method"], place_of(row)
+    rank = table.ranks[table.rows.index(row)]
+    opened, team = place == asked.row, (row.get("team") or {}).get("name", "")
+    return {
+        "rank": "" if rank is None else rank_label(rank, table.ranks),
+        "name": method["name"],
+        "team": team,
+        "alphabets": alphabets(team),
+        "kind": kind(row),
+        "href": link(Asked(row=place)),
+        "anchor": place.rpartition("/")[2],
+        "figures": [_value(row["metrics"].get(name)) for name in names],
+        "inputs": ", ".join(method["inputs"]) or "nothing",
+        "trained_on": ", ".join(method["training_data"]) or "nothing",
+        "status": row["status"],
+        "date": row["date"],
+        "facts": facts(row) if opened else [],
+        "how": how_made(row) if opened else "",
+    }
+
+
+def _value(found: Mapping[str, Any] | None) -> dict[str, str]:
+    if found is None:
+        return {"mean": "", "interval": ""}
+    return {"mean": f"{found['mean']:.3f}", "interval": _interval(found)}
+
+
+def _interval(found: Mapping[str, Any]) -> str:
+    """Return an interval as it is printed; nothing where there is none."""
+    if not found.get("ci95"):
+        return ""
+    low, high = found["ci95"]
+    return f"[{low:.3f}, {high:.3f}]"
+
+
+def _group_cell(group: Mapping[str, Any] | None, metric: str) -> str:
+    if group is None or metric not in group["metrics"]:
+        return ""
+    found = group["metrics"][metric]
+    return f"{found['mean']:.3f} {_interval(found)}".rstrip()
 
 
 def _title(row: Entry) -> str:
     data = row["dataset"]
     return (
         f"{data['source']} · {data['split']} · {row['target']} · "
-        f"dataset {data['revision']} ({data['manifest_sha256'][:KEY_DIGITS]}) · "
+        f"dataset {data['revision']} ({data['manifest_sha256'][:_KEY_DIGITS]}) · "
         f"protocol {row['protocol']}{_version(row)}"
     )
+
+
+def _address(row: Entry) -> str:
+    """Name a table without its track, for links."""
+    place = entry_path(row).parent.parent.as_posix()
+    return f"{place}@{row['metric_version']}" if _version(row) else place
 
 
 def _version(row: Entry) -> str:
@@ -162,41 +304,6 @@ def _version(row: Entry) -> str:
     return "" if version == newest else f", old metric version {version}"
 
 
-def _key(row: Entry) -> str:
-    return str(row["submission_sha256"][:KEY_DIGITS])
-
-
-def _row(row: Entry, metric: str, others: Sequence[str]) -> list[Any]:
-    method, found = row["method"], row["metrics"]
-    mark = " (trivial)" if trivial(row) else ""
-    low, high = found[metric]["ci95"]
-    return [
-        f"{method['name']}{mark}",
-        row["dataset"]["source"],
-        _rounded(found[metric]["mean"]),
-        f"{low:.3f} to {high:.3f}",
-        *(_rounded(found[name]["mean"]) if name in found else None for name in others),
-        ", ".join(method["inputs"]) or "nothing",
-        ", ".join(method["training_data"]) or "nothing",
-        "yes" if method["external_data"] else "no",
-        row["status"],
-        row["date"],
-        _key(row),
-    ]
-
-
-def _group_cell(group: Mapping[str, Any] | None, metric: str) -> str:
-    if group is None or metric not in group["metrics"]:
-        return ""
-    found = group["metrics"][metric]
-    low, high = found["ci95"]
-    return f"{found['mean']:.3f} [{low:.3f}, {high:.3f}]"
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.4g}")
-
-
-def _line(text: str) -> str:
+def _one_line(text: str) -> str:
     """Text of a stranger on one line."""
     return " ".join(text.split())

@@ -103,7 +103,22 @@ class Desk:
             opened.callback(self._runner.stop)
             self._opened = opened.pop_all()
 
-    def submit(self, upload: Path, *, user: str, filename: str) -> Ticket:
+    def check(self, user: str) -> None:
+        """See whether a user may send a file now, before it is received.
+
+        Raises
+        ------
+        TurnedAwayError
+            If not.
+        """
+        pseudonym = self._pseudonym(user)
+        try:
+            self._store.check(pseudonym, self.limits)
+        except TurnedAwayError as away:
+            self._note_turned_away(pseudonym, away)
+            raise
+
+    def submit(self, upload: Path, *, user: str, filename: str, check_only: bool = False) -> Ticket:
         """Take a file; it is copied, the upload can go.
 
         Parameters
@@ -114,6 +129,8 @@ class Desk:
             Whom the limits count by, such as a login or an address; only a keyed hash is kept.
         filename
             As the user calls it.
+        check_only
+            Whether to say what is wrong with it, and neither score nor enter it.
 
         Raises
         ------
@@ -125,7 +142,7 @@ class Desk:
         pseudonym = self._pseudonym(user)
         try:
             try:
-                ticket = self._take(upload, pseudonym, filename)
+                ticket = self._take(upload, pseudonym, filename, check_only)
             except (OSError, sqlite3.OperationalError) as err:
                 if isinstance(err, OSError) and not is_full(err):
                     raise
@@ -171,7 +188,7 @@ class Desk:
     ) -> None:
         self.close()
 
-    def _take(self, upload: Path, user: str, filename: str) -> Ticket:
+    def _take(self, upload: Path, user: str, filename: str, check_only: bool) -> Ticket:
         """Copy a file and queue it."""
         self._store.check(user, self.limits)  # before any copying
         ticket_id = secrets.token_urlsafe(16)
@@ -179,7 +196,7 @@ class Desk:
         partial = path.with_suffix(".partial")
         try:
             copy = copy_upload(upload, partial, self.limits)
-            ticket = self._ticket(ticket_id, filename, copy)
+            ticket = self._ticket(ticket_id, filename, copy, check_only)
             self._store.admit(ticket, user, self.limits, lambda: self._keep(ticket, partial))
         except BaseException:
             partial.unlink(missing_ok=True)
@@ -198,9 +215,10 @@ class Desk:
         partial.replace(self._upload(ticket.ticket_id))
         sync_folder(self._uploads)
 
-    def _ticket(self, ticket_id: str, filename: str, copy: Copy) -> Ticket:
+    def _ticket(self, ticket_id: str, filename: str, copy: Copy, check_only: bool) -> Ticket:
         sent = datetime.datetime.fromtimestamp(self._clock(), tz=datetime.UTC)
-        return Ticket(ticket_id, _printable(filename), copy.sha256, copy.size_bytes, sent)
+        about = (_printable(filename), copy.sha256, copy.size_bytes, sent)
+        return Ticket(ticket_id, *about, check_only)
 
     def _note_turned_away(self, user: str, away: TurnedAwayError) -> None:
         try:

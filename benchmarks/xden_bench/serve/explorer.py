@@ -14,7 +14,6 @@ import numpy as np
 import pyarrow.parquet as pq
 from jaxtyping import Float
 from matplotlib.cm import ScalarMappable
-from PIL.Image import Image as Picture
 
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
@@ -26,6 +25,7 @@ from xden_bench.entries.result import entry_path
 from xden_bench.scoring.expand import grid_of_parts, part_shares
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.serve import figures, glb
+from xden_bench.serve.figures import Picture
 
 __all__ = ["COLOURS", "PART_HEADINGS", "Colour", "Explorer", "Fields", "best_and_worst"]
 

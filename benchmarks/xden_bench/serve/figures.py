@@ -1,31 +1,36 @@
-"""Pictures of the web app: radiographs, slices, colour bars, intervals. Needs the extra ``view``.
+"""Pictures of the web app as SVG: radiographs, slices, colour bars, intervals. Extra ``view``.
 
 Colour scales are perceptually uniform and safe for the colour-blind: ``viridis`` for densities
 and their deviations, ``cividis`` for the size of an error, ``RdBu`` for signed differences.
-Every figure is white, so that it reads the same on a light page and on a dark one.
+Figures have no ground, and their text is text in the colour of the page's own, so that they read
+on a light page and on a dark one, whichever it becomes.
 """
 
 from __future__ import annotations
 
+import io
+import re
 from collections.abc import Mapping, Sequence
+from html import escape
+from threading import Lock
 from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib import colormaps
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib import colormaps, rc_context
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from PIL import Image as Pictures
 
 from xden1k.pictures import looks
 from xden1k.pictures.radiographs import MADE_WORDS, Comparison
 from xden1k.values.arrays import Vec3
+from xden_bench.serve.board import ORACLE
 
 __all__ = [
     "AXES",
+    "Picture",
     "bar_picture",
     "density_scale",
     "error_scale",
@@ -35,12 +40,16 @@ __all__ = [
     "slice_picture",
 ]
 
-Picture = Pictures.Image
+Picture = str
+"""An SVG element, with a text for those who do not see it."""
 Entry = Mapping[str, Any]
 
 AXES: Final = ("x", "y", "z")
-INK, FAINT, NO_VALUE = "#1b1b1b", "#666666", "#bdbdbd"
-"""Text, marks, and pixels without a value."""
+INK, FAINT, NO_VALUE = "#010203", "#8a8a8a", "#bdbdbd"
+"""Text, which becomes the page's colour; lines; and pixels without a value."""
+RANKED: Final = "#1a7fae"
+NOTHING: Final = "none"
+_DRAWING = Lock()  # matplotlib's settings are one for all threads
 DPI: Final = 150
 
 
@@ -109,7 +118,7 @@ def slice_picture(
     Parameters
     ----------
     plane
-        The other two axes in their order; masked or nan is drawn white.
+        The other two axes in their order; masked or nan is left blank.
     axis
         That the plane is perpendicular to: 0, 1 or 2.
     origin_cm
@@ -128,7 +137,7 @@ def slice_picture(
     width, height = voxel_size_cm * np.array(plane.shape)
     extent = (low[across], low[across] + width, low[up], low[up] + height)
     figure, axes = _sheet(4.0, 4.1)
-    _show(axes, plane.T, scale, "white", origin="lower", extent=extent)
+    _show(axes, plane.T, scale, NOTHING, origin="lower", extent=extent)
     half = 0.56 * float(np.ptp(limits_cm[[across, up]], axis=1).max())
     middle = limits_cm.mean(axis=1)
     axes.set_xlim(middle[across] - half, middle[across] + half)
@@ -137,7 +146,7 @@ def slice_picture(
     axes.set_ylabel(f"{AXES[up]}, cm", fontsize=10, color=INK)
     axes.set_title(title, fontsize=11, color=INK, loc="left")
     _bar(figure, axes, scale, label)
-    return _picture(figure)
+    return _picture(figure, f"Slice perpendicular to {AXES[axis]}: {title}, {label}")
 
 
 def bar_picture(scale: ScalarMappable, label: str) -> Picture:
@@ -145,15 +154,15 @@ def bar_picture(scale: ScalarMappable, label: str) -> Picture:
     figure, axes = _sheet(6.0, 0.65)
     bar = figure.colorbar(scale, cax=axes, orientation="horizontal")
     bar.outline.set_linewidth(0.4)
-    axes.tick_params(labelsize=9, length=2, width=0.4, colors=FAINT)
+    axes.tick_params(labelsize=9, length=2, width=0.4, colors=INK)
     axes.set_xlabel(label, fontsize=10, color=INK, labelpad=2)
-    return _picture(figure)
+    return _picture(figure, f"Colour scale: {label}")
 
 
 def interval_picture(
-    rows: Sequence[Entry], metric: str, heading: str, trivial: Sequence[bool]
+    rows: Sequence[Entry], metric: str, heading: str, apart: Sequence[str]
 ) -> Picture:
-    """Draw mean and 95 % interval of each entry, best on top.
+    """Draw mean and 95 % interval of each ranked entry, best on top, then of the others in grey.
 
     Parameters
     ----------
@@ -161,25 +170,33 @@ def interval_picture(
         In the order of the table, best first.
     metric, heading
         Which, and its title with the unit.
-    trivial
-        Whether a row is one of a trivial method: drawn grey and hollow.
+    apart
+        Why a row is not ranked; empty where it is. An oracle is a dashed line through all rows.
     """
-    figure, axes = _sheet(7.5, 0.8 + 0.3 * len(rows))
-    for place, (row, is_trivial) in enumerate(zip(rows, trivial, strict=True)):
-        found = row["metrics"][metric]
-        low, high = found["ci95"]
-        colour = "#8a8a8a" if is_trivial else "#0b6e99"
-        axes.plot([low, high], [place, place], color=colour, linewidth=2.2)
-        face = "white" if is_trivial else colour
-        axes.plot(found["mean"], place, "o", color=colour, markerfacecolor=face, markersize=6.5)
-    names = [_short(row["method"]["name"]) for row in rows]
+    figure, axes = _sheet(6.0, 0.8 + 0.28 * len(rows))
+    pairs = sorted(zip(rows, apart, strict=True), key=lambda pair: bool(pair[1]))
+    for place, (row, reason) in enumerate(pairs):
+        if metric in row["metrics"]:
+            _interval(axes, place, row["metrics"][metric], reason)
+    names = [_short(row["method"]["name"]) for row, _ in pairs]
     axes.set_yticks(range(len(rows)), names, fontsize=10, parse_math=False, color=INK)
     axes.set(ylim=(len(rows) - 0.4, -0.6), xlim=(0, None))
-    axes.set_xlabel(f"{heading}, mean and 95 % interval", fontsize=10, color=INK)
-    axes.grid(axis="x", color="#dddddd", linewidth=0.6)
+    axes.set_xlabel(heading, fontsize=10, color=INK)
+    axes.grid(axis="x", color=FAINT, alpha=0.35, linewidth=0.6)
     axes.tick_params(length=0, labelcolor=INK)
     axes.spines[:].set_visible(False)
-    return _picture(figure)
+    return _picture(figure, f"{heading} of {len(rows)} methods, as in the table below")
+
+
+def _interval(axes: Any, place: int, found: Mapping[str, Any], reason: str) -> None:
+    """Draw one row of the chart."""
+    colour = FAINT if reason else RANKED
+    if reason.startswith(ORACLE):
+        axes.axvline(found["mean"], color=FAINT, linewidth=1.2, linestyle=(0, (4, 3)))
+    if found.get("ci95"):
+        axes.plot(found["ci95"], [place, place], color=colour, linewidth=2.2)
+    face = NOTHING if reason else colour
+    axes.plot(found["mean"], place, "o", color=colour, markerfacecolor=face, markersize=6.5)
 
 
 def _short(name: str) -> str:
@@ -205,21 +222,20 @@ def _radiograph(
     note = "; orange: no value" if np.isnan(image).any() else ""
     axes.set_title(title, fontsize=11, color=INK, loc="left")
     _bar(figure, axes, scale, label + note)
-    return _picture(figure)
+    return _picture(figure, f"{title}, {label}{note}")
 
 
 def _sheet(width: float, height: float) -> tuple[Figure, Any]:
-    """Return a white figure and its axes; inches."""
-    figure = Figure(figsize=(width, height), facecolor="white", layout="constrained", dpi=DPI)
-    FigureCanvasAgg(figure)
-    return figure, figure.add_subplot()
+    """Return a figure without a ground and its axes; inches."""
+    figure = Figure(figsize=(width, height), facecolor=NOTHING, layout="constrained", dpi=DPI)
+    return figure, figure.add_subplot(facecolor=NOTHING)
 
 
 def _show(axes: Any, image: np.ndarray, scale: ScalarMappable, nothing: str, **how: Any) -> None:
     cmap = scale.get_cmap().with_extremes(bad=nothing)
     axes.imshow(image, cmap=cmap, norm=scale.norm, interpolation="antialiased", **how)
-    axes.tick_params(labelsize=9, length=2, width=0.4, colors=FAINT)
-    axes.spines[:].set(linewidth=0.5, color="#c9c9c4")
+    axes.tick_params(labelsize=9, length=2, width=0.4, colors=INK)
+    axes.spines[:].set(linewidth=0.5, color=FAINT)
 
 
 def _bar(figure: Figure, axes: Any, scale: ScalarMappable, label: str) -> None:
@@ -227,12 +243,24 @@ def _bar(figure: Figure, axes: Any, scale: ScalarMappable, label: str) -> None:
     bar.locator = MaxNLocator(4)
     bar.update_ticks()
     bar.outline.set_linewidth(0.4)
-    bar.ax.tick_params(labelsize=9, length=2, width=0.4, colors=FAINT)
+    bar.ax.tick_params(labelsize=9, length=2, width=0.4, colors=INK)
     bar.set_label(label, fontsize=10, color=INK)
 
 
-def _picture(figure: Figure) -> Picture:
-    canvas = figure.canvas
-    canvas.draw()
-    rgba = np.asarray(canvas.buffer_rgba())  # type: ignore[attr-defined]
-    return Pictures.fromarray(rgba[..., :3].copy())
+def _picture(figure: Figure, words: str) -> Picture:
+    """Return a figure as an element of a page.
+
+    Parameters
+    ----------
+    figure
+        Drawn.
+    words
+        What it shows.
+    """
+    stream = io.StringIO()
+    with _DRAWING, rc_context({"svg.fonttype": "none"}):
+        figure.savefig(stream, format="svg", metadata={"Date": None})
+    svg = stream.getvalue()
+    svg = svg[svg.index("<svg") :].replace(INK, "currentColor")
+    svg = re.sub(r"<style.*?</style>|<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    return svg.replace("<svg", f'<svg role="img" aria-label="{escape(words)}"', 1)

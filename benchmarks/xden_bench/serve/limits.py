@@ -17,6 +17,11 @@ class Limits:
     ----------
     upload_mb
         Largest file that is taken, MB of 10⁶ bytes.
+    upload_minutes
+        Longest time that sending one file may take.
+    incoming_mb
+        Files that are being sent at the same time, of all users, MB of 10⁶ bytes. They lie in the
+        state folder, and are gone when their sender is answered.
     jobs_per_user_hour
         Files that one user may send within an hour; whatever is queued counts, refused or not.
     queue_length
@@ -41,6 +46,8 @@ class Limits:
     """
 
     upload_mb: int = 1000
+    upload_minutes: int = 10
+    incoming_mb: int = 4000
     jobs_per_user_hour: int = 6
     queue_length: int = 40
     job_seconds: int = 900
@@ -56,6 +63,11 @@ class Limits:
     def upload_bytes(self) -> int:
         """Largest file that is taken."""
         return self.upload_mb * 10**6
+
+    @property
+    def incoming_bytes(self) -> int:
+        """Files that are being sent at the same time."""
+        return self.incoming_mb * 10**6
 
     @property
     def job_memory_bytes(self) -> int:

@@ -27,7 +27,7 @@ class Outcome:
         ``scored``: where the entry lies among the results, with ``/``; else None.
     """
 
-    state: Literal["refused", "scored", "failed"]
+    state: Literal["refused", "sound", "scored", "failed"]
     problems: tuple[Problem, ...] = ()
     message: str = ""
     entry: str | None = None

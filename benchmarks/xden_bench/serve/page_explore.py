@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, Final
 
 import gradio as gr
@@ -15,12 +14,11 @@ from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.serve.explorer import COLOURS, PART_HEADINGS, Explorer, Fields, best_and_worst
 from xden_bench.serve.figures import AXES
-from xden_bench.serve.told import GRID, PICTURE, PRIVATE, frame, offer, told
+from xden_bench.serve.standings import Standings
+from xden_bench.serve.told import GRID, PRIVATE, frame, offer, told
 from xden_bench.serve.words import object_line
 
-__all__ = ["explore_page"]
-
-Entries = Callable[[], tuple[dict[str, Any], ...]]
+__all__ = ["CSS", "explore_app"]
 
 NO_METHOD: Final = "none: the truth alone"
 RADIOGRAPHS: Final = (
@@ -30,21 +28,56 @@ RADIOGRAPHS: Final = (
     "of the authors' release have no radiographs, and none are drawn."
 )
 SLICES: Final = (
-    "### Slices\n\nVoxel means. White: outside the outer surface, where nothing is scored. Truth "
+    "### Slices\n\nVoxel means. Blank: outside the outer surface, where nothing is scored. Truth "
     "and prediction share one colour scale, that of the whole object."
 )
-WHITE: Final = (1.0, 1.0, 1.0, 1.0)
+CLEAR: Final = (0.0, 0.0, 0.0, 0.0)
 VIEW_DEGREES: Final = (60, 65)
 """Of the camera: around the object, and down from the vertical."""
 VIEW_DISTANCE: Final = 1.5
 """Of the camera, in diagonals of the object."""
 
 
+HEADER: Final = (
+    '<header class="site"><p>XDen-1K benchmark</p><nav aria-label="Pages">'
+    '<a href="/board">Leaderboard</a><a href="/objects/" aria-current="page">Objects</a>'
+    '<a href="/submit">Submit</a></nav></header>'
+)
+CSS: Final = """
+.gradio-container {
+  width: 100%; min-width: 0; max-width: min(1280px, 100vw) !important; margin: auto;
+  box-sizing: border-box; overflow-x: clip;
+  --block-info-text-color: var(--body-text-color); --block-label-text-color: var(--body-text-color);
+}
+.gradio-container .column, .gradio-container .block, .gradio-container .form { min-width: 0 }
+.gradio-container input { text-overflow: ellipsis }
+header.site { display: flex; flex-wrap: wrap; gap: 0.25rem 2rem; align-items: baseline }
+header.site p { margin: 0; font-weight: 650 }
+header.site a { padding: 0.35rem 0; margin-right: 1.25rem; text-decoration: underline }
+header.site a[aria-current] { font-weight: 650; text-decoration: none }
+.note { font-size: 0.92em }
+.picture svg { width: 100%; height: auto; display: block; color: var(--body-text-color) }
+#parts td { overflow-wrap: anywhere }
+@media (hover: none) {
+  .header-cell .cell-menu-button { display: flex !important }
+  .header-cell .cell-wrap { padding-right: 2em }
+}
+@media (max-width: 640px) {
+  .gradio-container .row, .gradio-container .form { flex-direction: column }
+  .gradio-container .row > * { width: 100%; min-width: 0 !important }
+  .gradio-container { padding: 6px !important }
+  .gradio-container table { font-size: 0.82em }
+}
+"""
+
+
 class _Page:
     """The components and the answers to their events."""
 
-    def __init__(self, explorer: Explorer, entries: Entries, results: Path) -> None:
-        self.explorer, self.entries, self.results = explorer, entries, results
+    def __init__(self, explorer: Explorer, standings: Standings) -> None:
+        self.explorer, self.standings = explorer, standings
+        gr.HTML(HEADER)
+        gr.Markdown("# Objects")
         with gr.Row():
             self.split = gr.Dropdown(label="Split", min_width=110, scale=1)
             self.object = gr.Dropdown(label="Object", elem_id="object", scale=3)
@@ -53,9 +86,9 @@ class _Page:
         with gr.Row():
             with gr.Column(scale=1, min_width=330):
                 self.model = gr.Model3D(
-                    label="Parts", height=420, elem_id="model", clear_color=WHITE
+                    label="Parts in 3D", height=420, elem_id="model", clear_color=CLEAR
                 )
-                self.bar = gr.Image(container=False, elem_id="bar", **PICTURE | {"buttons": []})
+                self.bar = _picture("bar")
                 with gr.Row():
                     self.colour = gr.Radio(
                         COLOURS, value="density", label="Coloured by", scale=2, elem_id="colour"
@@ -70,10 +103,7 @@ class _Page:
         self.radiographs = []
         for view in ("PA", "LAT"):
             with gr.Row():
-                self.radiographs += [
-                    gr.Image(height=360, min_width=300, elem_id=f"{view}-{place}", **PICTURE)
-                    for place in range(3)
-                ]
+                self.radiographs += [_picture(f"{view}-{place}") for place in range(3)]
         self._extremes_part()
         self._listen()
 
@@ -88,10 +118,7 @@ class _Page:
             )
         self.place = gr.Markdown(elem_id="place", elem_classes="note")
         with gr.Row():
-            self.slices = [
-                gr.Image(height=380, min_width=300, elem_id=f"slice-{name}", **PICTURE)
-                for name in ("truth", "prediction", "error")
-            ]
+            self.slices = [_picture(f"slice-{name}") for name in ("truth", "prediction", "error")]
 
     def _extremes_part(self) -> None:
         with gr.Column(visible=False) as self.extremes:
@@ -211,12 +238,12 @@ class _Page:
 
     def _labels(self, split: str) -> list[str]:
         """Methods whose files are at hand, then none, then the others."""
-        rows = self.explorer.methods(self.entries(), split)
+        rows = self.explorer.methods(self.standings.now.entries, split)
         stored = [label for label, row in rows.items() if self.explorer.stored(row)]
         return [*stored, NO_METHOD, *(label for label in rows if label not in stored)]
 
     def _row(self, split: str, method: str | None) -> Any:
-        return self.explorer.methods(self.entries(), split).get(method or "")
+        return self.explorer.methods(self.standings.now.entries, split).get(method or "")
 
     def _fields(self, split: str, object_id: str, method: str | None) -> Fields:
         return self.explorer.fields(object_id, self._row(split, method))
@@ -250,12 +277,26 @@ class _Page:
         names = [name for name in load_protocol(row["protocol"]).metrics if name in row["metrics"]]
         update, metric = offer([(METRICS[name].heading, name) for name in names], metric)
         headings = ["object", "category", "longest edge, cm", METRICS[metric].heading]
-        found = best_and_worst(row, metric, self.results)
+        found = best_and_worst(row, metric, self.standings.results)
         return [gr.update(visible=True), update, *(frame(headings, rows) for rows in found)]
 
 
-def explore_page(
-    explorer: Explorer, entries: Entries, results: Path
-) -> Callable[[Callable[..., Any]], None]:
-    """Build the page inside a tab; returns what makes an event fill it."""
-    return _Page(explorer, entries, results).refill_on
+def explore_app(explorer: Explorer, standings: Standings) -> gr.Blocks:
+    """Build the page.
+
+    Parameters
+    ----------
+    explorer
+        Has the objects.
+    standings
+        Has the entries, and knows where their objects lie.
+    """
+    app = gr.Blocks(title="Objects · XDen-1K benchmark", analytics_enabled=False)
+    with app:
+        page = _Page(explorer, standings)
+        page.refill_on(app.load)
+    return app
+
+
+def _picture(elem_id: str) -> gr.HTML:
+    return gr.HTML(elem_id=elem_id, elem_classes="picture", min_width=300)

@@ -1,102 +1,141 @@
-"""The page that takes a file and says live how it fares. Needs the extra ``view``."""
+"""The pages that take a file and say live how it fares. Needs the extra ``view``."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from html import escape
-from pathlib import Path
+import asyncio
+from contextlib import aclosing
+from http import HTTPStatus
 from typing import Any, Final
 
-import gradio as gr
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, RedirectResponse, Response
+from starlette.routing import Route
 
-from xden1k.errors import MissingObjectError
+from xden_bench.entries.standing import standing
+from xden_bench.serve.board import Asked, link
 from xden_bench.serve.desk import Desk
-from xden_bench.serve.tickets import Status, TurnedAwayError
-from xden_bench.serve.told import GRID, PRIVATE, frame, told
-from xden_bench.serve.words import problem_rows, result_rows, status_html, user_of
+from xden_bench.serve.incoming import Incoming
+from xden_bench.serve.render import render
+from xden_bench.serve.standings import Snapshot, Standings, place_of
+from xden_bench.serve.tickets import Status, Ticket, TurnedAwayError
+from xden_bench.serve.words import account_of, problem_rows, result_rows, user_of
 
-__all__ = ["submit_page", "visitor_memory"]
+__all__ = ["submit_routes"]
 
-TICKET_KEY: Final = "xden-ticket"
-POLL_SECONDS: Final = 0.7
-IDLE: Final = "<p>No file sent yet.</p>"
-
-
-def visitor_memory() -> tuple[gr.BrowserState, gr.Timer]:
-    """Return what keeps a visitor's ticket, and the clock by which it is looked at.
-
-    They belong outside the tabs: what is in one exists on the page once the tab was open.
-    """
-    kept = gr.BrowserState(None, storage_key=TICKET_KEY, secret=TICKET_KEY)
-    return kept, gr.Timer(POLL_SECONDS, active=False)
+_CODES: Final = {
+    "too_large": HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
+    "too_often": HTTPStatus.TOO_MANY_REQUESTS,
+    "one_at_a_time": HTTPStatus.TOO_MANY_REQUESTS,
+    "entered": HTTPStatus.CONFLICT,
+    "no_file": HTTPStatus.BAD_REQUEST,
+    "too_slow": HTTPStatus.REQUEST_TIMEOUT,
+    "not_here": HTTPStatus.FORBIDDEN,
+}
+_FULL: Final = HTTPStatus.SERVICE_UNAVAILABLE
 
 
-def submit_page(
-    desk: Desk, memory: tuple[gr.BrowserState, gr.Timer], *, login: bool
-) -> tuple[Callable[..., list[Any]], Any, list[Any]]:
-    """Build the page inside a tab; what is returned is as of the leaderboard's page.
+class _Page:
+    """Answers to what visitors send.
 
     Parameters
     ----------
     desk
         Takes the files.
-    memory
-        From :func:`visitor_memory`.
+    standings
+        Has the ranks.
+    incoming
+        Receives the files.
     login
         Whether users must log in with Hugging Face; else the limits count by address.
     """
-    limits, split = desk.limits, desk.reference.split
-    gr.Markdown(
-        f"Send a `preds.npz` for the **{split}** split of dataset {desk.reference.revision}, at "
-        f"most {limits.upload_mb} MB, {limits.jobs_per_user_hour} files an hour, one at a time. "
-        "It is checked whole; every problem is listed. A sound file becomes an entry, which is "
-        "public and never changed. `xden-bench validate` and `xden-bench score` do the same on "
-        "your own machine and keep nothing.",
-        elem_classes="note",
-    )
-    if login:
-        gr.LoginButton()
-    file = gr.File(label="preds.npz", file_types=[".npz"], type="filepath", elem_id="upload")
-    send = gr.Button("Check and enter", variant="primary", elem_id="send")
-    state = gr.HTML(IDLE, elem_id="status")
-    problems = gr.Dataframe(
-        label="Problems and footnotes", elem_id="problems", wrap=True, visible=False, **GRID
-    )
-    result = gr.Dataframe(label="Result", elem_id="result", visible=False, **GRID)
-    ticket, timer = memory
-    shown = [state, problems, result, timer]
 
-    @told
-    def take(path: str | None, request: gr.Request) -> list[Any]:
-        if path is None:
-            raise gr.Error("Choose a file first.", print_exception=False)
+    def __init__(
+        self, desk: Desk, standings: Standings, incoming: Incoming, *, login: bool
+    ) -> None:
+        self.desk, self.standings, self.incoming, self.login = desk, standings, incoming, login
+
+    def ask(self, request: Request, away: TurnedAwayError | None = None) -> Response:
+        """Show the form, and why a file was not taken."""
+        page = render(
+            "submit",
+            page="/submit",
+            split=self.desk.reference.split,
+            revision=self.desk.reference.revision,
+            protocol=self.desk.rules.name,
+            limits=self.desk.limits,
+            login=self.login,
+            user=account_of(request) if self.login else None,
+            away=away and str(away),
+        )
+        return HTMLResponse(page, _CODES.get(away.reason, _FULL) if away else HTTPStatus.OK)
+
+    async def take(self, request: Request) -> Response:
+        """Take a file, and lead to its page."""
         try:
-            user = user_of(request, login=login)
-            got = desk.submit(Path(path), user=user, filename=Path(path).name)
-        except TurnedAwayError as err:
-            text = f"<p><strong>Not taken.</strong> {escape(str(err))}</p>"
-            hidden = gr.update(visible=False)
-            return [gr.skip(), text, hidden, hidden, gr.Timer(active=False)]
-        return [got.ticket_id, *_shown(desk.status(got.ticket_id))]
+            ticket = await self._taken(request)
+        except TurnedAwayError as away:
+            return await asyncio.to_thread(self.ask, request, away)
+        return RedirectResponse(f"/submit/{ticket.ticket_id}", HTTPStatus.SEE_OTHER)
 
-    @told
-    def look(ticket_id: str | None) -> list[Any]:
-        if ticket_id is None:
-            return [IDLE, gr.skip(), gr.skip(), gr.Timer(active=False)]
-        try:
-            return _shown(desk.status(ticket_id))
-        except MissingObjectError:
-            return [IDLE, gr.skip(), gr.skip(), gr.Timer(active=False)]
+    def look(self, request: Request) -> Response:
+        """Say how it stands with a file: the whole page, or what changes of it."""
+        status = self.desk.status(request.path_params["ticket"])
+        template = "status" if request.query_params.get("part") == "status" else "ticket"
+        return HTMLResponse(render(template, page="/submit", **self._values(status)))
 
-    send.click(take, file, [ticket, *shown], **PRIVATE)
-    timer.tick(look, ticket, shown, show_progress="hidden", **PRIVATE)
-    return look, ticket, shown
+    async def _taken(self, request: Request) -> Ticket:
+        if request.headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
+            raise TurnedAwayError("not_here", "a file can only be sent from this page")
+        user = user_of(request, login=self.login)
+        await asyncio.to_thread(self.desk.check, user)
+        async with (
+            aclosing(request.stream()) as body,
+            self.incoming.receive(user, request.headers, body) as got,
+        ):
+            return await asyncio.to_thread(
+                self.desk.submit,
+                got.path,
+                user=user,
+                filename=got.filename,
+                check_only=got.action == "check",
+            )
+
+    def _values(self, status: Status) -> dict[str, Any]:
+        place = self._place(status)
+        said = _standing(self.standings.now, place) if place else ""
+        return {
+            "status": status,
+            "errors": sum(one.is_error for one in status.problems),
+            "problems": problem_rows(status.problems)[1],
+            "result": result_rows(status.metrics)[1],
+            "standing": said,
+            "href": link(Asked(row=place)) if place else "",
+            "waiting": not status.is_final or bool(place and not said),
+        }
+
+    def _place(self, status: Status) -> str:
+        """Where the entry lies among the results, without its suffix; nothing if there is none."""
+        if status.entry_path is None:
+            return ""
+        return status.entry_path.relative_to(self.desk.results).with_suffix("").as_posix()
 
 
-def _shown(status: Status) -> list[Any]:
+def submit_routes(
+    desk: Desk, standings: Standings, incoming: Incoming, *, login: bool
+) -> list[Route]:
+    """Return the addresses that take files and tell of them."""
+    page = _Page(desk, standings, incoming, login=login)
     return [
-        status_html(status),
-        frame(*problem_rows(status.problems)) | {"visible": bool(status.problems)},
-        frame(*result_rows(status.metrics)) | {"visible": bool(status.metrics)},
-        gr.Timer(active=not status.is_final),
+        Route("/submit", page.ask),
+        Route("/submit", page.take, methods=["POST"]),
+        Route("/submit/{ticket}", page.look),
     ]
+
+
+def _standing(snapshot: Snapshot, place: str) -> str:
+    """Say where an entry stands; nothing while its rank is being computed."""
+    table = snapshot.table_of(place)
+    if table is None:
+        return ""
+    row = next(row for row in table.rows if place_of(row) == place)
+    return standing(row, table.rows, table.ranks)

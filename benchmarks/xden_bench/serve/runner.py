@@ -19,7 +19,7 @@ from typing import IO, Any, Final
 
 from xden_bench.serve.outcome import Outcome
 from xden_bench.serve.store import Job, Store
-from xden_bench.serve.worker import Setting
+from xden_bench.serve.worker import Setting, Task
 
 __all__ = ["Runner"]
 
@@ -52,12 +52,12 @@ class _Process:
         self._timed_out = False
         self._send(asdict(setting))
 
-    def score(self, path: Path, seconds: float, progress: Callable[[int, int], None]) -> Outcome:
-        """Have a file scored; a process that dies of it, or is too slow, gives ``failed``."""
+    def score(self, task: Task, seconds: float, progress: Callable[[int, int], None]) -> Outcome:
+        """Have a file scored or checked; a process that dies, or is too slow, gives ``failed``."""
         timer = threading.Timer(seconds, self._too_slow)
         timer.start()
         try:
-            self._send(str(path))
+            self._send(asdict(task))
             outcome = self._answer(progress)
         finally:
             timer.cancel()
@@ -217,12 +217,13 @@ class Runner:
         def note(checked: int, total: int) -> None:
             self._progress = (job.number, checked, total)
 
-        outcome = process.score(self._upload(job.ticket_id), self._job_seconds, note)
+        task = Task(str(self._upload(job.ticket_id)), job.check_only)
+        outcome = process.score(task, self._job_seconds, note)
         if outcome.state == "failed":  # a process that failed once is not trusted with the next
             with self._guard:
                 self._process = None
             process.end()
             if self._stopping:
                 return None
-            outcome = self._rescue(job.sha256) or outcome
+            outcome = (not job.check_only and self._rescue(job.sha256)) or outcome
         return outcome

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from xden_bench.scoring.protocol import load_protocol
 from xden_bench.scoring.reference import Reference
 from xden_bench.serve.desk import Desk
 from xden_bench.serve.limits import Limits
+from xden_bench.serve.standings import Standings
 
 __all__ = ["Site", "run"]
 
@@ -32,6 +33,8 @@ class Site:
         TOML with the desk's :class:`~xden_bench.serve.limits.Limits`; None = as they are.
     login
         Whether whoever sends a file must log in with Hugging Face.
+    trusted_proxies
+        As :func:`xden_bench.serve.app.serve` has them.
     """
 
     reference: Reference
@@ -39,6 +42,7 @@ class Site:
     state: Path
     settings: Path | None = None
     login: bool = False
+    trusted_proxies: tuple[str, ...] = ()
 
     @property
     def limits(self) -> Limits:
@@ -46,24 +50,31 @@ class Site:
         return load_settings(Limits, self.settings) if self.settings else Limits()
 
 
-def run(site: Site, *, host: str, port: int) -> None:
+def run(site: Site, *, host: str, port: int, say: Callable[[str], object]) -> None:
     """Serve until interrupted.
+
+    Parameters
+    ----------
+    site
+        What.
+    host, port
+        Where.
+    say
+        Is told the address as soon as the first page can be had, and what takes time before.
 
     Raises
     ------
     MissingExtraError
         If the extras ``view`` and ``build`` are not installed.
     DataError
-        If the settings, or the desk's folder, are not right.
-    OSError
-        If the port is taken.
+        If the settings, or the desk's folder, are not right, or the port is taken.
     """
     for module, extra in (("gradio", "view"), ("matplotlib", "view"), ("manifold3d", "build")):
         require(module, extra)
-    from xden_bench.serve.app import build_app, launch
+    from xden_bench.serve.app import build_app, listen, serve
 
     with (
-        tempfile.TemporaryDirectory() as scratch,
+        listen(host, port) as listener,
         Desk(
             site.reference,
             load_protocol(),
@@ -72,4 +83,10 @@ def run(site: Site, *, host: str, port: int) -> None:
             limits=site.limits,
         ) as desk,
     ):
-        launch(build_app(desk, Path(scratch), login=site.login), desk, host=host, port=port)
+        standings = Standings(site.results, site.state / "kept")
+        say("reading the results; entries that are new are verified, once")
+        standings.refresh()
+        app = build_app(desk, standings, site.state, login=site.login)
+        say(f"http://{host}:{port} (stop with Ctrl-C)")
+        with standings:
+            serve(app, listener, site.trusted_proxies)

@@ -35,7 +35,7 @@ logger = logging.getLogger(__name__)
 HOUR_S: Final = 3600.0
 MOST_STARTS: Final = 3
 """A job that was under way each time when the desk died is perhaps what killed it."""
-VERSION: Final = 1
+VERSION: Final = 2
 
 _SCHEMA: Final = f"""
 BEGIN;
@@ -47,7 +47,10 @@ CREATE TABLE jobs (
     sha256 TEXT NOT NULL,
     size_bytes INTEGER NOT NULL,
     sent REAL NOT NULL,
-    state TEXT NOT NULL CHECK (state IN ('queued', 'checking', 'refused', 'scored', 'failed')),
+    state TEXT NOT NULL CHECK (
+        state IN ('queued', 'checking', 'refused', 'sound', 'scored', 'failed')
+    ),
+    check_only INTEGER NOT NULL,
     starts INTEGER NOT NULL DEFAULT 0,
     outcome TEXT
 );
@@ -68,13 +71,14 @@ class Job:
     ----------
     number
         Place in the order of sending.
-    ticket_id, sha256
+    ticket_id, sha256, check_only
         As in the ticket.
     """
 
     number: int
     ticket_id: str
     sha256: str
+    check_only: bool
 
 
 class Store:
@@ -181,9 +185,9 @@ class Store:
             if self._count("sha256 = ? AND state IN ('queued', 'checking')", ticket.sha256):
                 raise TurnedAwayError("entered", "this very file waits to be scored already")
             added = self._db.execute(
-                "INSERT INTO jobs (ticket_id, user, filename, sha256, size_bytes, sent, state)"
-                " VALUES (?, ?, ?, ?, ?, ?, 'queued')",
-                (*row, ticket.sent.timestamp()),
+                "INSERT INTO jobs (ticket_id, user, filename, sha256, size_bytes, sent, check_only,"
+                " state) VALUES (?, ?, ?, ?, ?, ?, ?, 'queued')",
+                (*row, ticket.sent.timestamp(), ticket.check_only),
             )
             size = ticket.size_bytes
             note("queued", job=added.lastrowid, user=user, sha256=ticket.sha256, size_bytes=size)
@@ -212,7 +216,7 @@ class Store:
                 return None
             self._set(row["number"], state="checking", starts=row["starts"] + 1)
             note("started", job=row["number"], start=row["starts"] + 1)
-            return Job(row["number"], row["ticket_id"], row["sha256"])
+            return Job(row["number"], row["ticket_id"], row["sha256"], bool(row["check_only"]))
 
     def put_back(self, job: Job) -> None:
         """Queue a started job again, as if it had not been."""
@@ -340,7 +344,12 @@ class Store:
 
 def _ticket(row: sqlite3.Row) -> Ticket:
     return Ticket(
-        row["ticket_id"], row["filename"], row["sha256"], row["size_bytes"], _utc(row["sent"])
+        row["ticket_id"],
+        row["filename"],
+        row["sha256"],
+        row["size_bytes"],
+        _utc(row["sent"]),
+        bool(row["check_only"]),
     )
 
 

@@ -13,14 +13,26 @@ from xden1k.predictions import Problem
 
 __all__ = ["Reason", "State", "Status", "Ticket", "TurnedAwayError"]
 
-State = Literal["queued", "checking", "refused", "scored", "failed"]
-"""``queued`` and ``checking`` come to one of the other three, which are final.
+State = Literal["queued", "checking", "refused", "sound", "scored", "failed"]
+"""``queued`` and ``checking`` come to one of the other four, which are final.
+
+``sound`` is a file that was only to be checked, and would be entered.
 
 ``refused`` is the fault of the file, ``failed`` is not known to be: the process died, ran out of
 time or memory, or the disk was full.
 """
 
-Reason = Literal["too_large", "too_often", "one_at_a_time", "queue_full", "entered", "no_room"]
+Reason = Literal[
+    "too_large",
+    "too_often",
+    "one_at_a_time",
+    "queue_full",
+    "entered",
+    "no_room",
+    "no_file",
+    "too_slow",
+    "not_here",
+]
 """Why a file is not taken at all."""
 
 
@@ -56,6 +68,8 @@ class Ticket:
         Of the file.
     sent
         When, UTC.
+    check_only
+        Whether it is only to be checked, and not entered.
     """
 
     ticket_id: str
@@ -63,6 +77,7 @@ class Ticket:
     sha256: str
     size_bytes: int
     sent: datetime.datetime
+    check_only: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +95,7 @@ class Status:
     checked, total
         While ``checking``: objects done, of how many; 0 of 0 until the file is open.
     problems
-        ``refused``: everything that is wrong, errors first. ``scored``: the warnings.
+        ``refused``: everything that is wrong, errors first. ``sound``, ``scored``: the warnings.
     message
         ``refused`` or ``failed``: why, on one line, where it is no coded problem; else empty.
     entry_path

@@ -10,7 +10,7 @@ import gradio as gr
 
 from xden1k.errors import XDenError
 
-__all__ = ["GRID", "PICTURE", "PRIVATE", "frame", "offer", "told"]
+__all__ = ["GRID", "PRIVATE", "frame", "offer", "told"]
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -19,11 +19,6 @@ PRIVATE: Final[dict[str, Any]] = {"api_visibility": "private"}
 """Of every event: for the page itself, no interface for programs."""
 GRID: Final[dict[str, Any]] = {"interactive": False, "type": "array", "buttons": []}
 """Of every table."""
-PICTURE: Final[dict[str, Any]] = {
-    **{"interactive": False, "buttons": ["fullscreen"], "format": "png"},
-    "show_label": False,
-}
-"""Of every picture."""
 
 
 def told(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:

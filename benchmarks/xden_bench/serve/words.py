@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from html import escape
-from typing import Any, Final
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from xden1k.errors import XDenError
 from xden1k.predictions import CODES, Problem
 from xden1k.values.types import DensityObject
 from xden_bench.scoring.metrics import METRICS
-from xden_bench.serve.tickets import Status
+from xden_bench.serve.tickets import TurnedAwayError
 
-__all__ = ["object_line", "problem_rows", "result_rows", "status_html", "user_of"]
+if TYPE_CHECKING:
+    from fastapi import Request
+
+__all__ = ["account_of", "object_line", "problem_rows", "result_rows", "user_of"]
 
 Rows = list[list[Any]]
 
@@ -26,39 +27,27 @@ SOURCES: Final = {
 }
 
 
-def user_of(request: Any, *, login: bool) -> str:
+def user_of(request: Request, *, login: bool) -> str:
     """Whom the limits count by: the account, or the address if there is no login.
 
     Raises
     ------
-    XDenError
+    TurnedAwayError
         If a login is needed and there is none.
     """
-    if not login:
-        return str(request.username or request.client.host)
-    account: Mapping[str, Any] = request.session.get("oauth_info") or {}
-    name = account.get("userinfo", {}).get("preferred_username")
-    if not name:
-        raise XDenError("Log in with Hugging Face first.")
-    return str(name)
+    if login:
+        if (name := account_of(request)) is None:
+            raise TurnedAwayError("not_here", "log in with Hugging Face first")
+        return name
+    return request.client.host if request.client else ""
 
 
-def status_html(status: Status) -> str:
-    """Say how it stands with a file; whatever comes from a stranger is escaped."""
-    name = f"<code>{escape(status.ticket.filename)}</code>"
-    errors = sum(one.is_error for one in status.problems)
-    footnotes = len(status.problems) - errors
-    said = {
-        "queued": f"<strong>Queued</strong>: {status.ahead} before it.",
-        "checking": f"<strong>Checking</strong>: {status.checked} of {status.total} objects.",
-        "refused": f"<strong>Refused</strong>, problems: {errors}. {escape(status.message)}",
-        "failed": f"<strong>Failed</strong>, not known to be its fault. {escape(status.message)}",
-        "scored": f"<strong>Entered</strong>, footnotes: {footnotes}.",
-    }[status.state]
-    bar = ""
-    if status.state == "checking" and status.total:
-        bar = f'<progress max="{status.total}" value="{status.checked}"></progress>'
-    return f'<div role="status" data-state="{status.state}"><p>{name} {said}</p>{bar}</div>'
+def account_of(request: Request) -> str | None:
+    """Return the account at Hugging Face that a visitor has logged in with, if any."""
+    from huggingface_hub import parse_huggingface_oauth
+
+    found = parse_huggingface_oauth(request)
+    return found.user_info.preferred_username if found else None
 
 
 def problem_rows(problems: tuple[Problem, ...]) -> tuple[list[str], Rows]:
@@ -70,10 +59,14 @@ def problem_rows(problems: tuple[Problem, ...]) -> tuple[list[str], Rows]:
 def result_rows(metrics: Mapping[str, Mapping[str, Any]]) -> tuple[list[str], Rows]:
     """Headings and rows of a result: metric, mean, 95 % interval."""
     rows = [
-        [METRICS[name].heading, f"{one['mean']:.4f}", "{:.4f} to {:.4f}".format(*one["ci95"])]
+        [METRICS[name].heading, f"{one['mean']:.4f}", _interval(one.get("ci95"))]
         for name, one in metrics.items()
     ]
     return ["metric", "mean", "95 % interval"], rows
+
+
+def _interval(ends: Sequence[float] | None) -> str:
+    return "{:.4f} to {:.4f}".format(*ends) if ends else ""
 
 
 def object_line(obj: DensityObject) -> str:

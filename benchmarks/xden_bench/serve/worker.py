@@ -1,7 +1,7 @@
 """The process that scores: it alone opens what strangers send, with little memory and time.
 
 Run as ``python -m xden_bench.serve.worker``. The first line of its input is a :class:`Setting`,
-each further line the path of a submission; for each it writes lines of JSON, ``{"checked": 3,
+each further line a :class:`Task`; for each it writes lines of JSON, ``{"checked": 3,
 "total": 200}`` as it goes and then an :class:`~xden_bench.serve.outcome.Outcome`. Lines of JSON
 and not pickles, so that whatever a file may do to this process ends here. It ends when its input
 does, so that it never outlives the desk, were that killed.
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from xden_bench.scoring.reference import Reference
     from xden_bench.scoring.score import Score
 
-__all__ = ["Setting", "score_upload"]
+__all__ = ["Setting", "Task", "check_upload", "score_upload"]
 
 _PROGRESS_S: Final = 0.2
 _NICENESS: Final = 5
@@ -57,6 +57,48 @@ class Setting:
     protocol: str
     results: str
     memory_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What is to be done, of JSON's types.
+
+    Parameters
+    ----------
+    path
+        The submission.
+    check_only
+        Whether it is only to be checked.
+    """
+
+    path: str
+    check_only: bool
+
+
+def check_upload(
+    path: Path,
+    reference: Reference,
+    rules: Protocol,
+    progress: Callable[[Sequence[str]], Iterable[str]] = iter,
+) -> Outcome:
+    """Say whether :func:`score_upload` would enter a submission, and score nothing.
+
+    Raises
+    ------
+    DataError
+        If the truth cannot be read.
+    """
+    from xden_bench.methods.baseline import check_trivial
+    from xden_bench.scoring.submission import validate
+
+    problems = tuple(validate(path, reference, rules, progress=progress))
+    if any(one.is_error for one in problems):
+        return Outcome("refused", problems)
+    try:
+        check_trivial(path, reference, rules)
+    except DataError as err:
+        return _refused(path, err)
+    return Outcome("sound", problems)
 
 
 def score_upload(
@@ -99,8 +141,13 @@ def score_upload(
     try:
         check_trivial(path, reference, rules)
     except DataError as err:
-        return Outcome("refused", message=str(err).removeprefix(f"{path}: "))
+        return _refused(path, err)
     return _enter(scored, reference, results)
+
+
+def _refused(path: Path, err: DataError) -> Outcome:
+    """Refuse a file without telling where it lies."""
+    return Outcome("refused", message=str(err).removeprefix(f"{path}: "))
 
 
 def _enter(scored: Score, reference: Reference, results: Path) -> Outcome:
@@ -196,9 +243,13 @@ def _main() -> None:
     _limit(setting.memory_bytes)
     reference, rules = _truth(setting)
     for line in lines:
-        path = Path(json.loads(line))
+        task = Task(**json.loads(line))
+        path, progress = Path(task.path), _reporter(say)
         try:
-            found = score_upload(path, reference, rules, Path(setting.results), _reporter(say))
+            if task.check_only:
+                found = check_upload(path, reference, rules, progress)
+            else:
+                found = score_upload(path, reference, rules, Path(setting.results), progress)
         except MemoryError:
             limit = f"{setting.memory_bytes / 1e6:.0f} MB"
             found = Outcome("failed", message=f"scoring it takes more than {limit} of memory")
