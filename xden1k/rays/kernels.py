@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float32, Float64, Int16, Int32, Int64, UInt8
 from xden1k.errors import require
 
 __all__ = [
+    "count",
     "extent",
     "gather",
     "mean_transmission",
@@ -129,18 +130,40 @@ def extent(triangles: Float64[np.ndarray, "n 3 3"]) -> tuple[float, float, float
 
 @compiled
 @no_type_check
-def _edge_at_row(
-    triangles: Float64[np.ndarray, "n 3 3"], i: int, upper: int, lower: int, row: int
-) -> tuple[float, float]:
-    """Column and depth at which a row crosses an edge, always computed from its upper end."""
-    start = triangles[i, upper, ROW]
-    share = (row - start) / (triangles[i, lower, ROW] - start)
-    column = triangles[i, upper, COLUMN]
-    depth = triangles[i, upper, DEPTH]
-    return (
-        column + share * (triangles[i, lower, COLUMN] - column),
-        depth + share * (triangles[i, lower, DEPTH] - depth),
-    )
+def _along(share: float, start: float, end: float) -> float:
+    """Value a share of the way from start to end."""
+    return start + share * (end - start)
+
+
+@compiled
+@no_type_check
+def _between(low: float, high: float, first: int, end: int) -> tuple[int, int]:
+    """First and end of the whole numbers in a half-open interval, cut to a window."""
+    return int(max(np.ceil(low), first)), int(min(np.ceil(high), end))
+
+
+@compiled
+@no_type_check
+def count(
+    triangles: Float64[np.ndarray, "n 3 3"],
+    window: Window,
+    cells: Int32[np.ndarray, "rows columns"],
+) -> None:
+    """Add to each ray of a window its number of crossings, cut as by :func:`scan`."""
+    first_row, end_row, first_column, end_column = window
+    for i in range(len(triangles)):
+        upper, middle, lower = triangles[i, 0, ROW], triangles[i, 1, ROW], triangles[i, 2, ROW]
+        columns = triangles[i, 0, COLUMN], triangles[i, 1, COLUMN], triangles[i, 2, COLUMN]
+        start, stop = _between(upper, lower, first_row, end_row)
+        for row in range(start, stop):
+            long = _along((row - upper) / (lower - upper), columns[0], columns[2])
+            if row < middle:
+                short = _along((row - upper) / (middle - upper), columns[0], columns[1])
+            else:
+                short = _along((row - middle) / (lower - middle), columns[1], columns[2])
+            begin, end = _between(min(long, short), max(long, short), first_column, end_column)
+            for column in range(begin, end):
+                cells[row - first_row, column - first_column] += 1
 
 
 @compiled
@@ -156,10 +179,11 @@ def scan(
 ) -> None:
     """Scan conversion of triangles whose vertices are ordered by row.
 
-    A row is cut by the long edge (first to last vertex) and one short edge. With an edge of a
-    closed mesh shared by two triangles of opposite parity, and the sign of a triangle taken from
-    the order in which its two edges are met, the signs along each ray sum to zero whatever the
-    rounding. Half-open intervals (``ceil``) give a ray through a vertex or an edge to one side.
+    A row is cut by the long edge (first to last vertex) and one short edge, each always followed
+    from its upper end. With an edge of a closed mesh shared by two triangles of opposite parity,
+    and the sign of a triangle taken from the order in which its two edges are met, the signs along
+    each ray sum to zero whatever the rounding. Half-open intervals (``ceil``) give a ray through a
+    vertex or an edge to one side.
 
     Parameters
     ----------
@@ -173,36 +197,38 @@ def scan(
     window
         First and end row, first and end column.
     cells
-        For each ray of the window. Without ``depths`` the number of crossings is added. With
-        ``depths`` it holds the end of each ray's list before, and its start after.
+        For each ray of the window the end of its list before, and its start after.
     depths, crossed
         Depth of each crossing, and the part's rank: positive on entering, negative on leaving.
-        Empty: only count.
     """
-    storing = len(depths) > 0
     first_row, end_row, first_column, end_column = window
     for i in range(len(triangles)):
-        start = int(max(np.ceil(triangles[i, 0, ROW]), first_row))
-        stop = int(min(np.ceil(triangles[i, 2, ROW]), end_row))
+        # copied out, since a loop that writes arrays would read them anew for each row
+        upper, middle, lower = triangles[i, 0, ROW], triangles[i, 1, ROW], triangles[i, 2, ROW]
+        columns = triangles[i, 0, COLUMN], triangles[i, 1, COLUMN], triangles[i, 2, COLUMN]
+        thirds = triangles[i, 0, DEPTH], triangles[i, 1, DEPTH], triangles[i, 2, DEPTH]
+        start, stop = _between(upper, lower, first_row, end_row)
         for row in range(start, stop):
-            short = 0 if row < triangles[i, 1, ROW] else 1
-            left, left_depth = _edge_at_row(triangles, i, 0, 2, row)
-            right, right_depth = _edge_at_row(triangles, i, short, short + 1, row)
-            label = -labels[i]
+            label, share = -labels[i], (row - upper) / (lower - upper)
+            left = _along(share, columns[0], columns[2])
+            left_depth = _along(share, thirds[0], thirds[2])
+            if row < middle:
+                share = (row - upper) / (middle - upper)
+                right = _along(share, columns[0], columns[1])
+                right_depth = _along(share, thirds[0], thirds[1])
+            else:
+                share = (row - middle) / (lower - middle)
+                right = _along(share, columns[1], columns[2])
+                right_depth = _along(share, thirds[1], thirds[2])
             if right < left:
                 left, left_depth, right, right_depth = right, right_depth, left, left_depth
                 label = -label
-            begin = int(max(np.ceil(left), first_column))
-            end = int(min(np.ceil(right), end_column))
+            begin, end = _between(left, right, first_column, end_column)
             for column in range(begin, end):
-                if not storing:
-                    cells[row - first_row, column - first_column] += 1
-                    continue
                 slot = cells[row - first_row, column - first_column] - 1
                 cells[row - first_row, column - first_column] = slot
                 # the share is at most 1, so a grazing sliver cannot leave its own depth range
-                share = (column - left) / (right - left)
-                depth = left_depth + share * (right_depth - left_depth)
+                depth = _along((column - left) / (right - left), left_depth, right_depth)
                 depths[slot] = 1.0 / depth if inverse_depth else depth
                 crossed[slot] = label
 

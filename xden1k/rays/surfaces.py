@@ -74,7 +74,7 @@ class Surfaces:
         """Count the crossings of each ray of a window."""
         first_row, end_row, first_column, end_column = window
         cells = np.zeros((end_row - first_row, end_column - first_column), dtype=np.int32)
-        self._scan(window, cells, 0)
+        kernels.count(self.triangles, window, cells)
         return cells
 
     def cross(
@@ -87,14 +87,9 @@ class Surfaces:
         ends = counts.reshape(-1)
         np.cumsum(ends, out=ends)
         total = int(ends[-1]) if len(ends) else 0
-        return self._scan(window, counts, total)
-
-    def _scan(
-        self, window: Window, cells: Int32[np.ndarray, "rows columns"], crossings: int
-    ) -> tuple[Float64[np.ndarray, "crossings"], Int16[np.ndarray, "crossings"]]:
-        depths, crossed = np.empty(crossings), np.empty(crossings, dtype=np.int16)
+        depths, crossed = np.empty(total), np.empty(total, dtype=np.int16)
         kernels.scan(
-            self.triangles, self.labels, self.inverse_depth, window, cells, depths, crossed
+            self.triangles, self.labels, self.inverse_depth, window, counts, depths, crossed
         )
         return depths, crossed
 
