@@ -16,10 +16,10 @@ from xden_builder.registration.placement import RigidPlacement
 __all__ = ["Likeness", "unlike"]
 
 POINTS, PROBES = 1500, 150
-"""Spread over all surfaces, to measure distances to, and from."""
+"""Spread over all surfaces of a kind to measure distances to, and over a part to measure from."""
 FEWEST: Final = 15
 FAR_QUANTILE: Final = 0.9
-"""Of the distances of a kind of part."""
+"""Of the distances of a part."""
 
 
 class Likeness:
@@ -37,7 +37,7 @@ class Likeness:
         ]
 
     def distance_cm(self, one: RigidPlacement, other: RigidPlacement) -> float:
-        """How far surfaces of the worst kind of part are apart, beyond the points' own spacing."""
+        """How far the worst part's surface is from its kind's, beyond the points' own spacing."""
         back = one.rotation / one.scale
         return max(
             kind.distance_cm((other.apply(kind.probes_cm) - one.translation_cm) @ back)
@@ -50,29 +50,24 @@ class _Kind:
 
     def __init__(self, meshes: Sequence[trimesh.Trimesh]) -> None:
         areas = np.array([mesh.area for mesh in meshes])
-        shares = areas / areas.sum()
-        self.probes_cm = _sampled(meshes, shares, PROBES, seed=1)
-        self._tree = cKDTree(_sampled(meshes, shares, POINTS, seed=0))
-        self._spacing_cm = self._far_cm(self.probes_cm)
+        counts = np.maximum((POINTS * areas / areas.sum()).astype(int), FEWEST).tolist()
+        points = [_sampled(mesh, count, 0) for mesh, count in zip(meshes, counts, strict=True)]
+        self._tree = cKDTree(np.concatenate(points))
+        self.probes_cm = np.concatenate([_sampled(mesh, PROBES, 1) for mesh in meshes])
+        self._spacings_cm = self._far_cm(self.probes_cm)
 
-    def _far_cm(self, points_cm: Float64[np.ndarray, "n 3"]) -> float:
-        return float(np.quantile(self._tree.query(points_cm)[0], FAR_QUANTILE))
+    def _far_cm(self, points_cm: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "m"]:
+        """Of each part."""
+        away_cm = self._tree.query(points_cm)[0].reshape(-1, PROBES)
+        return np.asarray(np.quantile(away_cm, FAR_QUANTILE, axis=1))
 
     def distance_cm(self, points_cm: Float64[np.ndarray, "n 3"]) -> float:
-        beyond = self._far_cm(points_cm) ** 2 - self._spacing_cm**2
-        return float(max(beyond, 0.0) ** 0.5)
+        beyond = self._far_cm(points_cm) ** 2 - self._spacings_cm**2
+        return float(max(beyond.max(), 0.0) ** 0.5)
 
 
-def _sampled(
-    meshes: Sequence[trimesh.Trimesh], shares: Float64[np.ndarray, "m"], count: int, seed: int
-) -> Float64[np.ndarray, "n 3"]:
-    counts = np.maximum((count * shares).astype(int), FEWEST).tolist()
-    return np.concatenate(
-        [
-            trimesh.sample.sample_surface(mesh, each, seed=seed)[0]
-            for mesh, each in zip(meshes, counts, strict=True)
-        ]
-    )
+def _sampled(mesh: trimesh.Trimesh, count: int, seed: int) -> Float64[np.ndarray, "n 3"]:
+    return np.asarray(trimesh.sample.sample_surface(mesh, count, seed=seed)[0])
 
 
 def unlike(
