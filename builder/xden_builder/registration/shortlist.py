@@ -246,13 +246,20 @@ def shortlist(
     fine = Search(shadows, body, FINE_CELLS, FINE_PX)
     first = coarse.judged(linear, shifts_to_middles(shadows, body.rim_cm, linear))
     first = first.best_first().picked(range(min(breadth.first, len(first))))
-    second = coarse.descended(first, COARSE_STEPS, scaled=scaled).best_first()
+    second = _winnowed(coarse, first, COARSE_STEPS, scaled=scaled)
     second = second.picked(_distinct(second, breadth.second))
     if everywhere:
         second = _joined(second, half_turns(second.picked(range(min(LEADING, len(second)))), body))
-    last = fine.descended(second, FINE_STEPS, scaled=scaled).best_first()
+    last = _winnowed(fine, second, FINE_STEPS, scaled=scaled)
     kept = unlike(last.placements(), likeness, APART_SHARE * body.radius_cm, breadth.last)
     return last.picked(kept), fine
+
+
+def _winnowed(search: Search, poses: Poses, steps: int, *, scaled: bool) -> Poses:
+    """Follow the derivatives: all poses for a step, then the better half; the best first."""
+    begun = search.descended(poses, 1, scaled=scaled).best_first()
+    better = begun.picked(range((len(begun) + 1) // 2))
+    return search.descended(better, steps - 1, scaled=scaled).best_first()
 
 
 def _scales(
