@@ -18,6 +18,7 @@ from xden_builder.capture import Capture, CaptureFolder
 from xden_builder.capture.pose import Candidate, CoarsePose
 from xden_builder.phantoms import Scanner, write_captures
 from xden_builder.poly.model.frames import Pose
+from xden_builder.registration.aside import moves_aside
 from xden_builder.registration.body import Body
 from xden_builder.registration.camera import Camera
 from xden_builder.registration.contest import told_apart
@@ -142,6 +143,16 @@ def test_a_small_part_elsewhere_is_not_lost_among_large_ones_like_it() -> None:
     assert Likeness(body).distance_cm(at(Rotation.identity()), turned) > 2
 
 
+def test_moves_aside_go_where_densities_make_up_for_a_move() -> None:
+    curvature = np.eye(8)
+    curvature[1, 6] = curvature[6, 1] = 0.999
+    lines = moves_aside(curvature, 0.01, 2, radius_cm=1.0)
+    ways = lines[:, 0] / np.linalg.norm(lines[:, 0], axis=1, keepdims=True)
+    assert np.abs(ways[0]) == pytest.approx(np.eye(6)[4])
+    assert np.allclose(lines[:2], -lines[2:])
+    assert np.all(np.diff(np.abs(lines).sum(axis=2)) >= 0)
+
+
 def test_a_view_without_shadow_or_with_half_of_one_is_refused() -> None:
     away = [trimesh.creation.icosphere(2, 1.0).apply_translation([30, 0, 0])]
     with pytest.raises(DataError, match=r"view pa: no shadow of an object is in the image"):
@@ -259,6 +270,19 @@ def test_an_exposure_that_is_off_leaves_the_loss_of_a_pose_as_it_is(hammer: Capt
         judge_of(each).fixed(place).loss for each in (hammer, replace(hammer, views=darker))
     )
     assert other == pytest.approx(usual, rel=0.2)
+
+
+def test_lines_aside_lead_where_the_loss_grows_least(hammer: Capture) -> None:
+    judge = judge_of(hammer)
+    here = judge.refined(at(Rotation.identity()), 2)
+    rim_cm = here.placement.apply(judge.body.rim_cm + judge.body.middle_cm)
+    softly = judge.lines_aside(here)[0][0]
+    reach_cm = np.abs(softly.apply(here.placement.undone(rim_cm)) - rim_cm).max()
+    slid = [
+        replace(here.placement, translation_cm=here.placement.translation_cm + reach_cm * way)
+        for way in np.concatenate([np.eye(3), -np.eye(3)])
+    ]
+    assert judge.fixed(softly).loss < min(judge.fixed(each).loss for each in slid)
 
 
 def test_the_whole_fit_tells_poses_apart_whose_losses_are_close(hammer: Capture) -> None:

@@ -24,9 +24,9 @@ __all__ = ["told_apart"]
 
 WIDE_PX: Final = 240
 """Width of the shadow, in averaged pixels."""
-CLOSE: Final = 1.4
-"""A pose whose loss is at most so many times the least may be right too."""
-MOST: Final = 3
+CLOSE: Final = (1.4, 0.06)
+"""A pose whose loss is at most so many times the least, and so much more, may be right too."""
+MOST: Final = 4
 SETTINGS: Final = PolySettings()
 
 
@@ -52,7 +52,8 @@ def told_apart(
         The most probable first; after them those that were not fitted, the least loss first. As
         they came where there is one alone, or where the source is not told.
     """
-    rivals = [each for each in found if each.loss <= CLOSE * found[0].loss][:MOST]
+    times, more = CLOSE
+    rivals = [each for each in found if each.loss <= times * found[0].loss + more][:MOST]
     if len(rivals) < 2 or capture.tube is None:
         return list(found)
     small, _ = reduced(capture, shadows, WIDE_PX)

@@ -23,6 +23,7 @@ from xden_builder.poly.pyramid import Level, Target, Window, density_bounds, des
 from xden_builder.poly.scene import Scene, set_scene
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import first_guess
+from xden_builder.registration.aside import moves_aside
 from xden_builder.registration.body import Body
 from xden_builder.registration.middles import own_shifts
 from xden_builder.registration.placement import Found, RigidPlacement
@@ -125,6 +126,21 @@ class Judge:
         there = poses.of(self._untold(poses), unknowns[-poses.count :])
         loss = self._loss(level.residuals(unknowns), level)
         return Found(placement.followed_by(there), loss, unknowns[: level.parts])
+
+    def lines_aside(self, found: Found) -> list[list[RigidPlacement]]:
+        """Poses on lines that lead away from a converged one, the nearest of each line first.
+
+        They follow the ways in which the images tell the pose least, see :func:`moves_aside`.
+        """
+        level, _ = self._level(found.placement)
+        poses, rest = level.poses, level.parts + len(level.target.beams)
+        start = level.target.start(found.density_g_cm3, self._start(poses, found.placement))
+        here = level.evaluate(start, *level.residuals_and_slopes(start))
+        lines = moves_aside(here.hessian, here.loss, rest, level.target.radius_cm)
+        return [
+            [found.placement.followed_by(poses.origin.moved(np.append(move, 0.0))) for move in line]
+            for line in lines
+        ]
 
     def outline_shares(self, placement: RigidPlacement) -> dict[str, float]:
         """Of each view: share of the pixels in either outline that lie well outside the other."""

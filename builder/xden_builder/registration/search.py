@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -40,8 +40,13 @@ COARSE_PX, FINE_PX = 80, 240
 """Width of the shadow, in averaged pixels, for many poses and for few."""
 CLOSE: Final = 4.0
 """A pose whose loss is more times the least is no longer looked at."""
-SLIDES: Final = (-0.1, -0.06, -0.03, 0.03, 0.06, 0.1)
-"""Of the radius."""
+HOPS, BESIDE = 2, 2
+"""Poses beside a converged one that are refined, and that are kept, itself counted."""
+SOFT_LOSS: Final = 1.6
+"""Where the loss is less times that of the pose, which lies farther than where it should double,
+there may be another least one."""
+WALL: Final = 5.0
+"""Where the loss is more times that of the pose, a line that leads away is not followed on."""
 COMPARED: Final = 4
 """Poses that are refined on coarse images."""
 TURN_DEG, ROLL_DEG = 30, 15
@@ -50,11 +55,12 @@ SOFT: Final = (2.0, 0.004)
 """A turn about an axis whose cost is at most so many times that of the pose, and so much more, may
 be right too: few points on few pixels do not tell."""
 MOST_ROLLS: Final = 30
-FINAL: Final = 3
+FINAL, FINAL_APART = 3, 0.02
+"""Poses that are moved on fine images, and by how much of the radius they differ at least."""
 DERIVATIVES, MOST_ROUNDS, SETTLED = 2, 4, 0.97
 """Taken before it is asked whether a pose gains, how often, and what is little to gain."""
 LISTED: Final = 6
-ELSEWHERE: Final = 0.05
+ELSEWHERE: Final = 0.025
 """Of the radius: an equally good pose that is farther makes the pose ambiguous."""
 SYMMETRIC: Final = 0.03
 """Of the radius: a turn that moves surfaces less leaves the object where it is."""
@@ -122,11 +128,13 @@ def _searched(
     fine = Judge.of(capture, shadows, body, FINE_PX, found[0].placement)
     rolled = _soft_turns(found[0], search, body, ROLL_DEG)
     near = [fine.fixed(each) for each in (*(each.placement for each in found), *rolled)]
-    best = [_settled(fine, each) for each in _unlike(near, likeness, body, FINAL)]
+    best = _all_settled(fine, _unlike(near, likeness, body, FINAL, FINAL_APART))
     if capture.scale_unknown:
         best[0] = _rescaled(fine, best[0], body, LAST_SCALE_SHARES)
-    unlike_ones = _unlike([*best, *near], likeness, body, LISTED)
-    return told_apart(capture, body.order, shadows, unlike_ones), fine
+    beside = _unlike(_hopped(fine, best[0], likeness, body), likeness, body, BESIDE, APART_SHARE)
+    rivals = _unlike([*beside, *best[1:]], likeness, body, LISTED, APART_SHARE)
+    told = told_apart(capture, body.order, shadows, rivals)
+    return _first_of_like([*told, *sorted(near, key=_loss)], likeness, body), fine
 
 
 def _coarsely(
@@ -144,12 +152,12 @@ def _coarsely(
     there = [body.of_files(each) for each in poses.placements()]
     judge = Judge.of(capture, shadows, body, COARSE_PX, there[0])
     found = [judge.fixed(each) for each in there]
-    found = _unlike([*found, *_turned(found, search, body, judge)], likeness, body, COMPARED)
-    found = sorted((judge.refined(each.placement, 2) for each in found), key=_loss)
+    found = [*found, *_turned(found, search, body, judge)]
+    found = _unlike(found, likeness, body, COMPARED, APART_SHARE)
+    found = sorted((judge.refined(each.placement, DERIVATIVES) for each in found), key=_loss)
     if capture.scale_unknown:
         found = sorted((_rescaled(judge, each, body, SCALE_SHARES) for each in found), key=_loss)
-    found[0] = _settled(judge, _slid(judge, _settled(judge, found[0]), body))
-    return found, search
+    return [*_hopped(judge, _settled(judge, found[0]), likeness, body), *found[1:]], search
 
 
 def _settled(judge: Judge, found: Found) -> Found:
@@ -162,23 +170,47 @@ def _settled(judge: Judge, found: Found) -> Found:
     return found
 
 
-def _slid(judge: Judge, found: Found, body: Body) -> Found:
-    """Try what steps along derivatives do not reach: slides along the body's axes.
+def _all_settled(judge: Judge, found: Sequence[Found]) -> list[Found]:
+    """Move poses, the best first, but not those that are hopeless beside another."""
+    settled: list[Found] = []
+    for each in found:
+        if not settled or each.loss <= CLOSE * min(settled, key=_loss).loss:
+            settled.append(_settled(judge, each))
+    return sorted(settled, key=_loss)
 
-    A long thing whose faint end is no shadow is laid a little beside its place, where small steps
-    gain nothing.
+
+def _hopped(judge: Judge, found: Found, likeness: Likeness, body: Body) -> list[Found]:
+    """Give a converged pose, and those that are reached from beside it, the least loss first.
+
+    Followed are lines along which the images tell the pose least.
     """
-    _, axes = body.spin
-    ways_cm = body.radius_cm * axes @ found.placement.rotation.T
-    tries = [
-        replace(
-            found.placement,
-            translation_cm=found.placement.translation_cm + share * found.placement.scale * way,
-        )
-        for way in ways_cm
-        for share in SLIDES
+    lines = [
+        list(_promising(judge, found, _elsewhere(line, found, likeness, body)))
+        for line in judge.lines_aside(found)
     ]
-    return min([found, *(judge.fixed(each) for each in tries)], key=_loss)
+    best = sorted((min(line, key=_loss) for line in lines if line), key=_loss)[:HOPS]
+    return sorted([found, *(_settled(judge, each) for each in best)], key=_loss)
+
+
+def _elsewhere(
+    line: Sequence[RigidPlacement], found: Found, likeness: Likeness, body: Body
+) -> list[RigidPlacement]:
+    """Leave out what puts the object where a pose does, because it is symmetric."""
+    apart_cm = APART_SHARE * body.radius_cm
+    here = found.placement
+    return [each for each in line if _distance_cm(here, each, likeness, body) >= apart_cm]
+
+
+def _promising(judge: Judge, found: Found, line: Sequence[RigidPlacement]) -> Iterator[Found]:
+    """Yield poses on a line from a pose where the loss falls again, or has hardly grown."""
+    before = found
+    for placement in line:
+        here = judge.fixed(placement)
+        if here.loss < max(before.loss, SOFT_LOSS * found.loss):
+            yield here
+        if here.loss > WALL * found.loss:
+            return
+        before = here
 
 
 def _rescaled(judge: Judge, found: Found, body: Body, shares: Sequence[float]) -> Found:
@@ -278,11 +310,23 @@ def _loss(found: Found) -> float:
     return found.loss
 
 
-def _unlike(found: Sequence[Found], likeness: Likeness, body: Body, most: int) -> list[Found]:
-    """Keep the best of unlike poses, the best first."""
-    ordered = sorted(found, key=_loss)
-    own = [body.placed(each.placement) for each in ordered]
-    return [ordered[k] for k in unlike(own, likeness, APART_SHARE * body.radius_cm, most)]
+def _unlike(
+    found: Sequence[Found], likeness: Likeness, body: Body, most: int, apart_share: float
+) -> list[Found]:
+    """Keep the best of poses that are unlike by a share of the radius, the best first."""
+    return _first_of_like(sorted(found, key=_loss), likeness, body, most, apart_share)
+
+
+def _first_of_like(
+    found: Sequence[Found],
+    likeness: Likeness,
+    body: Body,
+    most: int = LISTED,
+    apart_share: float = APART_SHARE,
+) -> list[Found]:
+    """Keep the first of poses that are unlike by a share of the radius, in their order."""
+    own = [body.placed(each.placement) for each in found]
+    return [found[k] for k in unlike(own, likeness, apart_share * body.radius_cm, most)]
 
 
 def _turned(found: Sequence[Found], search: Search, body: Body, judge: Judge) -> list[Found]:
