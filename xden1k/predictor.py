@@ -95,8 +95,10 @@ class Prediction:
         The mass by the method's own rule, where it has one: printed, never scored.
     model
         Which model answered: its id, or ``replay:HASH`` of recorded answers; empty if none.
+    answers
+        How many answers of a model it rests on, or would have.
     fallbacks
-        How often a substitute stood in for a model's answer.
+        For how many of them a substitute stood in.
     device
         Where it was computed.
     remark
@@ -107,6 +109,7 @@ class Prediction:
     density_sd_g_cm3: Grid | Float[np.ndarray, "parts"] | None = None
     mass_native_g: float | None = None
     model: str = ""
+    answers: int = 0
     fallbacks: int = 0
     device: str = "cpu"
     remark: str = ""
@@ -207,6 +210,18 @@ class Illustrated(Protocol):
     @property
     def pictures_of(self) -> PictureSource:
         """Where they come from."""
+        ...
+
+
+@runtime_checkable
+class AsksAhead(Protocol):
+    """A method that waits for others, as a chat model, and can ask for many objects at once."""
+
+    def ask_ahead(self, samples: Iterator[SampleView]) -> None:
+        """Ask all that will be asked for these samples, and keep the answers.
+
+        Called before the first prediction. Samples are made one by one, as they are taken.
+        """
         ...
 
 

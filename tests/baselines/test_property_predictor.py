@@ -95,7 +95,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> DatasetFolder:
 
 @pytest.fixture(autouse=True)
 def _no_chat_model(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("MODE", "BASE_URL", "MODEL", "API_KEY", "CASSETTE"):
+    for name in ("MODE", "BASE_URL", "MODEL", "API_KEY", "CASSETTE", "FALLBACK", "IN_FLIGHT"):
         monkeypatch.delenv(f"XDEN_VLM_{name}", raising=False)
 
 
@@ -328,3 +328,31 @@ def test_other_recorded_answers_are_another_method(
     chat(monkeypatch, "live", cassette, "http://127.0.0.1:1/v1")
     fingerprints.add(GaussianProperty().fingerprint)
     assert len(fingerprints) == 4
+
+
+def test_what_is_asked_ahead_is_not_asked_again(
+    folder: DatasetFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with stub_endpoint([Reply("a thing, wood oak, 0.9")]) as stub:
+        chat(monkeypatch, "record", tmp_path / "answers.jsonl", stub.base_url)
+        monkeypatch.setenv("XDEN_VLM_IN_FLIGHT", "8")
+        recorder = fitted(folder)
+        recorder.ask_ahead(iter([sample(folder), sample(folder, object_id="hammer-0005")]))
+        asked = len(stub.requests)
+        found = recorder.predict(sample(folder))
+        recorder._model.close()
+    assert asked == len(stub.requests) >= found.answers > 0
+    assert found.fallbacks == 0
+
+
+def test_without_a_fallback_a_run_ends_where_no_answer_makes_sense(
+    folder: DatasetFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with stub_endpoint([Reply("hm")]) as stub:
+        chat(monkeypatch, "record", tmp_path / "answers.jsonl", stub.base_url)
+        monkeypatch.setenv("XDEN_VLM_FALLBACK", "none")
+        method = fitted(folder)
+        with pytest.raises(ChatError, match=r"hammer-0003: part-material/1: no answer of 4 made"):
+            method.predict(sample(folder))
+        method._model.close()
+    assert "if it fails" not in method.notes

@@ -62,6 +62,10 @@ class Talking(Counting):
     name, trainable = "talking", False
     notes = "by heart"
 
+    def __init__(self, answers: int = 20) -> None:
+        super().__init__()
+        self.answers = answers
+
     def predict(self, sample: SampleView) -> Prediction:
         self.asked.append(sample.object_id)
         first = len(self.asked) == 1
@@ -70,6 +74,7 @@ class Talking(Counting):
             0.1 * sample.envelope,
             mass_native_g=7.0,
             model="replay:12ab" if first else "replay:34cd",
+            answers=self.answers,
             fallbacks=2 if first else 0,
             device="cuda",
             remark="remembered",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -187,12 +188,37 @@ def test_a_budget_is_a_positive_number_of_epochs_or_seconds(text: str) -> None:
         Budget.parse(text)
 
 
+@pytest.mark.parametrize("answers", [7, 0])
+def test_a_row_that_is_mostly_the_fallbacks_is_refused_with_the_counts(
+    folder: DatasetFolder, tmp_path: Path, answers: int
+) -> None:
+    counts = f"2 of {max(4 * answers, 2)} answers are the fallback's, over 5%"
+    with pytest.raises(DataError, match=f"talking: {counts}"):
+        run_predictor(Talking(answers), folder, "test", tmp_path / "out.npz")
+    assert not (tmp_path / "out.npz").exists()
+
+
+def test_what_can_be_asked_ahead_is_asked_before_the_first_prediction(
+    folder: DatasetFolder, tmp_path: Path
+) -> None:
+    method = Talking()
+    ahead: list[str] = []
+
+    def ask_ahead(samples: Iterator[SampleView]) -> None:
+        assert not method.asked
+        ahead.extend(one.object_id for one in samples)
+
+    method.ask_ahead = ask_ahead
+    run_predictor(method, folder, "test", tmp_path / "out.npz")
+    assert ahead == method.asked == list(folder.ids("test"))
+
+
 def test_the_file_says_what_the_predictions_said(folder: DatasetFolder, tmp_path: Path) -> None:
     report = run_predictor(Talking(), folder, "test", tmp_path / "out.npz")
     assert report.meta.notes == (
         "by heart; model replay:12ab (1 of 4 objects); model replay:34cd (3 of 4 objects); "
         "remembered; "
-        "2 fallbacks on 1 objects; computed on cuda"
+        "2 of 80 answers by the fallback, on 1 objects; computed on cuda"
     )
     assert report.meta.seconds_per_object is not None
     assert 0 < report.meta.seconds_per_object < 10

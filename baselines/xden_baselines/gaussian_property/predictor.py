@@ -9,7 +9,8 @@ is configured, or else a classifier fitted on the training split.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -19,7 +20,9 @@ from xden1k.errors import DataError
 from xden1k.predictor import Examples, Prediction, SampleView
 from xden1k.values.arrays import Grid
 from xden1k.values.modality import Modality
+from xden_baselines.chat.asking import at_once
 from xden_baselines.chat.endpoint import ChatModel
+from xden_baselines.chat.request import ChatRequest
 from xden_baselines.chat.settings import chat_settings, open_chat
 from xden_baselines.gaussian_property.appearance import Centroids, fit_centroids
 from xden_baselines.gaussian_property.library import ClosedList, closed_list
@@ -31,7 +34,12 @@ from xden_baselines.gaussian_property.lifting import (
     vote_of_points,
     with_hidden,
 )
-from xden_baselines.gaussian_property.regions import color_regions, kept_regions, part_numbers
+from xden_baselines.gaussian_property.regions import (
+    Segmentation,
+    color_regions,
+    kept_regions,
+    part_numbers,
+)
 from xden_baselines.gaussian_property.voters import ChatVoter, LooksVoter, Voter
 from xden_baselines.gaussian_property.voting import (
     Ballots,
@@ -47,7 +55,7 @@ __all__ = ["GaussianProperty", "GaussianPropertyParts", "GaussianPropertyWeighte
 FILE = "materials.json"
 
 
-class _Voting:
+class _Voting(ABC):
     """What the three have in common: a closed list, centroids of looks, and who answers."""
 
     version = "1"
@@ -124,6 +132,22 @@ class _Voting:
     def _model(self) -> ChatModel | None:
         return open_chat(self._chat)
 
+    def ask_ahead(self, samples: Iterator[SampleView]) -> None:
+        """Have the chat model's answers about all samples recorded, many at the same time."""
+        voter, chat = self._voter, self._chat
+        if isinstance(voter, ChatVoter) and chat.mode == "record" and chat.in_flight > 1:
+            at_once(voter.ask, self._requests(voter, samples), chat.in_flight)
+
+    def _requests(self, voter: ChatVoter, samples: Iterator[SampleView]) -> Iterator[ChatRequest]:
+        for sample in samples:
+            pictures, cuts = self._cut(sample)
+            for view, cut in enumerate(cuts):
+                yield from voter.requests(sample.object_id, pictures.colors[view], cut)
+
+    @abstractmethod
+    def _cut(self, sample: SampleView) -> tuple[Pictures, Sequence[Segmentation]]:
+        """Return views of an object, and the regions of each that are asked about."""
+
     def _told(
         self, density: np.ndarray, mass_g: float, judged: Sequence[Judged], sd: Grid | None = None
     ) -> Prediction:
@@ -132,6 +156,7 @@ class _Voting:
             sd,
             mass_native_g=mass_g,
             model=self._model.source if self._model else "",
+            answers=sum(len(one.answers) for one in judged) if self._model else 0,
             fallbacks=sum(answer.fallback for one in judged for answer in one.answers),
         )
 
@@ -155,13 +180,17 @@ class GaussianProperty(_Voting):
         DataError
             If no view shows any of the object.
         """
-        pictures = chosen_views(sample.pictures)
-        cuts = [color_regions(*pair) for pair in zip(pictures.colors, pictures.masks, strict=True)]
+        pictures, cuts = self._cut(sample)
         judged = judge(sample.object_id, pictures, cuts, self._voter)
         surface, ballots = self._ballots(sample, pictures, judged)
         mean, sd = self._filled(surface, ballots, sample.envelope)
         mass_g = float(mean.sum(dtype=np.float64)) * sample.voxel_size_cm**3
         return self._told(mean, mass_g, judged, sd if self.weighted else None)
+
+    def _cut(self, sample: SampleView) -> tuple[Pictures, Sequence[Segmentation]]:
+        pictures = chosen_views(sample.pictures)
+        pairs = zip(pictures.colors, pictures.masks, strict=True)
+        return pictures, [color_regions(*pair) for pair in pairs]
 
     def _ballots(
         self, sample: SampleView, pictures: Pictures, judged: Sequence[Judged]
@@ -220,12 +249,8 @@ class GaussianPropertyParts(_Voting):
         DataError
             If no view shows any of the object.
         """
-        pictures, meshes = chosen_views(sample.pictures), sample.part_meshes
-        numbers = part_numbers(meshes, pictures.cameras)
-        found = [
-            kept_regions(number, mask & (number > 0))
-            for number, mask in zip(numbers, pictures.masks, strict=True)
-        ]
+        pictures, found = self._found(sample)
+        meshes = sample.part_meshes
         judged = judge(sample.object_id, pictures, [cut for cut, _ in found], self._voter)
         shown = [kept.astype(np.int64) - 1 for _, kept in found]
         ballots = vote_of_parts(len(meshes), shown, judged, self._materials)
@@ -237,3 +262,16 @@ class GaussianPropertyParts(_Voting):
             sum(value * mesh.volume for value, mesh in zip(density, meshes, strict=True))
         )
         return self._told(np.concatenate([[0.0], density]).astype(np.float32), mass_g, judged)
+
+    def _cut(self, sample: SampleView) -> tuple[Pictures, Sequence[Segmentation]]:
+        pictures, found = self._found(sample)
+        return pictures, [cut for cut, _ in found]
+
+    def _found(self, sample: SampleView) -> tuple[Pictures, list[tuple[Segmentation, np.ndarray]]]:
+        """Return views of an object, the parts in each, and the number that each of these has."""
+        pictures = chosen_views(sample.pictures)
+        numbers = part_numbers(sample.part_meshes, pictures.cameras)
+        return pictures, [
+            kept_regions(number, mask & (number > 0))
+            for number, mask in zip(numbers, pictures.masks, strict=True)
+        ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -127,12 +128,8 @@ class ChatVoter:
         ChatError
             If no answer comes at all, or none makes sense and there is no fallback.
         """
-        regions = range(1, int(segmentation.max()) + 1)
-        requests = (
-            self._request(object_id, three_tiles(picture, segmentation == number))
-            for number in regions
-        )
-        asked = at_once(self._ask, requests, self.in_flight)
+        requests = self.requests(object_id, picture, segmentation)
+        asked = at_once(self.ask, requests, self.in_flight)
         if self.fallback is None or None not in asked:
             return tuple(filter(None, asked))
         others = self.fallback.vote(object_id, picture, segmentation)
@@ -141,11 +138,24 @@ class ChatVoter:
             for answer, other in zip(asked, others, strict=True)
         )
 
-    def _request(self, object_id: str, tiles: Picture) -> ChatRequest:
+    def requests(
+        self, object_id: str, picture: Picture, segmentation: Segmentation
+    ) -> Iterator[ChatRequest]:
+        """Give what is asked about each region, from the first."""
         text = _PROMPT.format(names=", ".join(map(_spoken, self.materials.names)))
-        return ChatRequest("part-material/1", object_id, text, (png(tiles),))
+        for number in range(1, int(segmentation.max()) + 1):
+            tiles = three_tiles(picture, segmentation == number)
+            yield ChatRequest("part-material/1", object_id, text, (png(tiles),))
 
-    def _ask(self, request: ChatRequest) -> Answer | None:
+    def ask(self, request: ChatRequest) -> Answer | None:
+        """Ask about a region; None if no answer makes sense and the fallback stands in.
+
+        Raises
+        ------
+        ChatError
+            If no answer comes at all, or none makes sense and there is no fallback.
+        """
+
         def read(text: str) -> Answer:
             return parse_answer(text, self.materials)
 

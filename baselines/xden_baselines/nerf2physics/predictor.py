@@ -6,7 +6,7 @@ After Zhai et al., Physical Property Understanding from Language-Embedded Featur
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from jaxtyping import Float
 from xden1k.errors import DataError
 from xden1k.predictor import Examples, Prediction, SampleView
 from xden1k.values.modality import Modality
+from xden_baselines.chat.asking import at_once
 from xden_baselines.chat.candidates import Candidate, MaterialProposer, Picture
 from xden_baselines.chat.prior import PriorProposer
 from xden_baselines.chat.proposer import ChatProposer
@@ -125,7 +126,14 @@ class NeRF2Physics:
             volume_cm3 = float(sample.envelope.sum(dtype=np.float64)) * sample.voxel_size_cm**3
             mass_g = shell_mass_g(cloud, shares, candidates, volume_cm3=volume_cm3)
         fallbacks = self._proposer.fallbacks - before
-        return Prediction(field, mass_native_g=mass_g, fallbacks=fallbacks)
+        asked = int(self._chat.mode != "off")
+        return Prediction(field, mass_native_g=mass_g, answers=asked, fallbacks=fallbacks)
+
+    def ask_ahead(self, samples: Iterator[SampleView]) -> None:
+        """Have the chat model's answers about all samples recorded, many at the same time."""
+        if self._chat.mode == "record" and self._chat.in_flight > 1:
+            questions = ((one.object_id, one.category, described(one.pictures)) for one in samples)
+            at_once(lambda asked: self._proposer.propose(*asked), questions, self._chat.in_flight)
 
     def _seen(
         self, sample: SampleView, pictures: Pictures, candidates: Sequence[Candidate]

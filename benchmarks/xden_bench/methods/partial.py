@@ -39,13 +39,14 @@ class Facts:
     ----------
     seconds
         Wall time.
-    mass_native_g, model, fallbacks, device, remark
+    mass_native_g, model, answers, fallbacks, device, remark
         As in :class:`xden1k.predictor.Prediction`.
     """
 
     seconds: float
     mass_native_g: float | None = None
     model: str = ""
+    answers: int = 0
     fallbacks: int = 0
     device: str = "cpu"
     remark: str = ""

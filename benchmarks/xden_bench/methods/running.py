@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import fmean
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.predictions import MAX_TEXT, PredictionsWriter, SubmissionMeta, Target
 from xden1k.predictor import (
+    AsksAhead,
     Budget,
     Fingerprinted,
     PictureSource,
@@ -40,6 +41,10 @@ from xden_bench.scoring.reference import xray_refusal
 from xden_bench.scoring.submission import Progress
 
 __all__ = ["Options", "Report", "refuse_without_radiographs", "run_predictor", "run_within"]
+
+
+MOST_FALLBACKS: Final = 0.05
+"""Of a model's answers: of more a row would not be the model's it names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,8 +146,8 @@ def run_predictor(
     ------
     DataError
         If a training object lacks the target, a prediction breaks the format, the options ask for
-        what the method cannot do, it reads radiographs and objects have none, or another process is
-        writing the same submission.
+        what the method cannot do, it reads radiographs and objects have none, another process is
+        writing the same submission, or over 5 % of a model's answers are a substitute's.
     ModalityError
         If the method touches what it did not declare.
     """
@@ -203,6 +208,7 @@ def run_within(
         continued = partial.count
         with PredictionsWriter(partial.submission) as writer:
             facts = dict(run.predictions(writer, partial, progress))
+            _refuse_fallbacks(predictor.name, tuple(facts.values()))
             meta = run.meta(fit, tuple(facts.values()))
             writer.finish(meta)
         partial.submission.replace(out)
@@ -263,6 +269,8 @@ class _Run:
     ) -> Iterator[tuple[str, Facts]]:
         """Write every object: first those that are kept, then the others."""
         ids, done = self.scope.task.ids, partial.count
+        if isinstance(self.predictor, AsksAhead) and done < len(ids):
+            self.predictor.ask_ahead(map(self.scope.sample, progress(ids[done:])))
         for place, object_id in enumerate(ids[:done]):
             kept = partial.read(place)
             writer.add(object_id, kept.values, kept.sd)
@@ -285,6 +293,7 @@ class _Run:
             seconds,
             found.mass_native_g,
             found.model,
+            found.answers,
             found.fallbacks,
             found.device,
             found.remark,
@@ -324,9 +333,24 @@ class _Run:
         yield from _counted([f"model {one.model}" if one.model else "" for one in facts])
         yield from _counted([one.remark for one in facts])
         if fallbacks := sum(one.fallbacks for one in facts):
-            yield f"{fallbacks} fallbacks on {sum(one.fallbacks > 0 for one in facts)} objects"
+            objects = sum(one.fallbacks > 0 for one in facts)
+            yield f"{fallbacks} of {_answers(facts)} answers by the fallback, on {objects} objects"
         if devices := sorted({one.device for one in facts} - {"cpu"}):
             yield f"computed on {', '.join(devices)}"
+
+
+def _answers(facts: Sequence[Facts]) -> int:
+    return sum(max(one.answers, one.fallbacks) for one in facts)
+
+
+def _refuse_fallbacks(method: str, facts: Sequence[Facts]) -> None:
+    """Refuse a row that would be of its substitute rather than of the model it names."""
+    fallbacks, answers = sum(one.fallbacks for one in facts), _answers(facts)
+    if fallbacks > MOST_FALLBACKS * answers:
+        raise DataError(
+            f"{method}: {fallbacks} of {answers} answers are the fallback's, over "
+            f"{MOST_FALLBACKS:.0%}: such a row would not be the model's it names"
+        )
 
 
 def _short(notes: Sequence[str]) -> str:
