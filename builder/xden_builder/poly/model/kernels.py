@@ -81,35 +81,36 @@ def predict(
         Written. With no row in ``slopes`` no derivative is computed.
     """
     parts, groups = mac.shape
-    light, scales = np.empty(groups), np.empty(groups, np.int64)
-    met = np.empty(parts, np.int64)
+    room = lengths.shape[1] * groups
+    light, scales = np.empty(room), np.empty(room, np.int64)
     with_slopes = slopes.shape[0] > 0
     for pixel in range(lengths.shape[0]):
         total = 0.0
         if with_slopes:
             slopes[pixel, :] = 0.0
+        used = rays[pixel] * groups
+        light[:used] = 0.0
         for ray in range(rays[pixel]):
-            count = 0
-            light[:] = 0.0
             for part in range(parts):
                 way = lengths[pixel, ray, part]
                 if way > 0:
-                    met[count] = part
-                    count += 1
                     areal = way * density[part]
                     for group in range(groups):
-                        light[group] -= areal * mac[part, group]
-            _raise_e(light, scales)
+                        light[ray * groups + group] -= areal * mac[part, group]
+        _raise_e(light[:used], scales[:used])
+        for ray in range(rays[pixel]):
+            first = ray * groups
             for group in range(groups):
-                light[group] *= weights[pixel, group]
-                total += light[group]
+                light[first + group] *= weights[pixel, group]
+                total += light[first + group]
             if with_slopes:
-                for index in range(count):
-                    part = met[index]
-                    weighted = 0.0
-                    for group in range(groups):
-                        weighted += light[group] * mac[part, group]
-                    slopes[pixel, part] -= weighted * lengths[pixel, ray, part] / rays[pixel]
+                for part in range(parts):
+                    way = lengths[pixel, ray, part]
+                    if way > 0:
+                        weighted = 0.0
+                        for group in range(groups):
+                            weighted += light[first + group] * mac[part, group]
+                        slopes[pixel, part] -= weighted * way / rays[pixel]
         transmission[pixel] = total / rays[pixel]
 
 
