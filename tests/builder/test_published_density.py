@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -13,17 +14,24 @@ from xden_builder.physics.source import Tube
 from xden_builder.physics.spectrum import tube_spectrum
 from xden_builder.published.beam import Beam, PartRays, fitted_depth
 from xden_builder.published.convention import vote
+from xden_builder.published.copies import copies
 from xden_builder.published.density import estimate
 from xden_builder.published.hypotheses import Hypotheses, families_of, hypotheses
 from xden_builder.published.orientation import ORIENTATIONS
-from xden_builder.published.release_fit import BeamFit, ReleaseFit, part_rays, voxels_cm
+from xden_builder.published.release_fit import (
+    BeamFit,
+    ReleaseFit,
+    fit_release,
+    part_rays,
+    voxels_cm,
+)
 from xden_builder.published.survey import PartSeen, Survey
 
 BEAM = Beam(filter_mm_al=4.0, stray=0.02, deepest=3.5, spread=1.2, axes=(0, 1))
 
 
-def slab(thickness_cm: float, clear: float = 1.0) -> PartRays:
-    return PartRays(np.full(4, thickness_cm), np.full(4, clear), np.full(4, 0.25))
+def slab(thickness_cm: float, clear: float = 1.0, volume_cm3: float = 1.0) -> PartRays:
+    return PartRays(np.full(4, thickness_cm), np.full(4, clear), np.full(4, 0.25), volume_cm3)
 
 
 def one(material: str) -> Hypotheses:
@@ -82,6 +90,41 @@ def test_a_coefficient_behind_a_wall_says_little():
     seen, hidden = (estimate(0.25, "", slab(1.0, clear), BEAM) for clear in (1.0, 0.02))
     assert hidden.sd_g_cm3 > 3 * seen.sd_g_cm3
     assert hidden.source == "prior"
+
+
+def test_a_large_body_that_lets_nothing_through_is_not_taken_for_tons_of_metal():
+    small, large = (
+        estimate(0.2, "", slab(15.0, 0.2, volume_cm3), BEAM) for volume_cm3 in (1.0, 3000.0)
+    )
+    assert large.density_g_cm3 < small.density_g_cm3
+    assert large.density_g_cm3 + large.sd_g_cm3 < 2.5
+
+
+def test_what_copies_show_counts_for_each_of_them():
+    rays = slab(0.5)
+    lac_per_cm = lac_of("aluminium", rays)
+    alone = estimate(1.6 * lac_per_cm, "", rays, BEAM)
+    paired = estimate(1.6 * lac_per_cm, "", rays, BEAM, [(lac_per_cm, rays)])
+    assert abs(paired.density_g_cm3 - 2.7) < abs(alone.density_g_cm3 - 2.7)
+    turned = estimate(lac_per_cm, "", rays, BEAM, [(1.6 * lac_per_cm, rays)])
+    assert paired.density_g_cm3 == pytest.approx(turned.density_g_cm3)
+
+
+def test_copies_agree_in_volume_shadow_and_coefficient():
+    one = survey().parts[0]
+    other = [
+        replace(one, lac_per_cm=0.22, rays=[100, 104, 98]),
+        replace(one, filled_voxels=1100.0),
+        replace(one, rays=[150, 150, 150]),
+        replace(one, lac_per_cm=0.5),
+    ]
+    assert copies([one, *other]) == [[1], [0], [], [], []]
+    assert copies([]) == []
+
+
+def test_radiographs_are_taken_across_the_axis_on_which_things_stand():
+    upright = [replace(survey(), object_id=str(k)) for k in range(3)]
+    assert fit_release(upright).beam.beam.axes == (0, 2)
 
 
 def test_a_name_speaks_for_its_families_and_against_the_others():

@@ -70,11 +70,14 @@ class PartRays:
         Shape (rays,): transmission of all else on the way, by the published coefficients.
     weights
         Shape (rays,): how many rays each stands for.
+    volume_cm3
+        Of the part.
     """
 
     paths_cm: Float64[np.ndarray, "rays"]
     others: Float64[np.ndarray, "rays"]
     weights: Float64[np.ndarray, "rays"]
+    volume_cm3: float
 
     @property
     def mean_cm(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -16,14 +16,20 @@ from xden_builder.published.hypotheses import Hypotheses, families_of, hypothese
 
 __all__ = ["PartEstimate", "estimate", "log_evidence", "log_sd", "saturated"]
 
-LIGHT_SD: Final = 0.08
+LIGHT_SD: Final = 0.04
 """Standard deviation of the logarithm of a coefficient that nothing disturbs."""
-DEPTH_SD: Final = 0.1
+DEPTH_SD: Final = 0.09
 """What each unit of depth, coefficient times way, adds, times the beam's ``spread``."""
-HIDDEN_SD: Final = 0.15
-"""What other parts on the way add, for each unit of 1 / transmission - 1."""
-FAINT_SD: Final = 0.006
-"""What noise and the open field add, as a depth."""
+HIDDEN_SD: Final = 0.19
+"""What other parts on the way add, for each unit of their depth."""
+FAINT_SD: Final = 0.03
+"""What scatter and the open field add, as a depth."""
+USUAL_G: Final = 1000.0
+"""Few parts of what people own and scan weigh more (assumed): their masses fall off exponentially,
+so that a large body is rather foam or water than steel, whose attenuation looks alike where hardly
+a ray comes through."""
+COMMON: Final = 0.3
+"""Correlation of the errors of two copies: they lie in the same radiographs."""
 TOO_LOW: Final = 0.016
 TOO_HIGH: Final = 0.004
 """Share of parts whose coefficient is far below or above what any material explains: what lies
@@ -103,9 +109,9 @@ def log_sd(
     Examples
     --------
     >>> log_sd(np.array([0.2, 3.0]), 1.0, 1.0).round(2).tolist()
-    [0.09, 0.31]
+    [0.16, 0.27]
     """
-    disturbed = np.hypot(LIGHT_SD, HIDDEN_SD * (1 / clear - 1))
+    disturbed = np.hypot(LIGHT_SD, HIDDEN_SD * np.log(clear))
     return np.asarray(np.hypot(np.hypot(disturbed, DEPTH_SD * spread * depth), FAINT_SD / depth))
 
 
@@ -130,7 +136,7 @@ def log_evidence(
         Of the same filter and stray light.
     """
     likelihood, _ = _log_likelihood(lac_per_cm, rays, depth, beam)
-    return float(np.logaddexp.reduce(tried.log_prior + likelihood))
+    return float(np.logaddexp.reduce(_log_prior(tried, rays) + likelihood))
 
 
 def _log_likelihood(
@@ -150,7 +156,13 @@ def _log_likelihood(
     return np.log(chance), off
 
 
-def estimate(lac_per_cm: float, name: str, rays: PartRays, beam: Beam) -> PartEstimate:
+def estimate(
+    lac_per_cm: float,
+    name: str,
+    rays: PartRays,
+    beam: Beam,
+    copies: Sequence[tuple[float, PartRays]] = (),
+) -> PartEstimate:
     """Weigh what a part may be.
 
     Parameters
@@ -161,12 +173,15 @@ def estimate(lac_per_cm: float, name: str, rays: PartRays, beam: Beam) -> PartEs
         Of the part; empty where nothing is told.
     rays, beam
         Ways through the part, and what they met.
+    copies
+        Coefficient and rays of other parts of the object that are of the same material.
     """
     tried = hypotheses(families_of(name))
-    depth = fitted_depth(rays, tried, beam.filter_mm_al, beam.stray)
-    log_likelihood, off = _log_likelihood(lac_per_cm, rays, depth, beam)
-    prior = np.exp(tried.log_prior)
-    chance = prior * np.exp(log_likelihood)
+    own, off = _weighed(lac_per_cm, rays, tried, beam)
+    others = [_weighed(*copy, tried, beam)[0] for copy in copies]
+    log_likelihood = sum(others, own) / (1 + COMMON * len(others))
+    prior = np.exp(_log_prior(tried, rays))
+    chance = prior * np.exp(log_likelihood - log_likelihood.max())
     chance /= chance.sum()
     low, density, high = _quantiles(tried.density_g_cm3, chance)
     prior_low, _, prior_high = _quantiles(tried.density_g_cm3, prior)
@@ -180,6 +195,20 @@ def estimate(lac_per_cm: float, name: str, rays: PartRays, beam: Beam) -> PartEs
         dict(list(by_material.items())[:3]),
         _flags(sd / density, float(off[chance.argmax()])),
     )
+
+
+def _log_prior(tried: Hypotheses, rays: PartRays) -> Float64[np.ndarray, "h"]:
+    """Logarithm of the share of each hypothesis among parts of this volume."""
+    weight = tried.log_prior - tried.density_g_cm3 * rays.volume_cm3 / USUAL_G
+    return np.asarray(weight - np.logaddexp.reduce(weight))
+
+
+def _weighed(
+    lac_per_cm: float, rays: PartRays, tried: Hypotheses, beam: Beam
+) -> tuple[Float64[np.ndarray, "h"], Float64[np.ndarray, "h"]]:
+    """Log likelihood of each hypothesis behind a beam, and how far it is off."""
+    depth = fitted_depth(rays, tried, beam.filter_mm_al, beam.stray)
+    return _log_likelihood(lac_per_cm, rays, depth, beam)
 
 
 def _flags(relative_sd: float, off_sd: float) -> tuple[str, ...]:

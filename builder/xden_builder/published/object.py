@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from xden1k.rays import THINNER_THAN_LABELS, ObjectGrids, object_grids
 from xden1k.values.physics import apparent_density_g_cm3
 from xden1k.values.types import DensityObject, Part, Split
+from xden_builder.published.copies import copies
 from xden_builder.published.density import PartEstimate, estimate
 from xden_builder.published.fill import fill_mesh
 from xden_builder.published.given import PublishedObject
@@ -103,10 +104,11 @@ def import_object(given: PublishedObject, fit: ReleaseFit, split: Split) -> Dens
 def _estimates(volume: LabelVolume, placed: Registration, fit: ReleaseFit) -> list[PartEstimate]:
     """Weigh the materials of every part."""
     sides = np.linalg.norm(placed.affine[:3, :3], axis=0)
-    beam = fit.beam.beam
+    beam, parts = fit.beam.beam, parts_seen(volume)
+    seen = [(part.lac_per_cm, part_rays(part, sides, beam.axes)) for part in parts]
     return [
-        estimate(part.lac_per_cm, part.name, part_rays(part, sides, beam.axes), beam)
-        for part in parts_seen(volume)
+        estimate(lac_per_cm, part.name, rays, beam, [seen[place] for place in alike])
+        for part, (lac_per_cm, rays), alike in zip(parts, seen, copies(parts), strict=True)
     ]
 
 

@@ -30,7 +30,12 @@ USUAL_LOG_SD: Final = 0.5
 and few add more than as much again (assumed). Parts alone hardly tell 4 from 20 mm."""
 AXES: Final[tuple[tuple[int, ...], ...]] = ((0, 1), (0, 2), (1, 2))
 """What is tried for the beam; radiographs were taken along two axes of the volume."""
-START: Final = (4.0, 0.02)
+UP: Final = 1
+"""Axis of the meshes that points up, by glTF."""
+LYING_LOG: Final = -3.0
+"""Logarithm of how much less likely it is that a radiograph was taken along it: things stand before
+a scanner as they stand on a table (assumed)."""
+START: Final = (4.0, 0.0)
 """Filter and stray light with which the axes are chosen."""
 MOST_PARTS: Final = 150
 """Parts that are asked: enough to place the beam, and minutes fewer."""
@@ -119,22 +124,36 @@ def part_rays(part: PartSeen, sides_cm: Float64[np.ndarray, "3"], axes: Sequence
     paths = np.array(part.paths_voxels)[chosen]
     rays = (np.array(part.rays)[chosen] * areas)[:, None] * np.ones_like(paths)
     others = np.exp(-np.array(part.others_voxels_per_cm)[chosen] * sides)
-    return PartRays((paths * sides).ravel(), others.ravel(), (rays / rays.sum()).ravel())
+    volume_cm3 = float(part.filled_voxels * sides_cm.prod())
+    weights = (rays / rays.sum()).ravel()
+    return PartRays((paths * sides).ravel(), others.ravel(), weights, volume_cm3)
 
 
 def _fit_beam(surveys: Sequence[Survey], convention: Convention) -> BeamFit:
     """Choose the beam of the most evidence: first where it ran, then how hard it is."""
     asked = list(_asked(surveys, convention))
+    ran = _ran(asked, convention)
     total: dict[Beam, float] = {}
-    for axes in AXES:
-        total |= _weighed(asked, axes, *START)
-    ran = max(total, key=lambda beam: total[beam]).axes
     for filter_mm_al, stray in product(FILTERS_MM_AL, STRAYS):
         total |= _weighed(asked, ran, filter_mm_al, stray)
     best = max(total, key=lambda beam: total[beam])
     others = [beam for beam in total if beam.filter_mm_al != best.filter_mm_al]
     second = max(others, key=lambda beam: total[beam])
     return BeamFit(best, total[best], total[second], second.filter_mm_al, len(asked))
+
+
+def _ran(
+    asked: Sequence[tuple[PartSeen, Float64[np.ndarray, "3"]]], convention: Convention
+) -> tuple[int, ...]:
+    """Axes along which the radiographs were taken, by the half of the parts least hidden."""
+    clear = np.array([part_rays(*one, axes=range(3)).clear for one in asked])
+    seen = [asked[place] for place in np.flatnonzero(clear >= np.median(clear)).tolist()]
+
+    def evidence(axes: tuple[int, ...]) -> float:
+        lying = any(convention.orientation.axes[axis] == UP for axis in axes)
+        return max(_weighed(seen, axes, *START).values()) + LYING_LOG * lying
+
+    return max(AXES, key=evidence)
 
 
 def _weighed(
