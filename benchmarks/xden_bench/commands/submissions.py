@@ -176,7 +176,7 @@ def submit(asked: Asked, out: Path | None, as_json: bool) -> None:
     Nothing is written if anything is wrong with it. `xden-bench leaderboard` makes the table.
     """
     from xden_bench.entries.result import write_entry
-    from xden_bench.methods.baseline import check_trivial
+    from xden_bench.methods.trivial import check_trivial
 
     if asked.sealed and out is None:
         raise click.UsageError(
@@ -208,11 +208,11 @@ def _entered(path: Path, out: Path | None) -> str:
 
 def _scored(asked: Asked, reference: Reference) -> tuple[Score, dict[str, Any]]:
     from xden_bench.entries.result import entry_of
+    from xden_bench.methods.trivial import score_told
     from xden_bench.scoring.protocol import load_protocol
-    from xden_bench.scoring.score import score as score_file
 
     rules = load_protocol(asked.protocol)
-    scored = score_file(asked.submission, reference, rules, asked.track, progress_bar)
+    scored = score_told(asked.submission, reference, rules, asked.track, progress_bar)
     today = datetime.datetime.now(tz=datetime.UTC).date()
     command = command_line(click.get_current_context())
     return scored, entry_of(scored, reference, command=command, date=today)

@@ -94,7 +94,7 @@ def unranked_because(row: Entry) -> str | None:
     """Why a row is printed without a rank, or None if it has one.
 
     All an entry says of itself can only take its rank away here, so that nothing is gained by
-    saying it falsely. :func:`xden_bench.methods.baseline.check_trivial` keeps the names of the
+    saying it falsely. :func:`xden_bench.methods.trivial.check_trivial` keeps the names of the
     trivial methods for those.
     """
     if is_trivial(row["method"]["name"], load_protocol(row["protocol"])):
@@ -105,6 +105,8 @@ def unranked_because(row: Entry) -> str | None:
         return "it is told the material of each part"
     if any(warning.startswith("W504") for warning in row["warnings"]):
         return "its values are those of the reference"
+    if any(warning.startswith("W505") for warning in row["warnings"]):
+        return "its values are those of a trivial method"
     if row["method"]["name"] in REBUILT and "scan" in row["dataset"]["source"].split("+"):
         return "circular: on scans the truth is the builder's own reconstruction"
     return None

@@ -1,30 +1,24 @@
-"""The methods that are installed, and whether a submission is that of a trivial one."""
+"""The methods that are installed."""
 
 from __future__ import annotations
 
 import inspect
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from xden1k.errors import DataError
-from xden1k.predictions import open_predictions
 from xden1k.predictor import Illustrated, PictureSource, Predictor
 from xden1k.values.modality import Modality, track_of
 from xden_bench.methods.running import Options, Report, run_predictor
-from xden_bench.scoring.protocol import Protocol, is_trivial
-from xden_bench.scoring.reference import Reference
 
 __all__ = [
     "Listed",
     "Options",
     "Report",
-    "check_trivial",
+    "builtin_names",
     "find_pictures",
     "find_predictor",
     "list_predictors",
@@ -130,46 +124,10 @@ def find_pictures(predictor: Predictor, views: Path | None) -> PictureSource | N
     return source
 
 
-def check_trivial(path: Path, reference: Reference, protocol: Protocol) -> None:
-    """Refuse a submission under the name of a trivial method that is not its prediction.
-
-    The installed method runs again on the dataset and each value is compared. It guards what
-    enters by ``xden-bench submit``; an entry written by hand is a matter for whoever reviews it.
-
-    Parameters
-    ----------
-    path
-        A valid submission.
-    reference
-        What it predicts.
-    protocol
-        Which names are those of trivial methods.
-
-    Raises
-    ------
-    DataError
-        If a value differs.
-    """
-    with open_predictions(path) as found, tempfile.TemporaryDirectory() as scratch:
-        meta = found.meta
-        if meta is None or not is_trivial(meta.method, protocol):
-            return
-        own, name = Path(scratch) / "own.npz", meta.method.strip().casefold()
-        predictor = find_predictor(name)
-        options = Options(target=meta.target)
-        run_predictor(predictor, reference.folder, reference.split, own, options)
-        with open_predictions(own) as expected:
-            for object_id in reference.ids:
-                if not _equal(found.read(object_id), expected.read(object_id)):
-                    raise DataError(
-                        f"{path}: the name {name!r} is that of a trivial method, and its value of "
-                        f"{object_id} is another: give the method a name of its own"
-                    )
-
-
-def _equal(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether two grids are the same, whichever of the two dtypes they were stored as."""
-    return one.shape == other.shape and np.allclose(one, other, rtol=2**-10, atol=2**-24)
+def builtin_names() -> tuple[str, ...]:
+    """Names of the methods that this package brings, sorted; those of plugins are their own."""
+    found = _entries(PREDICTORS).values()
+    return tuple(sorted(one.name for one in found if one.dist and one.dist.name == "xden1k"))
 
 
 def _entries(group: str) -> dict[str, EntryPoint]:

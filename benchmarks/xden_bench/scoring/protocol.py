@@ -12,6 +12,7 @@ from xden1k.errors import DataError
 from xden1k.predictions import Target
 from xden1k.values.settings import load_settings
 from xden_bench.scoring.metrics import METRICS
+from xden_bench.scoring.names import skeleton
 
 __all__ = ["PROTOCOLS", "Protocol", "is_trivial", "load_protocol"]
 
@@ -125,11 +126,11 @@ def load_protocol(name: str = PROTOCOLS[0]) -> Protocol:
 
 
 def is_trivial(method: str, protocol: Protocol) -> bool:
-    """Whether a name is one of a trivial method, in whatever case.
+    """Whether a name is one of a trivial method, however it is written.
 
     Examples
     --------
-    >>> [is_trivial(name, load_protocol("v1")) for name in ("water", " Water", "my water")]
+    >>> [is_trivial(name, load_protocol("v1")) for name in ("water", " W-ater", "my water")]
     [True, True, False]
     """
-    return method.strip().casefold() in protocol.unranked
+    return skeleton(method) in map(skeleton, protocol.unranked)

@@ -63,6 +63,8 @@ class Score:
         The rules it was scored by.
     warnings
         Footnotes.
+    even_fills_g_cm3
+        Density of each object that it fills evenly, by id.
     """
 
     meta: SubmissionMeta
@@ -71,6 +73,7 @@ class Score:
     objects: tuple[ObjectScore, ...]
     protocol: Protocol
     warnings: tuple[Problem, ...]
+    even_fills_g_cm3: Mapping[str, float]
 
     @cached_property
     def metrics(self) -> Mapping[str, Estimate]:
@@ -165,8 +168,15 @@ def score(
         objects = tuple(_object_score(*one, protocol) for one in check.fields())
         raise_errors(check.problems)
         assert predictions.meta is not None
-        checksums = predictions.sha256, check.arrays_sha256
-        return Score(predictions.meta, *checksums, objects, protocol, check.problems)
+        return Score(
+            predictions.meta,
+            predictions.sha256,
+            check.arrays_sha256,
+            objects,
+            protocol,
+            check.problems,
+            check.even_fills_g_cm3,
+        )
 
 
 def _object_score(truth: Truth, grid: Grid, sd: Grid | None, protocol: Protocol) -> ObjectScore:

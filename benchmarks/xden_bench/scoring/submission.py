@@ -18,13 +18,15 @@ from xden_bench.scoring.metrics import nonuniformity, relative_error
 from xden_bench.scoring.protocol import Protocol
 from xden_bench.scoring.reference import Reference, Truth, xray_refusal
 
-__all__ = ["Check", "Progress", "validate"]
+__all__ = ["Check", "Progress", "even_fill_g_cm3", "validate"]
 
 Progress = Callable[[Sequence[str]], Iterable[str]]
 """What shows a bar while it goes through ids."""
 
 CONSTANT_TOLERANCE = 1e-3
 """Relative: float16 rounds by half of it."""
+EVEN = 0.1
+"""Share of the mass by which an even filling may be uneven: much noise for its size."""
 INHOMOGENEOUS = 0.03
 """Non-uniformity from which on nobody hits a whole field by hitting one number."""
 
@@ -57,6 +59,8 @@ class Check:
     _highest: float = field(default=0.0, init=False)
     _inner: tuple[float, float] = field(default=(np.inf, -np.inf), init=False)
     """Lowest and highest value in voxels wholly inside an object."""
+    even_fills_g_cm3: dict[str, float] = field(default_factory=dict, init=False)
+    """Density of each object that is filled evenly: see :func:`even_fill_g_cm3`."""
     _inhomogeneous: set[str] = field(default_factory=set, init=False)
     _arrays: hashlib._Hash = field(default_factory=hashlib.sha256, init=False)
 
@@ -138,6 +142,8 @@ class Check:
         outside = grid[truth.envelope == 0].sum(dtype=np.float64)
         if outside > self.protocol.max_outside_share * grid.sum(dtype=np.float64):
             self._warned.setdefault("W503", []).append(truth.object_id)
+        if (fill := even_fill_g_cm3(grid, truth.envelope)) is not None:
+            self.even_fills_g_cm3[truth.object_id] = fill
         if nonuniformity(truth.density_g_cm3, truth.envelope) > INHOMOGENEOUS:
             self._inhomogeneous.add(truth.object_id)
         if relative_error(truth.density_g_cm3, grid, truth.envelope) < self.protocol.copied_within:
@@ -263,3 +269,24 @@ def _part_problem(truth: Truth, count: int, reads: Modality) -> Problem | None:
         message = f"shape must be ({truth.parts + 1},), air and {truth.parts} parts, got ({count},)"
         return Problem("E402", truth.object_id, message)
     return None
+
+
+def even_fill_g_cm3(density_g_cm3: Grid, envelope: Grid) -> float | None:
+    """Density with which the outer surface is filled evenly, up to noise; None if it is not.
+
+    Parameters
+    ----------
+    density_g_cm3
+        Shape (x, y, z), g/cm³, voxel means.
+    envelope
+        Shape (x, y, z), 0 to 1: share of the voxel inside the outer surface.
+
+    Examples
+    --------
+    >>> box = np.ones((1, 1, 2))
+    >>> even_fill_g_cm3(2 * box, box), even_fill_g_cm3(np.array([[[1.0, 3.0]]]), box)
+    (2.0, None)
+    """
+    inside = envelope > 0
+    mass, volume = (float(one[inside].sum(dtype=np.float64)) for one in (density_g_cm3, envelope))
+    return mass / volume if nonuniformity(density_g_cm3, envelope) <= EVEN else None

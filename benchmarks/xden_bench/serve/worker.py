@@ -130,12 +130,11 @@ def score_upload(
     OSError
         If the entry cannot be written.
     """
-    from xden_bench.methods.baseline import check_trivial
-    from xden_bench.scoring.score import score
+    from xden_bench.methods.trivial import check_trivial, score_told
     from xden_bench.scoring.submission import validate
 
     try:
-        scored = score(path, reference, rules, progress=progress)
+        scored = score_told(path, reference, rules, progress=progress)
     except SubmissionError:
         return Outcome("refused", problems=validate(path, reference, rules))
     try:
