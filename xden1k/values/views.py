@@ -60,7 +60,7 @@ class ViewGeometry:
             raise DataError(f"a {self.beam} beam needs {wanted} and no {other}")
         for name in ("pixel00_cm", "column_step_cm", "row_step_cm", wanted):
             vector = np.array(getattr(self, name), dtype=np.float64)
-            if not np.isfinite(vector).all():
+            if vector.shape != (3,) or not all(map(math.isfinite, vector.tolist())):
                 raise DataError(f"{name} must be three finite numbers, got {vector.tolist()}")
             vector.flags.writeable = False
             object.__setattr__(self, name, vector)
@@ -73,8 +73,14 @@ class ViewGeometry:
         return ("source_cm", "direction") if self.beam == "cone" else ("direction", "source_cm")
 
     def _edge_on_measure(self) -> float:
-        lengths = [math.hypot(*column) for column in self.matrix.T.tolist()]
-        return float(np.linalg.det(self.matrix)) / max(math.prod(lengths), 1e-300)
+        """Volume of the frame's unit vectors, negative if it is left-handed."""
+        column, row, beam = self.matrix.T.tolist()
+        volume = (
+            column[0] * (row[1] * beam[2] - row[2] * beam[1])
+            + column[1] * (row[2] * beam[0] - row[0] * beam[2])
+            + column[2] * (row[0] * beam[1] - row[1] * beam[0])
+        )
+        return volume / max(math.prod(math.hypot(*each) for each in (column, row, beam)), 1e-300)
 
     @cached_property
     def matrix(self) -> Float[np.ndarray, "3 3"]:
@@ -93,7 +99,7 @@ class ViewGeometry:
     @cached_property
     def mirrored(self) -> bool:
         """Whether (column step, row step, beam) is a left-handed frame."""
-        return bool(np.linalg.det(self.matrix) < 0)
+        return self._edge_on_measure() < 0
 
     def project(self, points_cm: Points) -> Float[np.ndarray, "points 3"]:
         """Column, row and depth of points.
