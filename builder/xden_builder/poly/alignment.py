@@ -76,8 +76,8 @@ def _densities(
     windows = [window(view.geometry, shared.points_cm, binning) for view in shared.views]
     level = Level.of(shared, poses, windows, binning)
     start = shared.start(density_g_cm3, np.zeros(poses.count))
-    found, _ = descend(level, start, MOST_DERIVATIVES, *density_bounds(density_g_cm3, len(start)))
-    return found[: len(density_g_cm3)]
+    bounds = density_bounds(density_g_cm3, len(start))
+    return descend(level, start, MOST_DERIVATIVES, *bounds).unknowns[: len(density_g_cm3)]
 
 
 def _alone(
@@ -89,7 +89,7 @@ def _alone(
     """
     poses = Poses((True,), origin)
     whole = Level.of(target, poses, [EVERYWHERE], _binning(target))
-    found = sorted((_search(whole, density_g_cm3, turn) for turn in _turns()), key=whole.loss)
+    found = sorted((_search(whole, density_g_cm3, turn) for turn in _turns()), key=whole.loss_at)
     rigid = [each[-poses.count :][poses.places(0)] for each in found]
     best = [
         pose
@@ -122,7 +122,7 @@ def _search(whole: Level, density_g_cm3: Float64[np.ndarray, "k"], turn: Vec3) -
     level = Level.of(target, poses, [around], whole.binning)
     start = target.start(density_g_cm3, pose)
     bounds = density_bounds(density_g_cm3, len(start), TOLD_SHARES)
-    return descend(level, start, MOST_DERIVATIVES, *bounds)[0]
+    return descend(level, start, MOST_DERIVATIVES, *bounds).unknowns
 
 
 def _binning(target: Target) -> int:

@@ -174,18 +174,20 @@ def refine_pose(
     if any(poses.turned):
         starts = aligned(target, poses, density_g_cm3)
     low, high = density_bounds(density_g_cm3, len(starts[0]))
-    rms_before = None
+    best = rms_before = None
     for binning, most in _binnings(views, any(poses.turned)):
         windows = _windows(target, poses, starts[0][-poses.count :], binning)
         level = Level.of(target, poses, windows, binning)
-        if rms_before is None:
-            rms_before = level.rms(starts[0])
-        elif not any(poses.turned):
-            starts = [min(starts[0], _as_told(starts[0], poses), key=level.loss)]
+        if best is not None and not any(poses.turned):
+            starts = [min(starts[0], _as_told(starts[0], poses), key=level.loss_at)]
         ends = [descend(level, start, most, low, high) for start in starts]
-        unknowns, there = min(ends, key=lambda end: end[1].loss)
-        starts = [unknowns]
+        if rms_before is None:
+            rms_before = level.rms(ends[0].before)
+        best = min(ends, key=lambda end: end.there.loss)
+        starts = [best.unknowns]
+    assert best is not None
     assert rms_before is not None
+    unknowns, there, _, residuals = best
     told = there.hessian + 1e-9 * np.diag(there.hessian.diagonal())
     covariance = np.linalg.pinv(told, hermitian=True)
     return PoseFit(
@@ -195,7 +197,7 @@ def refine_pose(
         density_g_cm3=unknowns[: len(meshes)],
         gain=unknowns[len(meshes) : -poses.count],
         rms_before=rms_before,
-        rms_after=level.rms(unknowns),
+        rms_after=level.rms(residuals),
     )
 
 

@@ -5,10 +5,10 @@ Derivatives by pose are central differences of whole renderings, since outlines 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import trimesh
@@ -25,7 +25,7 @@ from xden_builder.poly.model.direct import transmissions, transmissions_and_slop
 from xden_builder.poly.model.frames import any_of, binned, coarse
 from xden_builder.poly.model.poses import Poses
 
-__all__ = ["Level", "Target", "Window", "density_bounds", "descend", "window"]
+__all__ = ["Descent", "Level", "Target", "Window", "density_bounds", "descend", "window"]
 
 Window = tuple[slice, slice]
 """Rows and columns of an image."""
@@ -113,7 +113,11 @@ class Level:
     target: Target
     poses: Poses
     binning: int
+    panels: Sequence[ViewGeometry]
+    """As told, with so many pixels read as one."""
     masks: Sequence[Mask]
+    places: Sequence[Int64[np.ndarray, "_pixels"]]
+    """Number of each pixel among the compared ones, -1 where it is not."""
     measured: Sequence[Float64[np.ndarray, "_p"]]
     at_least: Sequence[Bool[np.ndarray, "_p"]]
     weights: Sequence[Float64[np.ndarray, "_p groups"]]
@@ -122,17 +126,19 @@ class Level:
     @classmethod
     def of(cls, target: Target, poses: Poses, windows: Sequence[Window], binning: int) -> Level:
         """Average images, and compare them in a window of each."""
-        masks, measured, at_least, weights = [], [], [], []
+        masks, places, measured, at_least, weights = [], [], [], [], []
         views = zip(target.views, target.saturated, target.beams, windows, strict=True)
         for view, full, beam, inside in views:
             image, known = binned(view, binning)
             mask = np.zeros_like(known)
             mask[inside] = known[inside]
             masks.append(mask)
+            places.append(np.where(mask, mask.cumsum().reshape(mask.shape) - 1, -1).ravel())
             measured.append(image[mask].astype(np.float64))
             at_least.append(any_of(full, binning)[mask])
             weights.append(beam.weights(np.flatnonzero(mask), binning))
-        return cls(target, poses, binning, masks, measured, at_least, weights)
+        panels = [coarse(beam.geometry, binning) for beam in target.beams]
+        return cls(target, poses, binning, panels, masks, places, measured, at_least, weights)
 
     @property
     def parts(self) -> int:
@@ -148,15 +154,29 @@ class Level:
         """Sum of squares, large ones tempered, with priors; and half its derivatives."""
         mean, precision = self._prior()
         gradient, hessian = (unknowns - mean) * precision, np.diag(precision)
-        loss = float(gradient @ (unknowns - mean))
-        for each, slope, at_least in zip(residuals, slopes, self.at_least, strict=True):
-            counts = huber.one_sided(each, at_least)
-            off = np.where(counts, each, 0.0)
-            loss += self._share * huber.tempered(off)
+        for (counts, off), slope in zip(self._counted(residuals), slopes, strict=True):
             weighted = slope * (self._share * counts * huber.weights(off))[:, None]
             gradient = gradient + weighted.T @ off
             hessian = hessian + weighted.T @ slope
-        return Evaluation(loss, gradient, hessian, ())
+        return Evaluation(self.loss(unknowns, residuals), gradient, hessian, ())
+
+    def loss(
+        self, unknowns: Float64[np.ndarray, "u"], residuals: Sequence[Float64[np.ndarray, "_n"]]
+    ) -> float:
+        """Sum of squares as of :meth:`evaluate`, without derivatives."""
+        mean, precision = self._prior()
+        loss = float(((unknowns - mean) * precision) @ (unknowns - mean))
+        for _, off in self._counted(residuals):
+            loss += self._share * huber.tempered(off)
+        return loss
+
+    def _counted(
+        self, residuals: Sequence[Float64[np.ndarray, "_n"]]
+    ) -> Iterator[tuple[Bool[np.ndarray, "_n"], Float64[np.ndarray, "_n"]]]:
+        """Yield which residuals of a view count, and all of them, zero where they do not."""
+        for each, at_least in zip(residuals, self.at_least, strict=True):
+            counts = huber.one_sided(each, at_least)
+            yield counts, np.where(counts, each, 0.0)
 
     @property
     def _share(self) -> float:
@@ -178,16 +198,13 @@ class Level:
             gain * self._image(number, density, pose) for number, gain in enumerate(gains.tolist())
         ]
 
-    def loss(self, unknowns: Float64[np.ndarray, "u"]) -> float:
-        """Sum of squares as of :meth:`evaluate`, without derivatives."""
-        residuals = self.residuals(unknowns)
-        flat = [np.zeros((len(each), len(unknowns))) for each in residuals]
-        return self.evaluate(unknowns, residuals, flat).loss
+    def loss_at(self, unknowns: Float64[np.ndarray, "u"]) -> float:
+        """:meth:`loss` of the residuals there."""
+        return self.loss(unknowns, self.residuals(unknowns))
 
-    def rms(self, unknowns: Float64[np.ndarray, "u"]) -> float:
+    def rms(self, residuals: Sequence[Float64[np.ndarray, "_n"]]) -> float:
         """Root mean square residual of transmission, saturated pixels left out."""
-        residuals = np.concatenate(self.residuals(unknowns))
-        told = residuals[~np.concatenate(self.at_least)]
+        told = np.concatenate(residuals)[~np.concatenate(self.at_least)]
         return PIXEL_SD * float(np.sqrt((told**2).mean())) if told.size else 0.0
 
     def _split(
@@ -261,13 +278,12 @@ class Level:
         Int64[np.ndarray, "n"], Float32[np.ndarray, "n s k"], Float64[np.ndarray, "n groups"]
     ]:
         """Places of the compared pixels that meet the object in a pose, their rays and weights."""
-        geometry = self.poses.geometry(number, self.target.beams[number].geometry, pose)
+        geometry = self.poses.geometry(number, self.panels[number], pose)
         subrays = max(self.binning // 2, 2)
-        seen = path_lengths(
-            self.target.meshes, self.target.order, coarse(geometry, self.binning), subrays
-        )
-        inside = self.masks[number].flat[seen.pixels]
-        places = np.searchsorted(np.flatnonzero(self.masks[number]), seen.pixels[inside])
+        seen = path_lengths(self.target.meshes, self.target.order, geometry, subrays)
+        places = self.places[number][seen.pixels]
+        inside = places >= 0
+        places = places[inside]
         return places, seen.lengths_cm[inside], self.weights[number][places]
 
 
@@ -291,36 +307,56 @@ def density_bounds(
     return np.append(least * density_g_cm3, -others), np.append(most * density_g_cm3, others)
 
 
+class Descent(NamedTuple):
+    """Where a descent ended.
+
+    Parameters
+    ----------
+    unknowns
+        The best that were found.
+    there
+        The loss, and half its derivatives.
+    before, residuals
+        Of each view: residuals where it began, and where it ended.
+    """
+
+    unknowns: Float64[np.ndarray, "u"]
+    there: Evaluation
+    before: Sequence[Float64[np.ndarray, "_n"]]
+    residuals: Sequence[Float64[np.ndarray, "_n"]]
+
+
 def descend(
     level: Level,
     unknowns: Float64[np.ndarray, "u"],
     most: int,
     low: Float64[np.ndarray, "u"],
     high: Float64[np.ndarray, "u"],
-) -> tuple[Float64[np.ndarray, "u"], Evaluation]:
-    """Take damped Gauss-Newton steps, and give the loss and half its derivatives there too.
+) -> Descent:
+    """Take damped Gauss-Newton steps.
 
     Derivatives cost a dozen times as much as residuals, so several steps share them.
     """
-    damping = FIRST_DAMPING
+    damping, before = FIRST_DAMPING, None
     for _ in range(most):
         residuals, slopes = level.residuals_and_slopes(unknowns)
+        before = before or residuals
         here = first = level.evaluate(unknowns, residuals, slopes)
         for _ in range(MOST_STEPS):
             ahead = _ahead(unknowns, here, damping, low, high)
             seen = level.residuals(ahead)
-            then = level.evaluate(ahead, seen, slopes)
-            if then.loss >= here.loss:
+            gained = here.loss - level.loss(ahead, seen)
+            if gained <= 0:
                 damping *= 10
                 continue
-            gained = here.loss - then.loss
-            unknowns, residuals, here = ahead, seen, then
+            unknowns, residuals, here = ahead, seen, level.evaluate(ahead, seen, slopes)
             damping = max(damping / 10, 1e-6)
             if gained < SETTLED_SHARE * here.loss:
                 break
         if first.loss - here.loss < SETTLED_ROUND * here.loss:
             break
-    return unknowns, here
+    assert before is not None
+    return Descent(unknowns, here, before, residuals)
 
 
 def _ahead(

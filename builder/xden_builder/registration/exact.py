@@ -122,9 +122,9 @@ class Judge:
         target, poses = level.target, level.poses
         start = target.start(density, self._start(poses, placement))
         bounds = density_bounds(density, len(start))
-        unknowns, _ = descend(level, start, derivatives, *bounds)
+        unknowns, _, _, residuals = descend(level, start, derivatives, *bounds)
         there = poses.of(self._untold(poses), unknowns[-poses.count :])
-        loss = self._loss(level.residuals(unknowns), level)
+        loss = self._loss(residuals, level)
         return Found(placement.followed_by(there), loss, unknowns[: level.parts])
 
     def lines_aside(self, found: Found) -> list[list[RigidPlacement]]:
