@@ -40,6 +40,8 @@ PIXEL_SD: Final = 0.05
 WORTH: Final = 400.0
 """Independent observations that all pixels together are worth: their errors hang together."""
 FIRST_DAMPING: Final = 1e-3
+FELT_DAMPING: Final = 0.05
+"""Less hardly changes a step that was refused: unknowns are scaled to unit curvature."""
 MOST_STEPS: Final = 5
 """Between two derivatives."""
 SETTLED_SHARE: Final = 1e-3
@@ -335,18 +337,24 @@ def descend(
 ) -> Descent:
     """Take damped Gauss-Newton steps.
 
-    Derivatives cost a dozen times as much as residuals, so several steps share them.
+    Derivatives cost a dozen times as much as residuals, so several steps share them. A step that
+    gains nothing is refused; the same with more damping, which it would not feel, is passed over.
     """
     damping, before = FIRST_DAMPING, None
     for _ in range(most):
         residuals, slopes = level.residuals_and_slopes(unknowns)
         before = before or residuals
         here = first = level.evaluate(unknowns, residuals, slopes)
+        refused = False
         for _ in range(MOST_STEPS):
+            if refused and damping < FELT_DAMPING:
+                damping *= 10
+                continue
             ahead = _ahead(unknowns, here, damping, low, high)
             seen = level.residuals(ahead)
             gained = here.loss - level.loss(ahead, seen)
-            if gained <= 0:
+            refused = gained <= 0
+            if refused:
                 damping *= 10
                 continue
             unknowns, residuals, here = ahead, seen, level.evaluate(ahead, seen, slopes)
