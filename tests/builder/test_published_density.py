@@ -12,6 +12,7 @@ from xden1k.values.materials import load_materials
 from xden_builder.physics.attenuation import mac_cm2_g
 from xden_builder.physics.source import Tube
 from xden_builder.physics.spectrum import tube_spectrum
+from xden_builder.published import release_fit
 from xden_builder.published.beam import Beam, PartRays, fitted_depth
 from xden_builder.published.convention import vote
 from xden_builder.published.copies import copies
@@ -122,7 +123,9 @@ def test_copies_agree_in_volume_shadow_and_coefficient():
     assert copies([]) == []
 
 
-def test_radiographs_are_taken_across_the_axis_on_which_things_stand():
+def test_radiographs_are_taken_across_the_axis_on_which_things_stand(monkeypatch):
+    monkeypatch.setattr(release_fit, "FILTERS_MM_AL", (4.0, 7.0))
+    monkeypatch.setattr(release_fit, "STRAYS", (0.0,))
     upright = [replace(survey(), object_id=str(k)) for k in range(3)]
     assert fit_release(upright).beam.beam.axes == (0, 2)
 

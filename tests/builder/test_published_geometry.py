@@ -237,6 +237,8 @@ def test_registration_finds_a_known_pose(place):
     assert np.abs(got - expected).max() < 0.3 * 5 * UNIT
     assert found.six_side > 0.9
     assert found.flags == ()
+    other = register(filled_body(), volume_shares(volume), np.array([5.0, 9.0, 4.0]), told, SIDE)
+    assert other.flags == ("size_unlike_mesh",)
 
 
 @pytest.mark.slow

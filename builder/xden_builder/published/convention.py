@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from itertools import permutations
 from typing import Any, Final
 
 import numpy as np
@@ -19,6 +18,7 @@ from xden_builder.published.orientation import (
     best_way,
 )
 from xden_builder.published.refine import MeshBox
+from xden_builder.published.sizes import size_order
 from xden_builder.published.survey import Survey, Three
 
 __all__ = ["Convention", "vote"]
@@ -37,7 +37,6 @@ FEWEST: Final = 10
 MOST_SPREAD: Final = 0.002
 """Median distance from the median, in shares of the volume's longest side, up to which objects lie
 alike: half a voxel of 256."""
-SIZE_ORDERS: Final = tuple((a, b, c) for a, b, c in permutations(range(3)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +132,7 @@ def vote(surveys: Sequence[Survey]) -> Convention:
     margin = float(lost[mode, place] - rivals.max()) if len(rivals) else 0.0
     needed = min(LEAST_MARGIN, MARGIN_EACH * int(clear.sum()))
     sure = bool(clear.any()) and margin > needed and agreeing >= LEAST_AGREE * int(clear.sum())
-    order, scale, middle = _size_order(surveys), *_frame(surveys, MODES[mode], place)
+    order, scale, middle = size_order(surveys), *_frame(surveys, MODES[mode], place)
     figures = margin, agreeing, int(clear.sum())
     return Convention(MODES[mode], place, order, *figures, sure, scale, middle)
 
@@ -177,12 +176,3 @@ def _one_side(scale: Three | None) -> Three | None:
     if scale is None or np.ptp(scale) > MOST_SPREAD:
         return scale
     return (float(np.median(scale)),) * 3
-
-
-def _size_order(surveys: Sequence[Survey]) -> tuple[int, int, int]:
-    """Order of the published sizes that fits the meshes' proportions best."""
-    sizes = np.log([survey.size_cm for survey in surveys])
-    extents = np.log([survey.mesh_extent for survey in surveys])
-    spreads = [(sizes[:, order] - extents).std(axis=1).sum() for order in SIZE_ORDERS]
-    first, second, third = SIZE_ORDERS[int(np.argmin(spreads))]
-    return first, second, third

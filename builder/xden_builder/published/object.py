@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final
 
 import numpy as np
@@ -97,7 +98,10 @@ def import_object(given: PublishedObject, fit: ReleaseFit, split: Split) -> Dens
         origin_cm=grids.field.origin_cm,
         voxel_size_cm=grids.field.voxel_size_cm,
         flags=_object_flags(volume, placed, grids, lost),
-        meta=_meta(given, placed, fit, lost, estimates),
+        meta={
+            **_meta(given, placed, fit, lost, estimates),
+            "uncertainty": {"mass_sd_g": _mass_sd_g(parts)},
+        },
     )
 
 
@@ -176,6 +180,11 @@ def _object_flags(
         *volume.flags,
         *(flag for flag, is_raised in raised.items() if is_raised),
     )
+
+
+def _mass_sd_g(parts: tuple[Part, ...]) -> float:
+    """Return the standard deviation of the mass, densities of parts being independent."""
+    return math.hypot(*(part.mesh.volume * part.density_sd_g_cm3 for part in parts))
 
 
 def _meta(

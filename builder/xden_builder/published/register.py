@@ -29,6 +29,8 @@ MOST_APART: Final = 0.08
 """Share by which the boxes' proportions may differ where voxels are cubes."""
 EDGE_VOXELS: Final = 1.0
 """By which a side of the volume's box may be off."""
+MOST_UNLIKE: Final = 0.05
+"""Standard deviation of the logarithms of size / extent up to which a size is the mesh's own."""
 FAILED: Final = 0.4
 """Overlap and agreement both below this are no registration."""
 UPRIGHT: Final = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -72,6 +74,13 @@ def cm_per_unit(
     5.0
     """
     return float(np.exp(np.log(size_cm[list(order)] / extent).mean()))
+
+
+def _apart(
+    extent: Float64[np.ndarray, "3"], size_cm: Float64[np.ndarray, "3"], order: tuple[int, int, int]
+) -> float:
+    """How far the proportions of size and mesh differ."""
+    return float(np.log(size_cm[list(order)] / extent).std())
 
 
 def register(
@@ -126,6 +135,7 @@ def register(
         "registration_poor": not good,
         "orientation_unsure": not convention.sure,
         "orientation_differs": convention.sure and place != convention.place,
+        "size_unlike_mesh": _apart(mesh.extent, size_cm, convention.size_order) > MOST_UNLIKE,
     }
     flags = tuple(flag for flag, is_raised in raised.items() if is_raised)
     return Registration(affine, way, fit.iou, six_side, meta, flags)

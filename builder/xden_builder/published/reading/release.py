@@ -102,7 +102,7 @@ class Release:
         try:
             return replace(item, entry=self.entry(folder.key))
         except DataError as err:
-            return replace(item, problem=str(err))
+            return replace(item, problem=f"{root}/{err}" if self.metadata else str(err))
 
 
 def open_release(source: Source, roles: Roles) -> Release:
