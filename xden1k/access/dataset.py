@@ -96,7 +96,7 @@ class XDen1K(Dataset[Sample]):
         A dataset folder, or a URL that fsspec knows, ``hf://datasets/OWNER/NAME@TAG``, of which
         only what the fields need is fetched; None = as :func:`xden1k.data_root` finds it.
     split
-        ``train``, ``val``, ``test``, or ``private`` where a folder withholds answers.
+        ``train``, ``val``, ``test``, ``unseen``, or ``private`` where a folder withholds answers.
     fields
         What a sample holds, one or some of :data:`FIELDS`; None = everything there is.
     categories

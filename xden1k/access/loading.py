@@ -43,7 +43,8 @@ def load_dataset(
     name
         ``default`` (everything; also None) or ``metadata`` (the light columns).
     split
-        ``train``, ``val``, ``test``, a slice or a sum of them; None = a dict of all there are.
+        ``train``, ``val``, ``test``, ``unseen``, a slice or a sum of them; None = a dict of all
+        there are.
     root
         A dataset folder or a URL; None = as :func:`xden1k.data_root` finds it.
     repo_id

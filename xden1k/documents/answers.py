@@ -17,7 +17,7 @@ from xden1k.documents.statements import (
     published_text,
     radiographs_text,
 )
-from xden1k.values.types import PRIVATE
+from xden1k.values.types import PRIVATE, UNSEEN, Split
 
 __all__ = ["answer", "answered_by_data", "unanswered"]
 
@@ -146,13 +146,14 @@ def _splits(facts: Facts) -> str:
     counts = ", ".join(f"`{name}` {count}" for name, count in facts.manifest.splits.items())
     return (
         f"{counts} objects: to learn from, to choose by, to be judged by"
-        + (f", and `{PRIVATE}` for a judgement whose answers nobody has" * _has_private(facts))
+        + (f", `{UNSEEN}` to be judged by on categories of its own" * _has(facts, UNSEEN))
+        + (f", and `{PRIVATE}` for a judgement whose answers nobody has" * _has(facts, PRIVATE))
         + ". An object is in one split alone."
     )
 
 
-def _has_private(facts: Facts) -> bool:
-    return PRIVATE in facts.manifest.splits
+def _has(facts: Facts, split: Split) -> bool:
+    return split in facts.manifest.splits
 
 
 def _errors(facts: Facts) -> str:
@@ -221,7 +222,7 @@ _DOES_NOT_APPLY: Final = "This does not apply: no people are in the dataset."
 
 
 def _consequences(facts: Facts) -> str:
-    private = _has_private(facts)
+    private = _has(facts, PRIVATE)
     return (
         f"Objects of different sources (here: {', '.join(facts.manifest.sources)}) must not be "
         "mixed in a ranking without saying so. Each part is taken to be homogeneous. How often a "

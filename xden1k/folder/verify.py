@@ -33,6 +33,7 @@ from xden1k.values.types import (
     LABEL_SIZE,
     PRIVATE,
     SOURCES,
+    UNSEEN,
     DensityField,
     DensityObject,
 )
@@ -78,6 +79,7 @@ def verify_folder(root: Path, on_row: Callable[[], object] = lambda: None) -> li
     _check_files(root, manifest, problems.append)
     for split in manifest.splits:
         _check_split(root, manifest, split, problems.append, on_row)
+    _check_unseen(root, manifest, problems.append)
     return problems
 
 
@@ -125,6 +127,27 @@ def _check_files(root: Path, manifest: Manifest, report: Report) -> None:
     found = {path.relative_to(root).as_posix() for path in root.glob("*/*.parquet")}
     for name in sorted(found - {file.path for file in manifest.files}):
         report(f"{name}: {MANIFEST_NAME} does not list it, but it would be loaded")
+
+
+def _check_unseen(root: Path, manifest: Manifest, report: Report) -> None:
+    """Check that no category of the split ``unseen`` is in one to learn from or to be judged by."""
+    categories = {split: _categories(root, manifest, split) for split in manifest.splits}
+    unseen = categories.pop(UNSEEN, frozenset())
+    for split, others in categories.items():
+        if shared := sorted(unseen & others):
+            report(f"categories of the split {UNSEEN} are in {split} too: {', '.join(shared)}")
+
+
+def _categories(root: Path, manifest: Manifest, split: str) -> frozenset[str]:
+    """Categories of a split by its light file; none where that cannot be read, told elsewhere."""
+    try:
+        names = [
+            ShardReader(root / file.path).column("category")
+            for file in manifest.shards("metadata", split)
+        ]
+    except DataError:
+        return frozenset()
+    return frozenset(name for column in names for name in column)
 
 
 def _check_split(

@@ -30,7 +30,7 @@ class DataFile:
     config
         ``default`` (``data/``) or ``metadata`` (``metadata/``).
     split
-        ``train``, ``val``, ``test`` or ``private``.
+        ``train``, ``val``, ``test``, ``unseen`` or ``private``.
     rows
         Number of rows, one per object.
     bytes

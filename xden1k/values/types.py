@@ -30,6 +30,7 @@ __all__ = [
     "PRIVATE",
     "SOURCES",
     "SPLITS",
+    "UNSEEN",
     "Axis",
     "DensityField",
     "DensityObject",
@@ -51,10 +52,12 @@ MAX_RESAMPLED = 1024
 Axis = Literal["x", "y", "z"]
 AXES: tuple[Axis, ...] = get_args(Axis)
 
-Split = Literal["train", "val", "test", "private"]
+Split = Literal["train", "val", "test", "unseen", "private"]
 ALL_SPLITS: tuple[Split, ...] = get_args(Split)
 PRIVATE: Split = "private"
 """The split of a published folder whose objects come without answers."""
+UNSEEN: Split = "unseen"
+"""The split of whole categories that are in no other: whether a method knows kinds or matter."""
 SPLITS = tuple(split for split in ALL_SPLITS if split != PRIVATE)
 """What a capture or a simulator may name."""
 Source = Literal["scan", "phantom", "ct", "published"]
@@ -303,7 +306,7 @@ class DensityObject:
     object_id, category
         Its name and its class.
     split
-        ``train``, ``val``, ``test`` or ``private``.
+        ``train``, ``val``, ``test``, ``unseen`` or ``private``.
     source
         ``scan``, ``phantom`` (simulated with known truth), ``ct`` (views computed from a CT) or
         ``published`` (attenuation of the authors' release, densities of ours).

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from xden1k.commands import DONE_IN_PART, json_option, print_json
+from xden1k.errors import DataError
 from xden_builder.commands.shared import FOLDER, progress_bar, workers_option
 
 if TYPE_CHECKING:
@@ -31,8 +32,14 @@ __all__ = ["gallery", "phantoms"]
 @click.option("--categories", default="", help="Only these, separated by commas.")
 @click.option(
     "--split",
-    type=click.Choice(["train", "val", "test"]),  # SPLITS, whose import takes NumPy's time
+    type=click.Choice(["train", "val", "test", "unseen"]),  # SPLITS, whose import takes long
     help="Of the objects, only those of a split.",
+)
+@click.option(
+    "--unseen",
+    default="",
+    metavar="NAMES|FILE",
+    help="Categories of the split unseen: separated by commas, or `unseen_categories` of a TOML.",
 )
 @click.option(
     "--scanner",
@@ -73,6 +80,7 @@ def phantoms(
     size: int | None,
     categories: str,
     split: Split | None,
+    unseen: str,
     scanner: Path | None,
     lifelike: bool | None,
     ideal: bool,
@@ -101,7 +109,8 @@ def phantoms(
     taken = load_scanner(scanner) if scanner else made
     write = write_truth_dataset if as_dataset else write_captures
     names = [name for name in categories.split(",") if name]
-    count_made = len(plan_objects(count, seed, names, split))
+    never_learned = _unseen(unseen)
+    count_made = len(plan_objects(count, seed, names, split, never_learned))
     with progress_bar(count_made) as bar:
         write(
             out,
@@ -116,6 +125,7 @@ def phantoms(
             progress=lambda _: bar.update(),
             categories=names,
             split=split,
+            unseen=never_learned,
         )
     if as_dataset:
         _verify(out, count_made)
@@ -130,6 +140,18 @@ def phantoms(
             _echo_check(report)
     if report and not report.good:
         raise SystemExit(DONE_IN_PART)
+
+
+def _unseen(told: str) -> list[str]:
+    """Read names of categories, or the TOML file that has them."""
+    from xden1k.values.settings import read_toml
+
+    if not told.endswith(".toml"):
+        return [name for name in told.split(",") if name]
+    names = read_toml(Path(told)).get("unseen_categories")
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise DataError(f"{told}: expected a list of names under unseen_categories, got {names!r}")
+    return names
 
 
 def _verify(out: Path, count: int) -> None:

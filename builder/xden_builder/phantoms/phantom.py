@@ -6,7 +6,7 @@ whatever the count, the order or the number of processes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -17,7 +17,7 @@ import trimesh
 from xden1k.errors import DataError, MissingObjectError
 from xden1k.values.mass import MassProperties, mass_of_meshes
 from xden1k.values.materials import load_materials
-from xden1k.values.types import Split
+from xden1k.values.types import UNSEEN, Split
 from xden_builder.phantoms.appearance import draw_color, draw_finish, draw_paint
 from xden_builder.phantoms.archetypes import ARCHETYPES
 from xden_builder.phantoms.catalogue import CATALOGUE, Category
@@ -45,6 +45,8 @@ class Plan:
         Index of the category in the catalogue.
     ordinal
         Number of the object in its category, from 0.
+    unseen
+        Whether its category is in no split but ``unseen``.
 
     Raises
     ------
@@ -55,14 +57,15 @@ class Plan:
     seed: int
     place: int
     ordinal: int
+    unseen: bool = False
 
     def __post_init__(self) -> None:
         if self.seed < 0:
             raise DataError(f"the seed must not be negative, got {self.seed}")
 
     @classmethod
-    def of(cls, seed: int, object_id: str) -> Plan:
-        """Give the plan of an object by its id.
+    def of(cls, seed: int, object_id: str, unseen: Container[str] = ()) -> Plan:
+        """Give the plan of an object by its id, and by the categories of the split ``unseen``.
 
         Raises
         ------
@@ -77,7 +80,7 @@ class Plan:
         name, _, number = object_id.rpartition("-")
         for place, category in enumerate(CATALOGUE):
             if category.name == name and number.isdecimal():
-                return cls(seed, place, int(number))
+                return cls(seed, place, int(number), name in unseen)
         raise MissingObjectError(
             f"expected CATEGORY-NUMBER, such as hammer-0003, got {object_id!r}"
         )
@@ -95,6 +98,8 @@ class Plan:
     @property
     def split(self) -> Split:
         """70 % train, 10 % val, 20 % test, over the first objects and within each category."""
+        if self.unseen:
+            return UNSEEN
         return _SPLITS[(self.place + 3 * self.ordinal) % len(_SPLITS)]
 
     def rng(self, purpose: str) -> np.random.Generator:
@@ -108,7 +113,11 @@ def random_numbers(seed: int, purpose: str) -> np.random.Generator:
 
 
 def plan_objects(
-    count: int, seed: int, categories: Sequence[str] = (), split: Split | None = None
+    count: int,
+    seed: int,
+    categories: Sequence[str] = (),
+    split: Split | None = None,
+    unseen: Sequence[str] = (),
 ) -> list[Plan]:
     """List the objects of a set: each category in turn, over and over.
 
@@ -122,6 +131,8 @@ def plan_objects(
         Only these; all if empty.
     split
         Of these objects, only those of one split.
+    unseen
+        Categories whose objects are all in the split ``unseen``.
 
     Raises
     ------
@@ -136,10 +147,11 @@ def plan_objects(
     if count < 1:
         raise DataError(f"the number of objects must be positive, got {count}")
     names = [category.name for category in CATALOGUE]
-    if unknown := sorted(set(categories) - set(names)):
+    if unknown := sorted({*categories, *unseen} - set(names)):
         raise DataError(f"unknown categories {unknown}; known are {sorted(names)}")
     places = [place for place, name in enumerate(names) if not categories or name in categories]
-    plans = [Plan(seed, places[i % len(places)], i // len(places)) for i in range(count)]
+    turns = [(places[i % len(places)], i // len(places)) for i in range(count)]
+    plans = [Plan(seed, place, turn, names[place] in unseen) for place, turn in turns]
     chosen = [plan for plan in plans if split in (None, plan.split)]
     if not chosen:
         raise DataError(f"none of these {count} objects is of the split {split}")

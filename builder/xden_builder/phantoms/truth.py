@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from xden1k import __version__
@@ -23,7 +23,7 @@ from xden_builder.phantoms.realism import TIDY, Realism
 from xden_builder.phantoms.scanner import VIEWS, Scanner
 from xden_builder.phantoms.writer import Progress, each_object, make_scanner, simulation
 
-__all__ = ["truth_object", "write_truth_dataset"]
+__all__ = ["TruthMaker", "truth_object", "write_truth_dataset", "write_truth_rows"]
 
 BUILDER = f"xden-build phantoms {__version__}"
 DATA_VERSION = "0.1.0"
@@ -43,6 +43,7 @@ def write_truth_dataset(
     progress: Progress = lambda _: None,
     categories: Sequence[str] = (),
     split: Split | None = None,
+    unseen: Sequence[str] = (),
 ) -> Manifest:
     """Write phantoms as a dataset folder whose densities are the simulator's own.
 
@@ -53,7 +54,7 @@ def write_truth_dataset(
     ----------
     out
         The dataset folder; an older one is replaced as a whole, but keeps its maintainer's answers.
-    count, seed, size, ideal, scanner, realism, posing, workers, progress, categories, split
+    count, seed, size, ideal, scanner, realism, posing, workers, progress, categories, split, unseen
         As there. Everything is in the scanner's frame.
 
     Raises
@@ -62,23 +63,57 @@ def write_truth_dataset(
         If an argument is out of range, or ``out`` is something else than a dataset folder.
     """
     answers = Answers.of_folder(out)
-    scanner = make_scanner(size, ideal, scanner)
-    plans = sorted(plan_objects(count, seed, categories, split), key=lambda plan: plan.object_id)
-    rows = each_object(partial(_row, scanner, realism, posing, seed), plans, workers, progress)
-    settings = json.dumps(simulation(seed, scanner, realism, posing), sort_keys=True)
+    maker = TruthMaker(seed, make_scanner(size, ideal, scanner), realism, posing, tuple(unseen))
+    plans = plan_objects(count, seed, categories, split, unseen)
+    plans = sorted(plans, key=lambda plan: plan.object_id)
+    return write_truth_rows(each_object(maker.row, plans, workers, progress), out, maker, answers)
+
+
+def write_truth_rows(
+    rows: Iterable[Row], out: Path, maker: TruthMaker, answers: Answers
+) -> Manifest:
+    """Write what a maker made, in ascending order of ids, as a dataset folder."""
     return write_rows(
         rows,
         out,
         version=DATA_VERSION,
         builder=BUILDER,
-        config_sha256=hashlib.sha256(settings.encode()).hexdigest(),
+        config_sha256=maker.digest,
         answers=answers,
     )
 
 
-def _row(scanner: Scanner, realism: Realism, posing: Posing, seed: int, object_id: str) -> Row:
-    phantom = posed(make_phantom(Plan.of(seed, object_id), realism), scanner, posing)
-    return object_row(truth_object(phantom, scanner))
+@dataclass(frozen=True, slots=True, eq=False)
+class TruthMaker:
+    """Makes the rows of one set of phantoms, each from its id.
+
+    Parameters
+    ----------
+    seed
+        Of the set.
+    scanner, realism, posing
+        As :func:`xden_builder.phantoms.writer.write_captures` has them.
+    unseen
+        Categories of the split ``unseen``.
+    """
+
+    seed: int
+    scanner: Scanner
+    realism: Realism
+    posing: Posing
+    unseen: tuple[str, ...] = ()
+
+    def row(self, object_id: str) -> Row:
+        """Make the encoded row of one object."""
+        phantom = make_phantom(Plan.of(self.seed, object_id, self.unseen), self.realism)
+        return object_row(truth_object(posed(phantom, self.scanner, self.posing), self.scanner))
+
+    @property
+    def digest(self) -> str:
+        """Checksum of all settings."""
+        values = simulation(self.seed, self.scanner, self.realism, self.posing)
+        told = values | ({"unseen": sorted(self.unseen)} if self.unseen else {})
+        return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
 def truth_object(phantom: Phantom, scanner: Scanner) -> DensityObject:

@@ -72,6 +72,7 @@ def write_captures(
     progress: Progress = lambda _: None,
     categories: Sequence[str] = (),
     split: Split | None = None,
+    unseen: Sequence[str] = (),
 ) -> None:
     """Simulate a capture folder, with the truth and the appearance in each object's folder.
 
@@ -84,7 +85,7 @@ def write_captures(
     ----------
     out
         A folder that is empty or does not exist.
-    count, seed, categories, split
+    count, seed, categories, split, unseen
         Which objects; see :func:`plan_objects`.
     size, ideal, scanner
         See :func:`make_scanner`.
@@ -102,7 +103,7 @@ def write_captures(
     DataError
         If the folder is not empty, an argument is out of range or an object too large.
     """
-    plans = plan_objects(count, seed, categories, split)
+    plans = plan_objects(count, seed, categories, split, unseen)
     scanner = make_scanner(size, ideal, scanner)
     write_planned(out, plans, scanner, realism, posing=posing, workers=workers, progress=progress)
 

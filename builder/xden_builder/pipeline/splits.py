@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Final
 
 from xden1k.errors import DataError
-from xden1k.values.types import SPLITS, Split
+from xden1k.values.types import SPLITS, UNSEEN, Split
 from xden_builder.capture import ObjectRow
 from xden_builder.pipeline.storage import Place, inside, read_bytes, write_bytes
 
@@ -25,7 +25,7 @@ __all__ = ["SPLITS_NAME", "draw_splits", "read_splits", "with_splits"]
 
 SPLITS_NAME: Final = "splits.csv"
 SHARES: Final[Mapping[Split, int]] = {"train": 7, "val": 1, "test": 2}
-"""Of ten objects of a category."""
+"""Of ten objects of a category; one of which objects are unseen is in no other split."""
 COLUMNS: Final = ("object_id", "split")
 
 logger = logging.getLogger(__name__)
@@ -90,9 +90,11 @@ def draw_splits(categories: Mapping[str, str], known: Mapping[str, Split]) -> di
 
 def _furthest_below(count: Counter[Split], draw: int) -> Split:
     """Compare in whole numbers, so that equals are equal."""
+    if count[UNSEEN]:
+        return UNSEEN
     after, ten = count.total() + 1, sum(SHARES.values())
     missing = {split: share * after - ten * count[split] for split, share in SHARES.items()}
-    most = [split for split in SPLITS if missing[split] == max(missing.values())]
+    most = [split for split in SHARES if missing[split] == max(missing.values())]
     return most[draw % len(most)]
 
 
