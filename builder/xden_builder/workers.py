@@ -6,17 +6,17 @@ import logging
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import active_children, get_context, parent_process
 from multiprocessing.connection import wait as wait_for
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from xden1k.errors import XDenError
 
-__all__ = ["Answer", "WorkerDiedError", "explain", "run_each"]
+__all__ = ["ONE_THREAD", "Answer", "WorkerDiedError", "explain", "run_each"]
 
 logger = logging.getLogger(__name__)
 
@@ -24,13 +24,21 @@ Key = TypeVar("Key")
 Result = TypeVar("Result")
 Answer = tuple[Key, Result | BaseException]
 
+ONE_THREAD: Final[Mapping[str, str]] = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
+)
+"""Lets the worker processes, not the libraries in them, fill the cores."""
+
 
 class WorkerDiedError(XDenError):
     """The process that worked on a key was killed, also when it had nothing else to do."""
 
 
 def run_each(
-    task: Callable[[Key], Result], keys: Iterable[Key], workers: int
+    task: Callable[[Key], Result],
+    keys: Iterable[Key],
+    workers: int,
+    environment: Mapping[str, str] = ONE_THREAD,
 ) -> Generator[Answer[Key, Result], None, None]:
     """Run a task for each key and yield its result or its exception, as they come.
 
@@ -47,8 +55,17 @@ def run_each(
         taken ahead.
     workers
         Number of processes.
+    environment
+        Variables of theirs.
     """
     waiting = iter(keys)
+    with _environment(environment):
+        yield from _all(task, waiting, workers)
+
+
+def _all(
+    task: Callable[[Key], Result], waiting: Iterator[Key], workers: int
+) -> Generator[Answer[Key, Result], None, None]:
     suspects: list[Key] = yield from _with_pool(task, waiting, workers, 2 * workers)
     while suspects:
         for key in suspects:  # alone, so that its death accuses nobody else
@@ -69,7 +86,7 @@ def explain(key: str, error: BaseException) -> str:
 def _with_pool(
     task: Callable[[Key], Result], keys: Iterator[Key], workers: int, window: int
 ) -> Generator[Answer[Key, Result], None, list[Key]]:
-    with _one_thread_each(), _pool(workers) as pool:
+    with _pool(workers) as pool:
         return (yield from _finish(pool, task, keys, window))
 
 
@@ -134,11 +151,10 @@ def _finish(
 
 
 @contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Let the worker processes, not the libraries in them, fill the cores."""
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
+def _environment(values: Mapping[str, str]) -> Iterator[None]:
+    """Set variables for the processes that are started meanwhile."""
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
     try:
         yield
     finally:
