@@ -6,7 +6,7 @@ import click
 
 from xden1k.commands import Group
 from xden_bench.commands.board import leaderboard
-from xden_bench.commands.entries import compare, verify
+from xden_bench.commands.entries import compare, verify, withdraw
 from xden_bench.commands.methods import baseline
 from xden_bench.commands.sealing import keygen, seal, verify_sealed
 from xden_bench.commands.speed import speed
@@ -29,6 +29,7 @@ cli.add_command(submit)
 cli.add_command(leaderboard)
 cli.add_command(compare)
 cli.add_command(verify)
+cli.add_command(withdraw)
 cli.add_command(baseline)
 cli.add_command(speed)
 cli.add_command(keygen)

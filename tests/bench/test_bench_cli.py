@@ -271,7 +271,8 @@ def test_submit_says_what_comes_next(
     last = run("submit", path, "--out", "my results").stdout.splitlines()[-1]
     assert last == "`xden-bench leaderboard --results 'my results'` makes the table."
     (tmp_path / "benchmarks" / "results" / "README.md").touch()
-    last = run("submit", submission(method="other")).stdout.splitlines()[-1]
+    other = submission(lambda _, grid: 1.3 * grid, method="other")
+    last = run("submit", other).stdout.splitlines()[-1]
     assert last == "`xden-bench leaderboard` makes the table."
 
 
@@ -366,10 +367,15 @@ def test_compare_takes_submissions_and_entries(run: Callable[..., Result]) -> No
 @pytest.mark.slow
 def test_verify_remakes_a_row_by_its_printed_command(run: Callable[..., Result]) -> None:
     entry = entered(run, "category-median")
-    for words in ((), ("--submission", "category-median.npz")):
+    for how, words in (
+        ("rescored", ()),
+        ("rescored", ("--submission", "category-median.npz")),
+        ("remade", ("--remake",)),
+    ):
         done = run("verify", entry, *words)
         assert done.exit_code == 0
-        assert "all agree; largest relative difference 0\n" in done.stdout
+        assert f": {how}, " in done.stdout
+        assert "every text compared, all agree; largest relative difference 0; " in done.stdout
     other = run("verify", entry, "--submission", "nope.npz")
     assert (other.exit_code, other.stderr) == (1, "Error: nope.npz: No such file or directory\n")
     run("baseline", "water")
@@ -383,13 +389,25 @@ def test_verify_notes_that_a_row_came_out_again(run: Callable[..., Result], tmp_
     before = files(tmp_path)
     assert run("verify", entry).exit_code == 0
     assert files(tmp_path) == before
-    done = run("verify", entry, "--recomputed", "--json")
-    assert json.loads(done.stdout)["same"] is True
-    note = Path(entry).with_suffix(".recomputed.json")
-    assert json.loads(note.read_text())["command"] == f"xden-bench verify {entry} --recomputed"
+    unsigned = run("verify", entry, "--recomputed", "--json")
+    assert json.loads(unsigned.stdout)["same"] is True
+    assert "it counts nothing here: no key of maintainers.toml has signed it" in unsigned.stderr
     run("leaderboard")
-    assert "| recomputed 20" in (tmp_path / "LEADERBOARD.md").read_text()
-    assert "is there already" in run("verify", entry, "--recomputed").stderr
+    page = tmp_path / "LEADERBOARD.md"
+    assert "| self-reported" in page.read_text()
+    assert "a note that it was recomputed counts nothing: it is not signed" in page.read_text()
+    public = json.loads(run("keygen", "m.key", "--team", "maintainer", "--json").stdout)
+    trust = f'[keys]\n"maintainer" = "{public["public_key"]}"\n'
+    (tmp_path / "benchmarks/results/maintainers.toml").write_text(trust)
+    words = ("verify", entry, "--recomputed", "--signing-key", "m.key")
+    assert run(*words).exit_code == 0
+    note = json.loads(Path(entry).with_suffix(".recomputed.json").read_text())
+    assert note["command"] == f"xden-bench {' '.join(words)}"
+    assert {"method", "warnings", "dataset", "metrics", "object_scores"} <= set(note["vouches_for"])
+    assert note["not_verifiable"] == ["command", "commit", "date", "xden_version"]
+    run("leaderboard")
+    assert "| recomputed 20" in page.read_text()
+    assert "is there already" in run(*words).stderr
 
 
 def test_verify_refuses_numbers_that_another_file_gave(
@@ -398,13 +416,47 @@ def test_verify_refuses_numbers_that_another_file_gave(
     words = "xden-bench baseline category-median"
     path = submission(lambda _, grid: 1.1 * grid, method="forged", command=words)
     entry = json.loads(run("submit", path, "--json").stdout)["file"]
-    done = run("verify", entry, "--recomputed")
+    done = run("verify", entry, "--remake", "--recomputed")
     assert done.exit_code == 1
-    assert re.search(r"remade, \d+ numbers compared, \d+ differ; ", done.stdout)
+    assert re.search(r"remade, \d+ numbers and every text compared, \d+ differ; ", done.stdout)
     assert "bootstrap" not in done.stdout
     assert "and " in done.stdout.splitlines()[-1]
     assert not Path(entry).with_suffix(".recomputed.json").exists()
-    assert json.loads(run("verify", entry, "--json").stdout)["same"] is False
+
+
+def test_a_team_enters_under_its_key_and_withdraws_with_it(
+    run: Callable[..., Result], submission: Submit, tmp_path: Path
+) -> None:
+    for name in ("ours", "theirs"):
+        assert run("keygen", f"{name}.key", "--team", name).exit_code == 0
+    path = submission(lambda _, grid: 1.1 * grid, method="Our net")
+    made = run("submit", path, "--signing-key", "ours.key", "--json")
+    entry = json.loads(made.stdout)["file"]
+    stolen = submission(lambda _, grid: 1.2 * grid, "b.npz", method="0ur-net")
+    refused = run("submit", stolen, "--signing-key", "theirs.key")
+    assert "the method name '0ur-net' belongs to the entry" in refused.stderr
+    words = ("withdraw", entry, "--reason", "a bug | in <it>", "--signing-key")
+    refused = run(*words, "theirs.key")
+    assert "the key of 'theirs' is neither its team's nor a maintainer's" in refused.stderr
+    assert run(*words, "ours.key").exit_code == 0
+    assert run("leaderboard").exit_code == 0
+    page = (tmp_path / "LEADERBOARD.md").read_text()
+    assert "|        | ~~Our net~~" in page
+    assert "team ours; not ranked: withdrawn: a bug \\| in &lt;it\\>" in page
+
+
+def test_a_bad_entry_is_left_out_of_the_page_and_refused_by_the_check(
+    run: Callable[..., Result], tmp_path: Path
+) -> None:
+    bad, good = (Path(entered(run, name)) for name in ("water", "zero"))
+    bad.write_text(bad.read_text().replace("water.npz", "<!-- results: end -->"))
+    done = run("leaderboard")
+    assert done.exit_code == 0
+    assert done.stderr.startswith(f"left out: {bad}: no text may hold <!--")
+    assert done.stdout.endswith("LEADERBOARD.md: 1 entries\n")
+    checked = run("leaderboard", "--check")
+    assert (checked.exit_code, good.is_file()) == (1, True)
+    assert "no text may hold <!-- nor -->" in checked.stderr
 
 
 def test_tables_by_group_are_printed_and_nothing_is_written(

@@ -15,6 +15,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from tests.bench.conftest import submissions
 from xden1k.errors import DataError
@@ -37,6 +38,8 @@ from xden_bench.entries.result import (
     read_entries,
     write_entry,
 )
+from xden_bench.entries.signing import MAINTAINERS, SigningKey
+from xden_bench.entries.verification import Verification
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.scoring.reference import Reference
@@ -44,6 +47,8 @@ from xden_bench.scoring.score import Score, score
 
 RULES = load_protocol()
 DATE = datetime.date(2025, 12, 10)
+MAINTAINER, STRANGER = (SigningKey(one, Ed25519PrivateKey.generate()) for one in ("m", "s"))
+FOUND = Verification(1, 1e-9, (), same_file=False, compared=("metrics",), not_verifiable=("date",))
 Submit = Callable[..., Path]
 
 
@@ -69,7 +74,7 @@ def test_an_entry_says_how_to_remake_it(
     entry: dict[str, Any], scored: Score, reference: Reference
 ) -> None:
     manifest = (reference.folder.root / "manifest.json").read_bytes()
-    assert entry["schema"] == "xden-result/1"
+    assert entry["schema"] == "xden-result/2"
     assert entry["dataset"] == {
         "revision": "0.1.0",
         "config": "default",
@@ -234,7 +239,7 @@ def test_an_entry_without_its_objects_or_with_others_is_refused(
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"schema": "xden-result/9"}'])
 def test_a_file_that_is_no_entry(tmp_path: Path, text: str) -> None:
     (tmp_path / "x.json").write_text(text)
-    with pytest.raises(DataError, match=r"x\.json: not (JSON|a result of schema xden-result/1)"):
+    with pytest.raises(DataError, match=r"x\.json: not (JSON|a result of schema xden-result/2)"):
         read_entries(tmp_path)
 
 
@@ -350,18 +355,32 @@ def test_a_maintainers_note_makes_a_row_recomputed_and_holds_for_that_entry_alon
 ) -> None:
     path = write_entry(stored(entry), scored, tmp_path)
     before = path.read_bytes()
-    note = write_recomputed(path, "remade", 1e-9, "xden-bench verify x.json", DATE)
+    (tmp_path / MAINTAINERS).write_text(f'[keys]\nm = "{MAINTAINER.public_key}"\n')
+
+    def noted(key: SigningKey | None) -> Path:
+        said = "xden-bench verify x.json"
+        return write_recomputed(path, "remade", FOUND, said, DATE, key, tmp_path)
+
+    for key, reason in ((None, "it is not signed"), (STRANGER, "is not trusted here")):
+        note = noted(key)
+        (read,) = read_entries(tmp_path)
+        assert (read["status"], "recomputed" in read) == ("self-reported", False)
+        assert reason in render([read])
+    note = noted(MAINTAINER)
     assert path.read_bytes() == before
     (read,) = read_entries(tmp_path)
     assert (read["status"], read["recomputed"]["how"]) == ("recomputed", "remade")
     assert "recomputed 2025-12-10" in render([read])
     with pytest.raises(DataError, match="is there already: it is never changed"):
-        write_recomputed(path, "rescored", 0.0, "", DATE)
+        noted(STRANGER)
+    edited(note, lambda one: one.update(how="rescored"))
+    (read,) = read_entries(tmp_path)
+    assert "its signature is not that of m" in render([read])
     edited(path, lambda one: one["method"].update(notes="better"))
     with pytest.raises(DataError, match=r"recomputed\.json: it is for an entry of sha256"):
         read_entries(tmp_path)
     edited(note, lambda one: one.update(how="believed"))
-    with pytest.raises(DataError, match="not a note of schema xden-recomputed/1"):
+    with pytest.raises(DataError, match=r"recomputed\.json: (not a note|it is for an entry)"):
         read_entries(tmp_path)
     note.write_text("[" * 200_000)
     with pytest.raises(DataError, match=r"recomputed\.json: not JSON: maximum recursion"):

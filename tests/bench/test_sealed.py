@@ -21,7 +21,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.bench.sealing import KEY, OTHER_KEY, Sealed, sealed_dataset, write_dataset
-from xden1k.errors import DataError, MissingExtraError
+from xden1k.errors import DataError
 from xden1k.folder import open_folder
 from xden1k.predictions import SubmissionMeta, write_predictions
 from xden1k.values.types import PRIVATE
@@ -439,14 +439,6 @@ def said_the_same_or_refused(sealed: Sealed, path: Path) -> None:
         truth = sealed.truth(path)
         for object_id, answers in sealed.answers.items():
             assert truth.answers(object_id) == answers
-
-
-def test_the_library_that_is_missing_is_named(
-    sealed: Sealed, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "cryptography", None)
-    with pytest.raises(MissingExtraError, match=r"pip install .*\[organiser\]'"):
-        sealed.truth().answers(sealed.made.private_ids[0])
 
 
 # What is made

@@ -34,8 +34,10 @@ def entry(scored: Score, reference: Reference) -> dict[str, Any]:
     return made | {"object_scores": object_columns(scored)}
 
 
-def test_the_same_submission_gives_every_number_again(entry: dict[str, Any], scored: Score) -> None:
-    found = verify(entry, scored)
+def test_the_same_submission_gives_every_number_again(
+    entry: dict[str, Any], scored: Score, reference: Reference
+) -> None:
+    found = verify(entry, scored, reference)
     assert found.deviations == ()
     assert found.same_file
     assert found.largest_relative_difference == 0.0
@@ -50,12 +52,12 @@ def moved(entry: dict[str, Any], share: float) -> dict[str, Any]:
 
 
 def test_what_another_machine_may_change_is_no_deviation(
-    entry: dict[str, Any], scored: Score
+    entry: dict[str, Any], scored: Score, reference: Reference
 ) -> None:
-    found = verify(moved(entry, 8e-6), scored)
+    found = verify(moved(entry, 8e-6), scored, reference)
     assert found.deviations == ()
     assert found.largest_relative_difference == pytest.approx(8e-6, rel=0.01)
-    (one,) = verify(moved(entry, 8e-6), scored, tolerance=1e-6).deviations
+    (one,) = verify(moved(entry, 8e-6), scored, reference, tolerance=1e-6).deviations
     assert one.where == "metrics.mass_mape.mean"
 
 
@@ -85,9 +87,14 @@ def edit(entry: dict[str, Any], *path: str | int, to: Any) -> dict[str, Any]:
     ],
 )
 def test_each_number_and_text_is_compared(
-    entry: dict[str, Any], scored: Score, path: tuple[str | int, ...], to: Any, where: str
+    entry: dict[str, Any],
+    scored: Score,
+    reference: Reference,
+    path: tuple[str | int, ...],
+    to: Any,
+    where: str,
 ) -> None:
-    (one,) = verify(edit(entry, *path, to=to), scored).deviations
+    (one,) = verify(edit(entry, *path, to=to), scored, reference).deviations
     assert one.where == where
 
 

@@ -42,15 +42,20 @@ def leaderboard(
     out: Path,
     as_json: bool,
 ) -> None:
-    """Rewrite LEADERBOARD.md from the results, or print other tables of them."""
+    """Rewrite LEADERBOARD.md from the results, or print other tables of them.
+
+    A file that is no sound entry is left out and named; with --check it is an error.
+    """
     from xden_bench.entries.leaderboard import check_leaderboard, render, write_leaderboard
-    from xden_bench.entries.result import read_entries
+    from xden_bench.entries.result import read_entries, read_sound_entries
 
     if check + (by is not None) + (hub_folder is not None) > 1:
         raise click.UsageError("Of --check, --by and --eval-results give one.")
     if metric and not by:
         raise click.UsageError("The option --metric goes with --by.")
-    entries = read_entries(results)
+    entries, problems = (read_entries(results), ()) if check else read_sound_entries(results)
+    for problem in problems:
+        click.echo(f"left out: {problem}", err=True)
     if by:
         _print_groups(entries, by, metric, as_json)
     elif hub_folder:

@@ -1,4 +1,4 @@
-"""Commands on stored entries: compare two, verify one."""
+"""Commands on stored entries: compare two, verify one, withdraw one."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from xden_bench.commands.shared import (
     protocol_option,
     root_option,
     sealed_option,
+    signing_key_option,
     split_option,
 )
 from xden_bench.commands.submissions import submit
@@ -35,8 +36,9 @@ if TYPE_CHECKING:
     from xden_bench.scoring.comparison import Comparison, Scored
     from xden_bench.scoring.reference import Reference
 
-__all__ = ["compare", "verify"]
+__all__ = ["compare", "verify", "withdraw"]
 
+UNCOUNTED = "; it counts nothing here: no key of maintainers.toml has signed it"
 SHOWN = 10
 """Deviations that are printed one by one; --json has all."""
 
@@ -83,9 +85,8 @@ def compare(a: Path, b: Path, largest: int, as_json: bool, **asked: Any) -> None
 
 @click.command(epilog="Example: xden-bench verify benchmarks/results/v1/.../water-1234.json")
 @click.argument("entry", type=FILE)
-@click.option(
-    "--submission", type=FILE, help="Score this file, the entry's, instead of running the method."
-)
+@click.option("--submission", type=FILE, help="The entry's. [default: the archived one]")
+@click.option("--remake", is_flag=True, help="Run the method again, and score what it gives.")
 @root_option
 @sealed_option
 @key_option
@@ -96,30 +97,43 @@ def compare(a: Path, b: Path, largest: int, as_json: bool, **asked: Any) -> None
     show_default=True,
     help="Relative difference that another machine may make.",
 )
-@click.option("--recomputed", is_flag=True, help="Note beside the entry that its numbers came out.")
+@click.option("--recomputed", is_flag=True, help="Note beside the entry that it came out again.")
+@signing_key_option
 @json_option
 @click.pass_context
 def verify(
     context: click.Context,
     entry: Path,
     submission: Path | None,
+    remake: bool,
     root: Path | str | None,
     sealed: Path | None,
     key: Path | None,
     tolerance: float,
     recomputed: bool,
+    signing_key: Path | None,
     as_json: bool,
 ) -> None:
-    """Compare every number of an entry with one found now.
+    """Compare all that an entry says with what is found now.
 
-    Without --submission the method runs again, by the command that the entry prints, if that is one
-    of `xden-bench baseline`. Exit code 1 if a number differs. Entries are never changed.
+    Its submission is scored again: the one given, or the archived one. With --remake, or where none
+    is archived, the method runs again, by the command that the entry prints, if that is one of
+    `xden-bench baseline`. Exit code 1 if anything differs. Entries are never changed; a note counts
+    if a maintainer signs it.
     """
+    from xden_bench.entries.archive import archived
     from xden_bench.entries.recomputed import write_recomputed
-    from xden_bench.entries.result import read_entry
+    from xden_bench.entries.result import read_entry, results_of
+    from xden_bench.entries.signing import read_maintainers, read_signing_key
 
+    if remake and submission is not None:
+        raise click.UsageError("Of --submission and --remake give one.")
+    signer = read_signing_key(signing_key) if signing_key else None
     values = read_entry(entry)
+    results = results_of(entry, values)
     reference = open_reference(root, values["dataset"]["split"], sealed, key)
+    if not remake and submission is None and "archive" in values:
+        submission = archived(values, results)
     how: How = "remade" if submission is None else "rescored"
     with tempfile.TemporaryDirectory() as scratch:
         found = _verified(values, submission, reference, tolerance, Path(scratch))
@@ -131,9 +145,41 @@ def verify(
         raise SystemExit(1)
     if recomputed:
         today = datetime.datetime.now(tz=datetime.UTC).date()
-        share = found.largest_relative_difference
-        note = write_recomputed(entry, how, share, command_line(context), today)
-        click.echo(f"noted: {note}", err=as_json)
+        said = command_line(context)
+        note = write_recomputed(entry, how, found, said, today, signer, results)
+        counts = signer is not None and signer.public_key in read_maintainers(results)
+        click.echo(f"noted: {note}{'' if counts else UNCOUNTED}", err=as_json)
+
+
+@click.command(epilog="Example: xden-bench withdraw ENTRY.json --reason 'a bug' --signing-key KEY")
+@click.argument("entry", type=FILE)
+@click.option("--reason", required=True, help="Why: one line, which the table prints.")
+@click.option(
+    "--erratum", is_flag=True, help="Leave the row where it is, and only say what is wrong with it."
+)
+@click.option("--signing-key", type=FILE, required=True, help="The team's, or a maintainer's.")
+@json_option
+def withdraw(entry: Path, reason: str, erratum: bool, signing_key: Path, as_json: bool) -> None:
+    """Withdraw an entry, or add an erratum.
+
+    A signed note is written beside it. The row stays in the table, struck out and without a rank.
+    """
+    from xden_bench.entries.amendments import amend
+    from xden_bench.entries.result import read_entry, results_of
+    from xden_bench.entries.signing import read_maintainers, read_signing_key
+
+    key, values = read_signing_key(signing_key), read_entry(entry)
+    team = values.get("team", {"public_key": None})
+    if key.public_key not in (team["public_key"], *read_maintainers(results_of(entry, values))):
+        raise DataError(
+            f"{entry}: the key of {key.name!r} is neither its team's nor a maintainer's"
+        )
+    today = datetime.datetime.now(tz=datetime.UTC).date()
+    path = amend(entry, "erratum" if erratum else "withdrawn", reason, today, key)
+    if as_json:
+        print_json({"file": str(path)})
+    else:
+        click.echo(f"{path}: `xden-bench leaderboard` makes the table")
 
 
 def _scored(
@@ -169,9 +215,9 @@ def _verified(
 ) -> Verification:
     """Score a submission, or one made anew, and compare it with the entry."""
     from xden_bench.entries.verification import check_reference
-    from xden_bench.entries.verification import verify as compare_numbers
+    from xden_bench.entries.verification import verify as compare_all
+    from xden_bench.methods.trivial import score_told
     from xden_bench.scoring.protocol import load_protocol
-    from xden_bench.scoring.score import score
 
     check_reference(entry, reference)
     rules = load_protocol(entry["protocol"])
@@ -182,7 +228,8 @@ def _verified(
             if asked[name] != stated:
                 raise DataError(f"the entry's command has {name} {asked[name]}, not {stated}")
         run_again(entry["method"]["command"], reference.folder, path)
-    found = compare_numbers(entry, score(path, reference, rules, progress=progress_bar), tolerance)
+    scored = score_told(path, reference, rules, progress=progress_bar)
+    found = compare_all(entry, scored, reference, tolerance)
     if submission is not None and not found.same_file:
         raise DataError(f"{submission} is not the entry's submission: its sha256 is another")
     return found
@@ -220,8 +267,9 @@ def _echo_verification(entry: Path, how: str, found: Verification) -> None:
     count = len(found.deviations)
     said = f"{count} differ" if count else "all agree"
     click.echo(
-        f"{entry}: {how}, {found.numbers} numbers compared, {said}; largest relative difference "
-        f"{found.largest_relative_difference:.2g}"
+        f"{entry}: {how}, {found.numbers} numbers and every text compared, {said}; largest "
+        f"relative difference {found.largest_relative_difference:.2g}; not verifiable: "
+        f"{', '.join(found.not_verifiable)}"
     )
     echo_lines(None, found.deviations[:SHOWN])
     if count > SHOWN:

@@ -20,21 +20,28 @@ __all__ = ["keygen", "seal", "verify_sealed"]
 required_key_option = click.option("--key", type=FILE, required=True, help="The key, from keygen.")
 
 
-@click.command(epilog="Example: xden-bench keygen organiser.key")
+@click.command(epilog="Example: xden-bench keygen team.key --team 'Some Lab'")
 @click.argument("keyfile", type=FILE)
+@click.option("--team", metavar="NAME", help="Draw a key that signs entries, for this team.")
 @json_option
-def keygen(keyfile: Path, as_json: bool) -> None:
-    """Draw a key that seals and opens the answers of a private split.
+def keygen(keyfile: Path, team: str | None, as_json: bool) -> None:
+    """Draw a key.
 
-    Keep a copy apart: without it the answers are lost, and whoever has it reads them.
+    Without --team it seals and opens the answers of a private split. Keep a copy apart: without it
+    the answers are lost, and whoever has it reads them. With --team it signs entries, notes and
+    withdrawals; the public key, which it prints, tells whose they are.
     """
+    from xden_bench.entries.signing import write_signing_key
     from xden_bench.sealed import write_key
 
-    key = write_key(keyfile)
-    if as_json:
-        print_json({"file": str(keyfile), "key_id": key.id})
+    if team is None:
+        kind, found = "key_id", write_key(keyfile).id
     else:
-        click.echo(f"{keyfile}: key {key.id}")
+        kind, found = "public_key", write_signing_key(keyfile, team).public_key
+    if as_json:
+        print_json({"file": str(keyfile), kind: found})
+    else:
+        click.echo(f"{keyfile}: {'key' if team is None else 'public key'} {found}")
 
 
 @click.command(epilog="Example: xden-bench seal dataset --key organiser.key --out sealed")

@@ -30,6 +30,7 @@ __all__ = [
     "protocol_option",
     "root_option",
     "sealed_option",
+    "signing_key_option",
     "split_option",
     "track_option",
 ]
@@ -62,6 +63,10 @@ sealed_option = click.option(
 )
 key_option = click.option(
     "--key", type=FILE, help="The organiser's key, which opens the sealed truth."
+)
+
+signing_key_option = click.option(
+    "--signing-key", type=FILE, help="Sign with this key, from keygen --team."
 )
 
 

@@ -7,7 +7,7 @@ import functools
 import json
 import shlex
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +26,7 @@ from xden_bench.commands.shared import (
     protocol_option,
     root_option,
     sealed_option,
+    signing_key_option,
     split_option,
     track_option,
 )
@@ -71,13 +72,15 @@ class Asked:
 
 def submission_command(
     out_help: str,
-) -> Callable[[Callable[[Asked, Path | None, bool], None]], Callable[..., None]]:
-    """Decorate a command with what validate, score and submit share."""
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Decorate a command with what validate, score and submit share; its own options go on."""
+    known = {one.name for one in fields(Asked)}
 
-    def decorate(function: Callable[[Asked, Path | None, bool], None]) -> Callable[..., None]:
+    def decorate(function: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(function)
-        def command(*, out: Path | None, as_json: bool, **asked: Any) -> None:
-            function(Asked(**asked), out, as_json)
+        def command(*, out: Path | None, as_json: bool, **given: Any) -> None:
+            own = {name: given.pop(name) for name in given.keys() - known}
+            function(Asked(**given), out, as_json, **own)
 
         for add in (
             json_option,
@@ -168,14 +171,25 @@ def score(asked: Asked, out: Path | None, as_json: bool) -> None:
         _echo_groups("category", scored.by_category())
 
 
-@click.command(epilog="Example: xden-bench submit preds.npz")
+@click.command(epilog="Example: xden-bench submit preds.npz --signing-key team.key")
 @submission_command(f"Folder of the results. [default: {RESULTS}]")
-def submit(asked: Asked, out: Path | None, as_json: bool) -> None:
+@signing_key_option
+@click.option(
+    "--archive-url",
+    default="",
+    metavar="URL",
+    help="Where SUBMISSION can be fetched for good. [default: it is copied into the results]",
+)
+def submit(
+    asked: Asked, out: Path | None, as_json: bool, signing_key: Path | None, archive_url: str
+) -> None:
     """Score a submission and add it to the results.
 
     Nothing is written if anything is wrong with it. `xden-bench leaderboard` makes the table.
     """
+    from xden_bench.entries.archive import check_url
     from xden_bench.entries.result import write_entry
+    from xden_bench.entries.signing import read_signing_key
     from xden_bench.methods.trivial import check_trivial
 
     if asked.sealed and out is None:
@@ -183,10 +197,20 @@ def submit(asked: Asked, out: Path | None, as_json: bool) -> None:
             "The scores of single objects tell their answers: with --sealed give --out, a folder "
             "that stays with the organiser."
         )
+    if archive_url:
+        check_url(archive_url)
+    key = read_signing_key(signing_key) if signing_key else None
     reference = asked.reference()
     scored, entry = _scored(asked, reference)
     check_trivial(asked.submission, reference, scored.protocol)
-    path = write_entry(entry, scored, out or RESULTS)
+    path = write_entry(
+        entry,
+        scored,
+        out or RESULTS,
+        submission=asked.submission,
+        archive_url=archive_url,
+        key=key,
+    )
     if as_json:
         print_json({"file": str(path), **entry})
     else:
@@ -199,8 +223,8 @@ def _entered(path: Path, out: Path | None) -> str:
     if out is None and not (RESULTS / "README.md").is_file():
         return (
             f"entered: {path.absolute()}\n"
-            "This is no checkout of the repository: to enter the leaderboard, add this file and "
-            f"the .parquet beside it to {RESULTS} of one, in a pull request."
+            "This is no checkout of the repository: to enter the leaderboard, add this file, the "
+            f".parquet beside it and what archive holds to {RESULTS} of one, in a pull request."
         )
     more = "" if out is None else f" --results {shlex.quote(str(out))}"
     return f"entered: {path}\n`xden-bench leaderboard{more}` makes the table."

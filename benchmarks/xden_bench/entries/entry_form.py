@@ -1,22 +1,32 @@
-"""What an entry must hold: keys and types, and a method that keeps to the rules of submissions."""
+"""What an entry must hold: keys, types and forms, and a method that keeps to the rules."""
 
 from __future__ import annotations
 
+import datetime
 import json
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
 from xden1k.errors import DataError
+from xden1k.predictions import CODES
 from xden1k.predictions.meta import SCHEMA as SUBMISSION_SCHEMA
 from xden1k.predictions.meta import parse_meta
 from xden1k.values.types import PRIVATE
+from xden_bench.entries.signing import is_public_key, is_signed
 from xden_bench.entries.untrusted import read_json
+from xden_bench.scoring.protocol import PROTOCOLS, load_protocol
 from xden_bench.scoring.reference import BY_ORGANISER, SELF_REPORTED
 
-__all__ = ["SCHEMA", "read_form"]
+__all__ = ["FIRST_SCHEMA", "KEYS", "SCHEMA", "check_form", "read_form"]
 
-SCHEMA: Final = "xden-result/1"
+SCHEMA: Final = "xden-result/2"
+FIRST_SCHEMA: Final = "xden-result/1"
+"""Of entries without the checksum of their arrays."""
+OF_FIRST_SCHEMA: Final = ("v1", "paper")
+"""The protocols that had entries of the first schema."""
+MAX_COMMAND: Final = 1000
 
 
 def read_form(path: Path) -> dict[str, Any]:
@@ -30,24 +40,56 @@ def read_form(path: Path) -> dict[str, Any]:
     Raises
     ------
     DataError
-        If a key is missing or of the wrong type, or the entry says what no submission can have
-        given: a name that is refused, another track than its inputs lead to, a status of its own.
+        See :func:`check_form`.
     OSError
         If there is no such file.
     """
     entry: dict[str, Any] = read_json(path)
-    try:
-        if entry["schema"] != SCHEMA:
-            raise ValueError(f"schema is {entry['schema']!r}")
-        if wrong := list(_misfits(entry, _SHAPE)) or list(_contradictions(entry)):
-            raise ValueError("; ".join(wrong))
-    except (ValueError, TypeError, KeyError) as err:
-        raise DataError(f"{path}: not a result of schema {SCHEMA}: {err!r}") from err
+    check_form(entry, path)
     return entry
+
+
+def check_form(entry: Mapping[str, Any], path: Path) -> None:
+    """Refuse what is no entry.
+
+    Parameters
+    ----------
+    entry
+        As it lies, or is to lie, in the file.
+    path
+        The file, for the message.
+
+    Raises
+    ------
+    DataError
+        If a key is missing or of the wrong type or form, or the entry says what no submission can
+        have given: a name that is refused, another track than its inputs lead to, a status of its
+        own; or its signature is not its team's.
+    """
+    try:
+        if (schema := entry["schema"]) not in (SCHEMA, FIRST_SCHEMA):
+            raise ValueError(f"schema is {schema!r}")
+        shape = _FIRST_SHAPE if schema == FIRST_SCHEMA else _SHAPE
+        shape = shape | {key: one for key, one in _OPTIONAL.items() if key in entry}
+        if wrong := list(_misfits(entry, shape)) or list(_contradictions(entry)):
+            raise ValueError("; ".join(wrong))
+    except (ValueError, TypeError, KeyError, AttributeError) as err:
+        raise DataError(f"{path}: not a result of schema {SCHEMA}: {err!r}") from err
 
 
 def _contradictions(entry: Mapping[str, Any]) -> Iterator[str]:
     """Whatever is said that a submission and its scoring cannot have given."""
+    yield from _method_contradictions(entry)
+    yield from _rule_contradictions(entry)
+    yield from _form_contradictions(entry)
+    yield from _team_contradictions(entry)
+    status = BY_ORGANISER if entry["dataset"]["split"] == PRIVATE else SELF_REPORTED
+    if entry["status"] != status:
+        yield f"status must be {status!r}, got {entry['status']!r}"
+
+
+def _method_contradictions(entry: Mapping[str, Any]) -> Iterator[str]:
+    """Read the method as the meta data of a submission are read."""
     method, data = entry["method"], entry["dataset"]
     values = {key: value for key, value in method.items() if value is not None}
     values |= {"method": values.pop("name"), "target": entry["target"]}
@@ -57,14 +99,57 @@ def _contradictions(entry: Mapping[str, Any]) -> Iterator[str]:
     yield from map(str, problems)
     if meta is not None and meta.track != entry["track"]:
         yield f"track is {entry['track']!r}, the inputs lead to {meta.track!r}"
-    status = BY_ORGANISER if data["split"] == PRIVATE else SELF_REPORTED
-    if entry["status"] != status:
-        yield f"status must be {status!r}, got {entry['status']!r}"
 
 
+def _rule_contradictions(entry: Mapping[str, Any]) -> Iterator[str]:
+    """Compare what follows from the protocol; one that does not exist is told elsewhere."""
+    if entry["protocol"] not in PROTOCOLS:
+        return
+    rules = load_protocol(entry["protocol"])
+    if entry["schema"] == FIRST_SCHEMA and rules.name not in OF_FIRST_SCHEMA:
+        yield f"entries of protocol {rules.name!r} are of schema {SCHEMA!r}"
+    if not 1 <= entry["metric_version"] <= rules.metric_version:
+        yield f"metric_version must be 1 to {rules.metric_version}, got {entry['metric_version']}"
+    if entry["dataset"]["config"] != rules.config:
+        yield f"config must be {rules.config!r}, got {entry['dataset']['config']!r}"
+    if entry["target"] not in rules.targets:
+        yield f"target must be one of {list(rules.targets)}, got {entry['target']!r}"
+
+
+def _form_contradictions(entry: Mapping[str, Any]) -> Iterator[str]:
+    """Look at what is written down and cannot be computed."""
+    for name, form, value in (
+        ("submission_sha256", _SHA256, entry["submission_sha256"]),
+        ("arrays_sha256", _SHA256, entry.get("arrays_sha256", "0" * 64)),
+        ("commit", r"[0-9a-f]{40}(-dirty)?", entry["commit"] or "0" * 40),
+        ("xden_version", r"[0-9][0-9a-z.+!-]{0,40}", entry["xden_version"]),
+        ("command", rf".{{0,{MAX_COMMAND}}}", entry["command"]),
+        *(("warnings", rf"({'|'.join(CODES)}): .+", one) for one in entry["warnings"]),
+    ):
+        if not re.fullmatch(form, value):
+            yield f"{name} must be {form}, got {value[:100]!r}"
+    if entry["date"] != datetime.date.fromisoformat(entry["date"]).isoformat():
+        yield f"date must be YYYY-MM-DD, got {entry['date']!r}"
+
+
+def _team_contradictions(entry: Mapping[str, Any]) -> Iterator[str]:
+    """Check whose word it is, and where its submission lies."""
+    if ("team" in entry) != ("signature" in entry):
+        yield "team and signature go together"
+    elif "team" in entry and not is_public_key(entry["team"]["public_key"]):
+        yield f"public_key must be 64 hexadecimal digits, got {entry['team']['public_key'][:100]!r}"
+    elif "team" in entry and not is_signed(entry, entry["team"]["public_key"]):
+        yield f"the signature is not that of the team {entry['team']['name']!r} under this entry"
+    stored = entry.get("archive", {"sha256": entry["submission_sha256"]})["sha256"]
+    if stored != entry["submission_sha256"]:
+        yield f"archive holds {stored[:100]!r}, not the submission"
+
+
+_SHA256: Final = "[0-9a-f]{64}"
 _TEXT_OR_NULL: Final = (str, type(None))
 _NUMBER_OR_NULL: Final = (int, float, type(None))
-_SHAPE: Final[Mapping[str, Any]] = {
+_FIRST_SHAPE: Final[dict[str, Any]] = {
+    "schema": str,
     "method": {
         **dict.fromkeys(("name", "command", "code", "paper", "notes"), str),
         **{"inputs": [str], "training_data": [str], "external_data": bool},
@@ -78,7 +163,15 @@ _SHAPE: Final[Mapping[str, Any]] = {
     "warnings": [str],
     "objects": {"file": str, "sha256": str},
 }
+_SHAPE: Final[dict[str, Any]] = {**_FIRST_SHAPE, "arrays_sha256": str}
 """Types of what an entry must hold; the numbers are compared with the objects instead."""
+_OPTIONAL: Final[dict[str, Any]] = {
+    "team": {"name": str, "public_key": str},
+    "signature": str,
+    "archive": {"sha256": str, "url": str},
+}
+KEYS: Final = frozenset({*_SHAPE, *_OPTIONAL})
+"""All but the numbers."""
 
 
 def _misfits(value: Any, shape: Any, key: str = "entry") -> Iterator[str]:
@@ -89,8 +182,15 @@ def _misfits(value: Any, shape: Any, key: str = "entry") -> Iterator[str]:
                 yield from _misfits(value[name], inner, name)
             else:
                 yield f"{name} is missing from {key}"
+        if key != "entry" and (unknown := sorted(value.keys() - shape.keys())):
+            yield f"{key} has unknown keys {unknown}"
     elif isinstance(shape, list) and isinstance(value, list):
         for one in value:
             yield from _misfits(one, shape[0], key)
-    elif isinstance(shape, Mapping | list) or not isinstance(value, shape):
+    elif isinstance(shape, Mapping | list) or not _is_of(value, shape):
         yield f"{key} is of the wrong type, {type(value).__name__}"
+
+
+def _is_of(value: Any, shape: Any) -> bool:
+    """Whether a value is of a type; true and false are no numbers."""
+    return shape is bool if isinstance(value, bool) else isinstance(value, shape)

@@ -252,10 +252,9 @@ def _title(row: Entry) -> str:
 
 def _row(row: Entry, label: str, metrics: Sequence[str]) -> list[str]:
     method = row["method"]
-    name = _plain(method["name"])
     return [
         label,
-        f"*{name}*" if unranked_because(row) == TRIVIAL else name,
+        _marked_name(row),
         *(_figure(row["metrics"], one) for one in metrics),
         _plain(", ".join(method["inputs"])) or "nothing",
         _plain(", ".join(method["training_data"])) or "nothing",
@@ -264,6 +263,13 @@ def _row(row: Entry, label: str, metrics: Sequence[str]) -> list[str]:
         _plain(" ".join([row["status"], row.get("recomputed", {}).get("date", "")]).strip()),
         _plain(row["date"]),
     ]
+
+
+def _marked_name(row: Entry) -> str:
+    """Name of a row's method: trivial ones in italics, withdrawn ones struck out."""
+    name = _plain(row["method"]["name"])
+    mark = "~~" if "withdrawn" in row else "*" if unranked_because(row) == TRIVIAL else ""
+    return f"{mark}{name}{mark}"
 
 
 def _figure(metrics: Mapping[str, Any], name: str) -> str:
@@ -280,12 +286,15 @@ def _details(row: Entry) -> str:
     commands = [_code(one) for one in (method["command"], row["command"]) if one]
     commit = row["commit"] or ""
     shown = f", commit {_code(commit[:12] + _dirty(commit))}" if commit else ""
-    reason = unranked_because(row)
+    reason = unranked_because(row) or ""
     facts = [
         f"**{_plain(method['name'])}**: {', then '.join(commands)}",
         f"xden1k {_plain(row['xden_version'])}{shown}",
         f"submission {_code(row['submission_sha256'][:12])}",
-        *([f"not ranked: {reason}"] if reason not in (None, TRIVIAL) else []),
+        *([f"team {_plain(row['team']['name'])}"] if "team" in row else []),
+        *([f"not ranked: {_plain(reason)}"] if reason not in ("", TRIVIAL) else []),
+        *([f"erratum: {_plain(row['erratum']['text'])}"] if "erratum" in row else []),
+        *map(_plain, row.get("remarks", ())),
         *(_plain(text) for text in (method["notes"], *row["warnings"]) if text),
         *(_link(method[key]) for key in ("paper", "code") if method[key]),
     ]

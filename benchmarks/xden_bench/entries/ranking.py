@@ -97,13 +97,16 @@ def unranked_because(row: Entry) -> str | None:
     saying it falsely. :func:`xden_bench.methods.trivial.check_trivial` keeps the names of the
     trivial methods for those.
     """
+    if row.get("disqualified"):
+        return str(row["disqualified"])
     if is_trivial(row["method"]["name"], load_protocol(row["protocol"])):
         return TRIVIAL
     if "truth" in row["method"]["inputs"]:
         return "oracle: it is told what only the truth tells"
     if "materials" in row["method"]["inputs"]:
         return "it is told the material of each part"
-    if any(warning.startswith("W504") for warning in row["warnings"]):
+    remade = row.get("recomputed", {}).get("how") == "remade"
+    if not remade and any(warning.startswith("W504") for warning in row["warnings"]):
         return "its values are those of the reference"
     if any(warning.startswith("W505") for warning in row["warnings"]):
         return "its values are those of a trivial method"

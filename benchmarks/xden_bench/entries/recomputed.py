@@ -1,33 +1,51 @@
 """What a maintainer adds beside an entry whose numbers came out again: NAME.recomputed.json.
 
-The entry itself is never edited. The file beside it holds the entry's checksum, so that it vouches
-for no other one; its word is the maintainer's, and reviewed as the entry was.
+It says what came out again and what nobody can find again, and is signed: a note of no trusted key
+(:func:`xden_bench.entries.signing.read_maintainers`) counts nothing.
 """
 
 from __future__ import annotations
 
 import datetime
-import hashlib
-import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from xden1k.errors import DataError
+from xden_bench.entries.notes import read_note, uncounted_because, write_note
 from xden_bench.entries.provenance import code_commit, package_version
-from xden_bench.entries.untrusted import read_json
+from xden_bench.entries.signing import SigningKey, read_maintainers
+
+if TYPE_CHECKING:
+    from xden_bench.entries.verification import Verification
 
 __all__ = ["SUFFIX", "How", "read_recomputed", "write_recomputed"]
 
-SCHEMA: Final = "xden-recomputed/1"
+SCHEMA: Final = "xden-recomputed/2"
 SUFFIX: Final = ".recomputed.json"
 How = Literal["remade", "rescored"]
 """``remade``: the method ran again. ``rescored``: the stored submission was scored again."""
+_KEYS: Final[Mapping[str, Any]] = {
+    "how": str,
+    "vouches_for": list,
+    "not_verifiable": list,
+    "largest_relative_difference": float,
+    "command": str,
+    "xden_version": str,
+    "commit": (str, type(None)),
+}
 
 
 def write_recomputed(
-    entry: Path, how: How, largest_relative_difference: float, command: str, date: datetime.date
+    entry: Path,
+    how: How,
+    found: Verification,
+    command: str,
+    date: datetime.date,
+    key: SigningKey | None,
+    results: Path,
 ) -> Path:
-    """Note beside an entry that its numbers came out again.
+    """Note beside an entry that it came out again.
 
     Parameters
     ----------
@@ -35,44 +53,58 @@ def write_recomputed(
         Its JSON file.
     how
         In which way.
-    largest_relative_difference
-        Between a number of the entry and the one found.
+    found
+        What was compared.
     command
         That found it.
     date
         When.
+    key
+        The maintainer's; None leaves the note unsigned, and then it counts nothing.
+    results
+        The folder of all entries.
 
     Raises
     ------
     DataError
-        If there is such a note already.
+        If something differs, or there is such a note already that counts.
     """
+    path = entry.with_suffix(SUFFIX)
+    if found.deviations:
+        raise DataError(f"{entry}: {found.deviations[0]}: nothing to vouch for")
+    if path.exists() and read_recomputed(entry, read_maintainers(results))[0] is not None:
+        raise DataError(f"{path} is there already: it is never changed")
     values = {
         "schema": SCHEMA,
-        "entry_sha256": _sha256(entry),
         "how": how,
-        "largest_relative_difference": largest_relative_difference,
+        "vouches_for": list(found.compared),
+        "not_verifiable": list(found.not_verifiable),
+        "largest_relative_difference": found.largest_relative_difference,
         "command": command,
         "date": date.isoformat(),
         "xden_version": package_version(),
         "commit": code_commit(),
     }
-    path = entry.with_suffix(SUFFIX)
-    try:
-        with path.open("x", encoding="utf-8", newline="\n") as stream:
-            stream.write(json.dumps(values, indent=2) + "\n")
-    except FileExistsError as err:
-        raise DataError(f"{path} is there already: it is never changed") from err
+    write_note(path, entry, values, key)
     return path
 
 
-def read_recomputed(entry: Path) -> dict[str, Any] | None:
-    """Read the note beside an entry, or None if there is none.
+def read_recomputed(
+    entry: Path, maintainers: Mapping[str, str]
+) -> tuple[dict[str, Any] | None, str | None]:
+    """Read the note beside an entry.
 
     Parameters
     ----------
     entry
         Its JSON file.
+    maintainers
+        Names by public key.
+
+    Returns
+    -------
+    note, remark
+        The note if there is one that counts, and why one that is there does not.
 
     Raises
     ------
@@ -81,19 +113,10 @@ def read_recomputed(entry: Path) -> dict[str, Any] | None:
     """
     path = entry.with_suffix(SUFFIX)
     if not path.exists():
-        return None
-    try:
-        values: dict[str, Any] = read_json(path)
-        if values["schema"] != SCHEMA or values["how"] not in ("remade", "rescored"):
-            raise ValueError(f"schema {values['schema']!r}, how {values['how']!r}")
-        values["date"] = datetime.date.fromisoformat(values["date"]).isoformat()
-        found, stated = _sha256(entry), values["entry_sha256"]
-    except (ValueError, TypeError, KeyError) as err:
-        raise DataError(f"{path}: not a note of schema {SCHEMA}: {err!r}") from err
-    if found != stated:
-        raise DataError(f"{path}: it is for an entry of sha256 {stated}, {entry.name} has {found}")
-    return values
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+        return None, None
+    note = read_note(path, entry, SCHEMA, _KEYS)
+    if note["how"] not in ("remade", "rescored"):
+        raise DataError(f"{path}: not a note of schema {SCHEMA}: how {note['how']!r}")
+    if reason := uncounted_because(note, maintainers):
+        return None, f"a note that it was recomputed counts nothing: {reason}"
+    return note, None

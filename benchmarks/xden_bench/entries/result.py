@@ -7,7 +7,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,15 +15,25 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from xden1k.errors import DataError
+from xden_bench.entries.admission import (
+    EnteredError,
+    Owners,
+    check_admission,
+    light_entries,
+)
+from xden_bench.entries.amendments import KINDS, read_amendments
+from xden_bench.entries.archive import keep
 from xden_bench.entries.durable import results_lock, sync_folder, write_whole
-from xden_bench.entries.entry_form import SCHEMA, read_form
+from xden_bench.entries.entry_form import KEYS, OF_FIRST_SCHEMA, SCHEMA, check_form, read_form
+from xden_bench.entries.identities import contradictions
 from xden_bench.entries.provenance import code_commit, package_version
 from xden_bench.entries.recomputed import SUFFIX, read_recomputed
+from xden_bench.entries.signing import SigningKey, read_maintainers
 from xden_bench.entries.untrusted import read_table
 from xden_bench.scoring.bootstrap import Estimate
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.protocol import Protocol, load_protocol
-from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.reference import RECOMPUTED, Reference
 from xden_bench.scoring.score import ObjectScore, Score, by_category, by_size, summary
 
 __all__ = [
@@ -32,17 +42,18 @@ __all__ = [
     "entry_path",
     "entry_paths",
     "figures",
+    "keep_best_of_teams",
     "object_columns",
     "read_entries",
     "read_entry",
+    "read_sound_entries",
+    "results_of",
     "write_entry",
 ]
 
+NOTES: Final = (SUFFIX, *(f".{kind}.json" for kind in KINDS))
+"""Endings of what may lie beside an entry."""
 _OBJECT_COLUMNS: Final = ("object_id", "category", "source", "extent_cm")
-
-
-class EnteredError(DataError):
-    """A submission is among the results already."""
 
 
 def entry_of(
@@ -86,6 +97,7 @@ def entry_of(
             "manifest_sha256": reference.manifest_sha256,
         },
         "submission_sha256": score.submission_sha256,
+        "arrays_sha256": score.arrays_sha256,
         "xden_version": package_version(),
         "commit": code_commit(),
         "command": command,
@@ -96,7 +108,15 @@ def entry_of(
     }
 
 
-def write_entry(entry: Mapping[str, Any], score: Score, results: Path) -> Path:
+def write_entry(
+    entry: Mapping[str, Any],
+    score: Score,
+    results: Path,
+    *,
+    submission: Path | None = None,
+    archive_url: str = "",
+    key: SigningKey | None = None,
+) -> Path:
     """Add an entry, under the lock of the results: the objects, then the JSON file that counts.
 
     It is on the disk when this returns; after an error neither file is there.
@@ -109,6 +129,12 @@ def write_entry(entry: Mapping[str, Any], score: Score, results: Path) -> Path:
         Whose objects go into the Parquet file of the same name.
     results
         Folder of all entries.
+    submission
+        The file that was scored, which is copied into the archive of the results.
+    archive_url
+        Where it can be fetched instead: then it is not copied.
+    key
+        Of the team that enters it, which signs it; None enters it for nobody.
 
     Returns
     -------
@@ -118,7 +144,9 @@ def write_entry(entry: Mapping[str, Any], score: Score, results: Path) -> Path:
     Raises
     ------
     EnteredError
-        If this submission is entered already.
+        If this submission is entered already, or its arrays are.
+    DataError
+        If the entry could not be read again, or its name or its team may not be entered.
     OSError
         If the disk does not take it.
     """
@@ -126,25 +154,38 @@ def write_entry(entry: Mapping[str, Any], score: Score, results: Path) -> Path:
     objects, table = path.with_suffix(".parquet"), _parquet(object_columns(score))
     digest = hashlib.sha256(table).hexdigest()
     stored = {**entry, "objects": {"file": objects.name, "sha256": digest}}
+    if submission is not None or archive_url:
+        stored["archive"] = {"sha256": score.submission_sha256, "url": archive_url}
+    if key is not None:
+        stored = key.signed({**stored, "team": key.team})
     text = json.dumps(stored, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    check_form(stored, path)
     path.parent.mkdir(parents=True, exist_ok=True)
     with results_lock(results):
         if path.exists():
             raise EnteredError(
                 f"this submission is entered already: {path}; entries are never changed"
             )
-        for left in path.parent.glob(f".{path.stem}.*.partial"):  # by one that was killed
-            left.unlink()
-        try:
-            write_whole(objects, table)
-            write_whole(path, text.encode("utf-8"))
-        except BaseException:
-            for one in (path, objects):
-                one.unlink(missing_ok=True)
-            raise
+        check_admission(stored, light_entries(results))
+        if submission is not None and not archive_url:
+            keep(submission, score.submission_sha256, results)
+        _write_both(path, text, objects, table)
         for folder in path.parents[: len(path.parents) - len(results.parents)]:
             sync_folder(folder)
     return path
+
+
+def _write_both(path: Path, text: str, objects: Path, table: bytes) -> None:
+    """Write the objects, then the entry; after an error neither is there."""
+    for left in path.parent.glob(f".{path.stem}.*.partial"):  # by one that was killed
+        left.unlink()
+    try:
+        write_whole(objects, table)
+        write_whole(path, text.encode("utf-8"))
+    except BaseException:
+        for one in (path, objects):
+            one.unlink(missing_ok=True)
+        raise
 
 
 def _parquet(columns: Mapping[str, Sequence[Any]]) -> bytes:
@@ -163,8 +204,15 @@ def entry_path(entry: Mapping[str, Any]) -> Path:
     return Path(_slug(entry["protocol"]), _slug(table), entry["track"], name)
 
 
-def entry_paths(results: Path) -> list[Path]:
+def entry_paths(results: Path, *, strict: bool = True) -> list[Path]:
     """JSON files of every entry below a folder, sorted.
+
+    Parameters
+    ----------
+    results
+        The folder.
+    strict
+        Whether a note must lie beside an entry.
 
     Raises
     ------
@@ -174,8 +222,9 @@ def entry_paths(results: Path) -> list[Path]:
     if not results.is_dir():
         raise DataError(f"there is no folder of results at {results}")
     paths = sorted(results.rglob("*.json"))
-    entries = [path for path in paths if not path.name.endswith(SUFFIX)]
-    if alone := set(paths) - {*entries, *(path.with_suffix(SUFFIX) for path in entries)}:
+    entries = [path for path in paths if not path.name.endswith(NOTES)]
+    beside = {path.with_suffix(suffix) for path in entries for suffix in NOTES}
+    if strict and (alone := set(paths) - {*entries, *beside}):
         raise DataError(f"{min(alone)}: there is no entry beside it")
     return entries
 
@@ -183,7 +232,7 @@ def entry_paths(results: Path) -> list[Path]:
 def read_entries(
     results: Path, read: Callable[[Path, Path], dict[str, Any]] | None = None
 ) -> tuple[dict[str, Any], ...]:
-    """Every entry below a folder, sorted by path.
+    """Every entry below a folder, sorted by path; of a team one row of a table keeps its rank.
 
     Parameters
     ----------
@@ -200,9 +249,62 @@ def read_entries(
     Raises
     ------
     DataError
-        If there is no such folder, or a JSON file in it is neither an entry nor a note beside one.
+        If there is no such folder, or a JSON file in it is neither an entry nor a note beside one,
+        or two entries that are not of one team have one name.
     """
-    return tuple((read or read_entry)(path, results) for path in entry_paths(results))
+    paths = entry_paths(results)
+    entries = tuple((read or read_entry)(path, results) for path in paths)
+    owners = Owners()
+    for path, entry in _by_age(zip(paths, entries, strict=True)):
+        owners.admit(path, entry)
+    keep_best_of_teams(entries)
+    return entries
+
+
+def read_sound_entries(results: Path) -> tuple[tuple[dict[str, Any], ...], tuple[str, ...]]:
+    """Every entry below a folder that can be read, and what is wrong with the others.
+
+    For tables that must not go down with one bad file; what checks the results, such as
+    ``xden-bench leaderboard --check``, uses :func:`read_entries`.
+
+    Parameters
+    ----------
+    results
+        The folder.
+
+    Returns
+    -------
+    entries, problems
+        The entries as :func:`read_entries` gives them, and a line for each file that was left out.
+
+    Raises
+    ------
+    DataError
+        If there is no such folder.
+    """
+    sound: list[tuple[Path, dict[str, Any]]] = []
+    problems = []
+    for path in entry_paths(results, strict=False):
+        try:
+            sound.append((path, read_entry(path, results)))
+        except (DataError, OSError) as err:
+            problems.append(str(err))
+    kept, owners = [], Owners()
+    for path, entry in _by_age(sound):
+        try:
+            owners.admit(path, entry)
+            kept.append((path, entry))
+        except DataError as err:
+            problems.append(str(err))
+    entries = tuple(entry for _, entry in sorted(kept, key=lambda one: one[0]))
+    keep_best_of_teams(entries)
+    return entries, tuple(problems)
+
+
+def _by_age(
+    entries: Iterable[tuple[Path, dict[str, Any]]],
+) -> list[tuple[Path, dict[str, Any]]]:
+    return sorted(entries, key=lambda one: (one[1]["date"], str(one[0])))
 
 
 def read_entry(path: Path, results: Path | None = None) -> dict[str, Any]:
@@ -218,9 +320,12 @@ def read_entry(path: Path, results: Path | None = None) -> dict[str, Any]:
     Returns
     -------
     dict
-        As stored, and ``object_scores``: every column of the Parquet file, as lists. A note beside
-        it (:mod:`xden_bench.entries.recomputed`) is there as ``recomputed``, and ``status`` says
-        so.
+        As stored, and ``object_scores``: every column of the Parquet file, as lists. What lies
+        beside it is there too: a maintainer's note that counts
+        (:mod:`xden_bench.entries.recomputed`) as ``recomputed``, and ``status`` says so;
+        ``withdrawn`` and ``erratum`` (:mod:`xden_bench.entries.amendments`); under ``remarks``
+        lines on notes that count nothing, if there are some; under ``disqualified`` why it has no
+        rank whatever its scores, if there is a reason.
 
     Raises
     ------
@@ -231,15 +336,67 @@ def read_entry(path: Path, results: Path | None = None) -> dict[str, Any]:
         If there is no such file.
     """
     entry = read_form(path)
+    root = results_of(path, entry, results)
+    entry["object_scores"] = _checked_objects(path, entry)
+    maintainers = read_maintainers(root)
+    note, remark = read_recomputed(path, maintainers)
+    amendments, remarks = read_amendments(path, entry, maintainers)
+    if note is not None:
+        entry |= {"status": RECOMPUTED, "recomputed": note}
+    entry |= amendments
+    if told := [*([remark] if remark else []), *remarks]:
+        entry["remarks"] = told
+    if reason := _disqualified_because(entry):
+        entry["disqualified"] = reason
+    return entry
+
+
+def results_of(path: Path, entry: Mapping[str, Any], results: Path | None = None) -> Path:
+    """Return the folder of all entries that an entry lies in.
+
+    Raises
+    ------
+    DataError
+        If it lies where another belongs.
+    """
     place = entry_path(entry)
     here = path.absolute()
     root = results.absolute() if results else Path(*here.parts[: -len(place.parts)])
     if root / place != here:
         raise DataError(f"{path}: its content belongs to {place}")
-    entry["object_scores"] = _checked_objects(path, entry)
-    if note := read_recomputed(path):
-        entry |= {"status": "recomputed", "recomputed": note}
-    return entry
+    return root
+
+
+def _disqualified_because(entry: Mapping[str, Any]) -> str | None:
+    if "withdrawn" in entry:
+        return f"withdrawn: {entry['withdrawn']['text']}"
+    if entry["protocol"] not in OF_FIRST_SCHEMA and "archive" not in entry:
+        return "its predictions are archived nowhere"
+    return None
+
+
+def keep_best_of_teams(entries: Iterable[dict[str, Any]]) -> None:
+    """Disqualify, in each table, all rows of a team but its best.
+
+    Parameters
+    ----------
+    entries
+        From :func:`read_entry`; changed in place.
+    """
+    best: dict[tuple[Any, ...], dict[str, Any]] = {}
+    rows = [one for one in entries if "team" in one and "disqualified" not in one]
+    for row in sorted(rows, key=_loss):
+        table = (entry_path(row).parent, row["metric_version"], row["team"]["public_key"])
+        if best.setdefault(table, row) is not row:
+            row["disqualified"] = f"another row of {row['team']['name']} is better"
+
+
+def _loss(entry: Mapping[str, Any]) -> tuple[float, str]:
+    """Sort by the mean that ranks, the best first."""
+    name = load_protocol(entry["protocol"]).rank_by
+    mean = float(entry["metrics"][name]["mean"])
+    loss = -mean if METRICS[name].higher_is_better else mean
+    return loss, entry["submission_sha256"]
 
 
 def _checked_objects(path: Path, entry: Mapping[str, Any]) -> dict[str, list[Any]]:
@@ -253,12 +410,18 @@ def _checked_objects(path: Path, entry: Mapping[str, Any]) -> dict[str, list[Any
     try:
         rules = load_protocol(entry["protocol"])
         table = read_table(data)
-        made = figures(_objects_of(table, rules), rules)
+        scores = _objects_of(table, rules)
+        made = figures(scores, rules)
     except (DataError, pa.ArrowException, ValueError, TypeError, KeyError) as err:
         raise DataError(f"{path}: its objects cannot be summed up: {err!r}") from err
+    if unknown := sorted(entry.keys() - KEYS - made.keys()):
+        raise DataError(f"{path}: unknown keys {unknown}")
     for key, value in made.items():
         if not _agree(entry.get(key), json.loads(json.dumps(value))):
             raise DataError(f"{path}: {key} is not what the objects in {objects.name} give")
+    for one in scores:
+        for rule in contradictions(one.metrics, rules):
+            raise DataError(f"{objects}: {one.object_id} cannot have scored so: {rule} must hold")
     columns: dict[str, list[Any]] = table.to_pydict()
     if (source := "+".join(sorted(set(columns["source"])))) != entry["dataset"]["source"]:
         raise DataError(f"{path}: source is not that of the objects, {source}")

@@ -1,25 +1,33 @@
-"""Does an entry's number come out again? Every number of it against those found now."""
+"""Does an entry come out again? All that it says against what is found now."""
 
 from __future__ import annotations
 
+import datetime
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from xden1k.errors import DataError
-from xden_bench.entries.result import figures, object_columns
+from xden_bench.entries.entry_form import FIRST_SCHEMA
+from xden_bench.entries.result import entry_of, object_columns
 from xden_bench.scoring.bootstrap import SAME
 from xden_bench.scoring.protocol import load_protocol
-from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.reference import RECOMPUTED, Reference
 from xden_bench.scoring.score import Score
 
 __all__ = ["Deviation", "Verification", "check_reference", "verify"]
 
 
+NOT_VERIFIABLE: Final = ("command", "commit", "date", "xden_version")
+"""Of the place and time of a scoring: only a signature vouches for them."""
+OF_ONE_RUN: Final = ("arrays_sha256", "method.seconds_per_object", "submission_sha256")
+"""What another run of the same method changes: its time, and the last digit on another machine."""
+
+
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """A number of an entry that did not come out again.
+    """What an entry says and what did not come out again.
 
     Parameters
     ----------
@@ -51,12 +59,18 @@ class Verification:
         What does not agree.
     same_file
         Whether the submission is, byte for byte, that of the entry.
+    compared
+        Keys of the entry whose values were compared, whole.
+    not_verifiable
+        Places whose values nobody can find again.
     """
 
     numbers: int
     largest_relative_difference: float
     deviations: tuple[Deviation, ...]
     same_file: bool
+    compared: tuple[str, ...]
+    not_verifiable: tuple[str, ...]
 
 
 def check_reference(entry: Mapping[str, Any], reference: Reference) -> None:
@@ -77,25 +91,32 @@ def check_reference(entry: Mapping[str, Any], reference: Reference) -> None:
             raise DataError(f"the entry is of {name} {stated!r}, here is {found!r}")
 
 
-def verify(entry: Mapping[str, Any], score: Score, tolerance: float = 1e-5) -> Verification:
-    """Compare every number of an entry with a score made now.
+def verify(
+    entry: Mapping[str, Any], score: Score, reference: Reference, tolerance: float = 1e-5
+) -> Verification:
+    """Make an entry anew from its submission and compare all that it says.
+
+    Texts, checksums and declarations must be the same, numbers up to a tolerance. Of the schema
+    before this one, warnings are compared by their codes: they were worded otherwise.
 
     Parameters
     ----------
     entry
         From :func:`xden_bench.entries.result.read_entry`.
     score
-        Of its submission, or of one made anew.
+        From :func:`xden_bench.methods.trivial.score_told`, of its submission or of one made anew.
+    reference
+        The truth it was made with.
     tolerance
         Relative: what another machine may change. Differences up to 1e-6 never count.
     """
-    found = {
-        **figures(score.objects, score.protocol),
-        "object_scores": object_columns(score),
-        "track": score.meta.track,
-        "target": score.meta.target,
-    }
-    stated, made = (dict(_leaves({key: one[key] for key in found})) for one in (entry, found))
+    same_file = score.submission_sha256 == entry["submission_sha256"]
+    found = _made_again(entry, score, reference)
+    skipped = (*NOT_VERIFIABLE, *(() if same_file else OF_ONE_RUN))
+    stated, made = (
+        {where: one for where, one in _leaves(values) if where not in skipped}
+        for values in (_comparable(entry, found.keys()), _comparable(found, found.keys()))
+    )
     both = [
         (stated[where], made[where])
         for where in stated.keys() & made.keys()
@@ -109,8 +130,31 @@ def verify(entry: Mapping[str, Any], score: Score, tolerance: float = 1e-5) -> V
             for where in sorted(stated.keys() | made.keys())
             if not _same(stated.get(where), made.get(where), tolerance)
         ),
-        same_file=score.submission_sha256 == entry["submission_sha256"],
+        same_file=same_file,
+        compared=tuple(sorted(found.keys() - set(skipped))),
+        not_verifiable=tuple(sorted(skipped)),
     )
+
+
+def _made_again(entry: Mapping[str, Any], score: Score, reference: Reference) -> dict[str, Any]:
+    """Return the entry that the submission gives, as far as it can be compared."""
+    date = datetime.date.fromisoformat(entry["date"])
+    found = entry_of(score, reference, command=entry["command"], date=date)
+    found["object_scores"] = object_columns(score)
+    if entry["schema"] == FIRST_SCHEMA:
+        found |= {"schema": FIRST_SCHEMA}
+        del found["arrays_sha256"]
+    if entry["status"] == RECOMPUTED:  # a maintainer's word, told by the note
+        found["status"] = RECOMPUTED
+    return found
+
+
+def _comparable(values: Mapping[str, Any], keys: Iterable[str]) -> dict[str, Any]:
+    """Those keys of an entry that a scoring makes."""
+    kept = {key: values[key] for key in keys if key in values}
+    if kept["schema"] == FIRST_SCHEMA:
+        kept["warnings"] = [one.partition(":")[0] for one in kept["warnings"]]
+    return kept
 
 
 def _leaves(value: Any, where: str = "") -> Iterator[tuple[str, Any]]:

@@ -18,11 +18,13 @@ from xden1k.predictions import Target
 from xden1k.values.arrays import Grid, Vec3
 from xden1k.values.types import PRIVATE
 
-__all__ = ["BY_ORGANISER", "SELF_REPORTED", "Reference", "Truth", "xray_refusal"]
+__all__ = ["BY_ORGANISER", "RECOMPUTED", "SELF_REPORTED", "Reference", "Truth", "xray_refusal"]
 
+RECOMPUTED: Final = "recomputed"
 SELF_REPORTED: Final = "self-reported"
 BY_ORGANISER: Final = "by the organiser"
-"""Who made the numbers of an entry: whoever sent it, or the keeper of sealed answers."""
+"""Who made the numbers of an entry: a maintainer who remade them, whoever sent it, or the keeper of
+sealed answers."""
 
 
 def xray_refusal(folder: DatasetFolder, split: str) -> str:

@@ -20,9 +20,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-from xden1k.errors import DataError, require
+from cryptography.exceptions import InvalidTag
+from cryptography.hazmat.primitives.ciphers.aead import AESSIV
+
+from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.format.shards import Row
 from xden1k.values.types import PRIVATE
@@ -34,9 +37,6 @@ from xden_bench.sealed.answers import (
     salt_of,
 )
 from xden_bench.sealed.key import Key
-
-if TYPE_CHECKING:
-    from cryptography.hazmat.primitives.ciphers.aead import AESSIV
 
 __all__ = ["COMMITMENTS_NAME", "SealWriter", "SealedTruth"]
 
@@ -170,8 +170,6 @@ class SealedTruth:
 
     def _decrypted(self, object_id: str) -> bytes:
         cipher = _cipher(self.key)
-        from cryptography.exceptions import InvalidTag
-
         bound = _associated_data(self.folder.manifest_sha256, object_id)
         try:
             return cipher.decrypt(self._member(FOLDER + object_id), bound)
@@ -206,9 +204,6 @@ class SealedTruth:
 
 
 def _cipher(key: Key) -> AESSIV:
-    require("cryptography", "organiser")
-    from cryptography.hazmat.primitives.ciphers.aead import AESSIV
-
     return AESSIV(key.derive("file"))  # 512 bits: AES-256 for the tag, and AES-256
 
 

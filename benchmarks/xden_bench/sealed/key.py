@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import hmac
-import os
 import re
 import secrets
-import stat
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 from xden1k.errors import DataError
+from xden_bench.sealed.secret_file import read_secret, write_secret
 
 __all__ = ["Key", "read_key", "write_key"]
 
@@ -70,14 +69,7 @@ def write_key(path: Path) -> Key:
         If there is a file already: a key that is lost is lost for good.
     """
     key = Key(secrets.token_bytes(SECRET_BYTES))
-    try:
-        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    except FileExistsError as err:
-        raise DataError(f"{path} exists, and a key is never overwritten") from err
-    with os.fdopen(handle, "w", encoding="ascii", newline="\n") as file:
-        file.write(f"xden-key/1 {key.secret.hex()}\n")
-        file.flush()
-        os.fsync(handle)
+    write_secret(path, f"xden-key/1 {key.secret.hex()}")
     return key
 
 
@@ -91,11 +83,7 @@ def read_key(path: Path) -> Key:
     DataError
         If it is no key, or others than its owner may read it.
     """
-    with path.open("rb") as file:
-        mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
-        if os.name != "nt" and mode & 0o077:  # Windows has no such bits
-            raise DataError(f"{path}: others may read this key, mode {mode:03o}: chmod 600 {path}")
-        line = _LINE.fullmatch(file.read(1024))
+    line = _LINE.fullmatch(read_secret(path))
     if line is None:
         raise DataError(f"{path}: not a key of xden-bench keygen, a line 'xden-key/1 HEX'")
     return Key(bytes.fromhex(line[1].decode("ascii")))

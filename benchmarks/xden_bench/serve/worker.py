@@ -141,7 +141,7 @@ def score_upload(
         check_trivial(path, reference, rules)
     except DataError as err:
         return _refused(path, err)
-    return _enter(scored, reference, results)
+    return _enter(scored, reference, results, path)
 
 
 def _refused(path: Path, err: DataError) -> Outcome:
@@ -149,19 +149,19 @@ def _refused(path: Path, err: DataError) -> Outcome:
     return Outcome("refused", message=str(err).removeprefix(f"{path}: "))
 
 
-def _enter(scored: Score, reference: Reference, results: Path) -> Outcome:
+def _enter(scored: Score, reference: Reference, results: Path, submission: Path) -> Outcome:
     """Write the entry; one that is there is left as it is."""
-    from xden_bench.entries.result import EnteredError, entry_of, write_entry
+    from xden_bench.entries.result import entry_of, write_entry
 
     today = datetime.datetime.now(tz=datetime.UTC).date()
     command = _command(reference.split, scored.protocol.name)
     entry = entry_of(scored, reference, command=command, date=today)
     try:
-        write_entry(entry, scored, results)
-    except EnteredError:
+        write_entry(entry, scored, results, submission=submission)
+    except DataError as err:
         if found := _entered(scored, reference, results):
             return found
-        raise
+        return Outcome("refused", message=str(err))
     found = _entered(scored, reference, results)
     assert found is not None
     return found
