@@ -14,6 +14,7 @@ from xden1k.predictions import CODES
 from xden1k.predictions.meta import SCHEMA as SUBMISSION_SCHEMA
 from xden1k.predictions.meta import parse_meta
 from xden1k.values.types import PRIVATE
+from xden_bench.entries.archive import check_url
 from xden_bench.entries.signing import is_public_key, is_signed
 from xden_bench.entries.untrusted import read_json
 from xden_bench.scoring.protocol import PROTOCOLS, load_protocol
@@ -140,9 +141,11 @@ def _team_contradictions(entry: Mapping[str, Any]) -> Iterator[str]:
         yield f"public_key must be 64 hexadecimal digits, got {entry['team']['public_key'][:100]!r}"
     elif "team" in entry and not is_signed(entry, entry["team"]["public_key"]):
         yield f"the signature is not that of the team {entry['team']['name']!r} under this entry"
-    stored = entry.get("archive", {"sha256": entry["submission_sha256"]})["sha256"]
-    if stored != entry["submission_sha256"]:
-        yield f"archive holds {stored[:100]!r}, not the submission"
+    archive = entry.get("archive", {"sha256": entry["submission_sha256"], "url": ""})
+    if archive["sha256"] != entry["submission_sha256"]:
+        yield f"archive holds {archive['sha256'][:100]!r}, not the submission"
+    if archive["url"]:
+        check_url(archive["url"])
 
 
 _SHA256: Final = "[0-9a-f]{64}"
