@@ -16,7 +16,13 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 from click.core import ParameterSource
 
-from xden1k.errors import DataError, MissingExtraError, XDenError, install_command
+from xden1k.errors import (
+    DataError,
+    MissingExtraError,
+    SubmissionError,
+    XDenError,
+    install_command,
+)
 from xden1k.values.plain import plain
 
 if TYPE_CHECKING:
@@ -32,11 +38,14 @@ __all__ = [
     "json_option",
     "open_root",
     "print_json",
+    "tell_notes",
 ]
 
 COMMANDS: Final = "xden1k.commands"
 """Entry points of this group are commands of ``xden``. What one needs beyond this package is the
 extra of its own name."""
+NOTES: Final = "xden1k.notes"
+"""Key of a command's notes in its context."""
 DONE_IN_PART = 3
 """Exit code of a command that finished although some objects failed."""
 
@@ -45,9 +54,17 @@ class Group(click.Group):
     """A group of commands that turns every deliberate error into one line and exit code 1."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a command."""
+        """Run a command; what it noted is told at its end, and after an error not at all."""
         try:
-            return super().invoke(ctx)
+            result = super().invoke(ctx)
+            tell_notes()
+            return result
+        except SystemExit:
+            tell_notes()
+            raise
+        except SubmissionError as err:
+            tell_notes()  # whether it is the right dataset may be what is wrong
+            raise click.ClickException(str(err)) from err
         except XDenError as err:
             raise click.ClickException(str(err)) from err
         except OSError as err:
@@ -174,7 +191,7 @@ def command_line(context: click.Context, program: str) -> str:
 def open_root(root: Path | str | None) -> DatasetFolder:
     """Open the dataset folder that ``--root`` names, or the one there is without it.
 
-    What its finder warns of becomes a line on stderr.
+    What its finder warns of becomes a note, for :func:`tell_notes`.
 
     Raises
     ------
@@ -187,6 +204,18 @@ def open_root(root: Path | str | None) -> DatasetFolder:
     with warnings.catch_warnings(record=True) as notes:
         warnings.simplefilter("always")
         folder = open_folder(data_root(root))
-    for note in notes:
-        click.echo(f"note: {note.message}", err=True)
+    _notes().extend(str(note.message) for note in notes)
     return folder
+
+
+def tell_notes() -> None:
+    """Write what was noted to stderr, each a line, once."""
+    for note in _notes():
+        click.echo(f"note: {note}", err=True)
+    _notes().clear()
+
+
+def _notes() -> list[str]:
+    """Return the notes of the command that is running."""
+    notes: list[str] = click.get_current_context().meta.setdefault(NOTES, [])
+    return notes

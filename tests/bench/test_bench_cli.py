@@ -255,10 +255,31 @@ def run_sample(
 
 
 def test_the_sample_is_a_note_not_a_warning_of_pythons(run_sample: Callable[..., Result]) -> None:
-    done = run_sample("score", "nope.npz")
-    note, error = done.stderr.splitlines()
+    (note,) = run_sample("template").stderr.splitlines()
     assert note.startswith("note: using the small simulated sample of the package")
-    assert error == "Error: nope.npz: No such file or directory"
+
+
+def test_a_file_that_does_not_fit_the_sample_is_told_that_it_is_the_sample(
+    run_sample: Callable[..., Result], submission: Submit
+) -> None:
+    note, *errors = run_sample("score", submission()).stderr.splitlines()
+    assert note.startswith("note: using the small simulated sample of the package")
+    assert any("E302" in error for error in errors)
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (["score", "nope.npz"], "Error: nope.npz: No such file or directory"),
+        (["baseline", "nope"], "Error: no method 'nope' is installed"),
+        (["template", "--split", "nope"], "no split 'nope'"),
+    ],
+)
+def test_an_error_that_has_nothing_to_do_with_the_sample_stands_alone(
+    run_sample: Callable[..., Result], words: list[str], error: str
+) -> None:
+    (line,) = run_sample(*words).stderr.splitlines()
+    assert error in line
 
 
 def test_submit_says_what_comes_next(
@@ -297,16 +318,31 @@ def entered(run: Callable[..., Result], name: str) -> str:
     return str(json.loads(run("submit", f"{name}.npz", "--json").stdout)["file"])
 
 
-def test_a_template_is_valid_and_says_what_to_fill_in(run: Callable[..., Result]) -> None:
+def named(path: Path) -> None:
+    """Fill in the name of a template."""
+    with np.load(path) as empty:
+        arrays = dict(empty)
+    meta = json.loads(str(arrays["__meta__"])) | {"method": "named"}
+    np.savez_compressed(path, **arrays | {"__meta__": np.array(json.dumps(meta))})
+
+
+def test_a_template_says_what_to_fill_in_and_is_refused_until_it_is(
+    run: Callable[..., Result], tmp_path: Path
+) -> None:
     said = run("template", "--track", "xray", "--out", "mine.npz").stdout
     assert said.startswith("mine.npz: 4 objects of zeros, target density. Fill in:\n")
     for name in ("density/ID", "density_sd/ID", "method", "inputs", "training_data"):
         assert f"  {name}: " in said
+    refused = run("validate", "mine.npz", "--track", "xray")
+    assert (refused.exit_code, refused.stderr.count("E")) == (1, 2)
+    assert "E207: method is still 'my method'" in refused.stderr
+    named(tmp_path / "mine.npz")
     assert run("validate", "mine.npz", "--track", "xray").exit_code == 0
     assert run("validate", "mine.npz", "--track", "rgb").exit_code == 1
     made = json.loads(run("template", "--protocol", "paper", "--json").stdout)
     assert made["meta"]["target"] == "apparent_density"
     assert made["ids"] == ["bar-0002", "cube-0003", "filled-0001", "hollow-0002"]
+    named(tmp_path / "preds.npz")
     assert run("validate", "preds.npz", "--protocol", "paper").exit_code == 0
 
 
@@ -314,10 +350,33 @@ def test_a_template_is_valid_and_says_what_to_fill_in(run: Callable[..., Result]
     "track", [*(pytest.param(one, marks=pytest.mark.slow) for one in TRACKS[:-1]), TRACKS[-1]]
 )
 def test_a_template_enters_the_track_it_was_made_for(
-    run: Callable[..., Result], track: str
+    run: Callable[..., Result], track: str, tmp_path: Path
 ) -> None:
     run("template", "--track", track)
+    named(tmp_path / "preds.npz")
     assert run("score", "preds.npz", "--track", track).exit_code == 0
+
+
+@pytest.mark.parametrize("command", ["validate", "score", "submit"])
+def test_what_looks_like_a_slip_is_refused_unless_it_is_meant(
+    run: Callable[..., Result], tmp_path: Path, command: str
+) -> None:
+    run("baseline", "water")
+    with np.load(tmp_path / "water.npz") as found:
+        arrays = {name: found[name] for name in found}
+    meta = json.loads(str(arrays.pop("__meta__"))) | {"method": "heavy"}
+    heavy = {name: 1000 * values for name, values in arrays.items()}
+    np.savez_compressed(tmp_path / "heavy.npz", __meta__=np.array(json.dumps(meta)), **heavy)
+    out = ["--out", "out"] if command == "submit" else []
+    refused = run(command, "heavy.npz", *out)
+    assert refused.exit_code == 1
+    (line,) = refused.stderr.splitlines()
+    assert line.startswith("Error: W501: highest value 1000 g/cm³, above 25: units?")
+    assert line.endswith("(if it is meant: --accept-warnings)")
+    assert not (tmp_path / "out").exists()
+    meant = run(command, "heavy.npz", *out, "--accept-warnings")
+    assert meant.exit_code == 0
+    assert "W501" in meant.stdout
 
 
 def test_an_edited_template_is_a_submission(run: Callable[..., Result], tmp_path: Path) -> None:

@@ -141,6 +141,21 @@ def test_w501_kilograms_sent_as_grams(submission: Submit, reference: Reference) 
     assert lines == ["W501: highest value 8800 g/cm³, above 25: units?"]
 
 
+def test_e407_what_no_matter_has_is_refused_where_the_protocol_says_so(
+    submission: Submit, reference: Reference
+) -> None:
+    rules = replace(load_protocol(), refuse_above_limit=True)
+    path = submission(lambda _, grid: np.float32(1100) * grid)
+    (problem,) = validate(path, reference, rules)
+    assert str(problem) == "E407: highest value 8800 g/cm³, above 25: units?"
+    assert problem.is_error
+
+
+def test_e206_a_template_without_a_name(submission: Submit, reference: Reference) -> None:
+    lines = found(submission(method="my method"), reference)
+    assert lines[0].startswith("E207: method is still 'my method', as in the template")
+
+
 def test_w501_grams_sent_as_kilograms(submission: Submit, reference: Reference) -> None:
     lines = found(submission(scaled, units="kg/m3"), reference)
     assert lines == ["W501: kg/m3 declared, but the highest value is 8.8"]

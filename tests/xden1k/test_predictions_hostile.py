@@ -327,6 +327,16 @@ def test_e401_a_float64_grid_is_told_by_its_dtype_not_its_size(tmp_path: Path) -
     assert line == "E401 mug: dtype must be float32 or float16 ('<f4' or '<f2'), got '<f8'"
 
 
+def test_e402_a_finer_grid_is_told_how_it_is_pooled(tmp_path: Path) -> None:
+    fine = np.random.default_rng(0).random((128, 128, 128)).astype(np.float32)
+    (line,) = found(archive(tmp_path / "p.npz", {"density/mug.npy": npy(fine)}))
+    assert line.startswith("E402 mug: shape must be (64, 64, 64), got (128, 128, 128); take means")
+    told = line.split("means: ")[1]
+    pooled = eval(told, {"values": fine})  # noqa: S307, what the message says
+    assert pooled.shape == (64, 64, 64)
+    assert pooled[1, 2, 3] == pytest.approx(fine[2:4, 4:6, 6:8].mean())
+
+
 @pytest.mark.parametrize("shape", [(64, 64), (64, 64, 63), (1, 64, 64, 64), (), (262144,)])
 def test_e402_shapes(tmp_path: Path, shape: tuple[int, ...]) -> None:
     values = npy(np.zeros(shape, np.float32))

@@ -14,7 +14,14 @@ strangers, so the reader trusts nothing in them.
 """
 
 from xden1k.predictions.meta import MAX_TEXT, SCHEMA, SubmissionMeta, Target, Units
-from xden1k.predictions.problems import CODES, Problem, listed, raise_errors
+from xden1k.predictions.problems import (
+    CODES,
+    SUSPICIONS,
+    Problem,
+    listed,
+    raise_errors,
+    raise_suspicions,
+)
 from xden1k.predictions.reader import Predictions, open_predictions
 from xden1k.predictions.writer import PredictionsWriter, write_predictions
 
@@ -22,6 +29,7 @@ __all__ = [
     "CODES",
     "MAX_TEXT",
     "SCHEMA",
+    "SUSPICIONS",
     "Predictions",
     "PredictionsWriter",
     "Problem",
@@ -31,5 +39,6 @@ __all__ = [
     "listed",
     "open_predictions",
     "raise_errors",
+    "raise_suspicions",
     "write_predictions",
 ]

@@ -21,7 +21,7 @@ from jaxtyping import Shaped
 
 from xden1k.errors import DataError
 
-__all__ = ["BadArchiveError", "Member", "NpzReader", "write_member"]
+__all__ = ["BadArchiveError", "Member", "NpzReader", "check_size", "write_member"]
 
 MAX_DIRECTORY_BYTES: Final = 2 << 20
 """Names at least 10,000 members; 35,000, the most it can, are looked at in a second or two."""
@@ -120,25 +120,21 @@ class NpzReader:
         self.entries = tuple(self._zip.infolist())
         _check_places(self.entries, start)
 
-    def member(self, info: zipfile.ZipInfo, max_bytes: int) -> Member:
-        """Describe an entry by the directory and its first bytes.
+    def member(self, info: zipfile.ZipInfo) -> Member:
+        """Describe an entry by the directory and its first bytes; see :func:`check_size`.
 
         Parameters
         ----------
         info
             One of ``entries``.
-        max_bytes
-            The most its values may take.
 
         Raises
         ------
         BadArchiveError
-            E101 to E104, E401.
+            E101 to E104.
         """
         _check_entry(info)
-        member = _parse_header(info, self._first_bytes(info, MAX_HEADER_BYTES))
-        _check_size(member, max_bytes + MAX_HEADER_BYTES)
-        return member
+        return _parse_header(info, self._first_bytes(info, MAX_HEADER_BYTES))
 
     def read(self, member: Member) -> Shaped[np.ndarray, "..."]:
         """Read the values of a member, checked against its checksum.
@@ -262,14 +258,27 @@ def _parse_header(info: zipfile.ZipInfo, head: bytes) -> Member:
     return Member(info, dtype, shape, found["fortran"] == "True", first + length)
 
 
-def _check_size(member: Member, max_bytes: int) -> None:
-    """Refuse a dtype that is not a plain one, and values too many or too few for the member."""
+def check_size(member: Member, max_bytes: int) -> None:
+    """Refuse a dtype that is not a plain one, and values too many or too few for the member.
+
+    Parameters
+    ----------
+    member
+        Of an archive.
+    max_bytes
+        The most its values may take.
+
+    Raises
+    ------
+    BadArchiveError
+        E101, E102, E401.
+    """
     if not re.fullmatch(r"<f[24]|<U[1-9]\d{0,6}", member.dtype):
         raise BadArchiveError(
             "E401", f"dtype must be float32 or float16 ('<f4' or '<f2'), got {member.dtype!a}"
         )
-    if (size := member.info.file_size) > max_bytes:
-        raise BadArchiveError("E102", f"declares {size} bytes, at most {max_bytes}")
+    if (size := member.info.file_size) > (most := max_bytes + MAX_HEADER_BYTES):
+        raise BadArchiveError("E102", f"declares {size} bytes, at most {most}")
     count = 1
     for edge in member.shape:
         count *= edge

@@ -7,7 +7,15 @@ from dataclasses import dataclass
 
 from xden1k.errors import SubmissionError
 
-__all__ = ["CODES", "Problem", "listed", "raise_errors", "shortened"]
+__all__ = [
+    "CODES",
+    "SUSPICIONS",
+    "Problem",
+    "listed",
+    "raise_errors",
+    "raise_suspicions",
+    "shortened",
+]
 
 CODES = {
     "E101": "not a readable .npz",
@@ -21,6 +29,7 @@ CODES = {
     "E204": "unknown units",
     "E205": "revision, manifest, config, split, track or target is not what is being scored",
     "E206": "a text of __meta__ holds the mark of an HTML comment",
+    "E207": "the template's name, not filled in",
     "E301": "objects missing",
     "E302": "objects not in the split",
     "E303": "density_sd of some objects only, or without its density",
@@ -30,13 +39,17 @@ CODES = {
     "E404": "negative density or density_sd",
     "E405": "mass, but none of it inside the object",
     "E406": "air, entry 0 of part_density or part_density_sd, is not 0",
+    "E407": "above the protocol's physical limit",
     "W501": "units look wrong",
     "W502": "one constant for all objects",
     "W503": "mass outside the object",
     "W504": "the values of the reference",
     "W505": "the values of a trivial method",
+    "W506": "axes look exchanged or turned over",
 }
 """Every code and its meaning. E: the file is refused. W: a footnote to the row."""
+SUSPICIONS = ("W501", "W506")
+"""Footnotes that are nearly always a slip: commands refuse the file unless told it is meant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +95,19 @@ def raise_errors(problems: Iterable[Problem]) -> None:
     """
     if errors := [str(problem) for problem in problems if problem.is_error]:
         raise SubmissionError(errors)
+
+
+def raise_suspicions(problems: Iterable[Problem]) -> None:
+    """Raise what is nearly always a slip, all at once.
+
+    Raises
+    ------
+    SubmissionError
+        If there is one of :data:`SUSPICIONS` among the problems.
+    """
+    found = [problem for problem in problems if problem.code in SUSPICIONS]
+    if found:
+        raise SubmissionError([f"{one} (if it is meant: --accept-warnings)" for one in found])
 
 
 def shortened(problems: Iterable[Problem], most: int = 200) -> Iterator[Problem]:

@@ -17,7 +17,7 @@ from jaxtyping import Float32
 
 from xden1k.errors import MissingObjectError
 from xden1k.predictions.meta import SubmissionMeta, parse_meta
-from xden1k.predictions.npz import BadArchiveError, Member, NpzReader
+from xden1k.predictions.npz import BadArchiveError, Member, NpzReader, check_size
 from xden1k.predictions.problems import Problem, listed, raise_errors, shortened
 from xden1k.values.types import FIELD_SIZE, MAX_PARTS
 
@@ -242,7 +242,9 @@ class Predictions:
             return
         prefix = _SD_PREFIX if found["sd"] else ""
         try:
-            member = self._archive.member(info, MAX_VALUE_BYTES)
+            member = self._archive.member(info)
+            _check_edge(found["kind"], member)
+            check_size(member, MAX_VALUE_BYTES)
             _check_header(found["kind"], member)
         except BadArchiveError as err:
             yield Problem(err.code, found["id"], f"{prefix}{err}")
@@ -260,7 +262,8 @@ class Predictions:
 
     def _read_meta(self, info: zipfile.ZipInfo) -> list[Problem]:
         try:
-            member = self._archive.member(info, MAX_META_BYTES)
+            member = self._archive.member(info)
+            check_size(member, MAX_META_BYTES)
             values = self._archive.read(member)
         except BadArchiveError as err:
             code = "E201" if err.code == "E401" else err.code
@@ -291,6 +294,29 @@ def open_predictions(path: Path) -> Predictions:
         predictions.close()
         raise
     return predictions
+
+
+def pooling(shape: tuple[int, ...]) -> str:
+    """Say how a finer cube becomes the grid; nothing of any other shape.
+
+    Examples
+    --------
+    >>> pooling((128, 128, 128))
+    '; take means: values.reshape(64, 2, 64, 2, 64, 2).mean((1, 3, 5))'
+    >>> pooling((64, 64))
+    ''
+    """
+    edge = shape[0] if shape else 0
+    if shape != (edge,) * 3 or edge % FIELD_SIZE or edge == FIELD_SIZE:
+        return ""
+    pairs = ", ".join([f"{FIELD_SIZE}, {edge // FIELD_SIZE}"] * 3)
+    return f"; take means: values.reshape({pairs}).mean((1, 3, 5))"
+
+
+def _check_edge(kind: str, member: Member) -> None:
+    """Refuse a finer cube by its shape, before its size is found too large."""
+    if kind == "density" and (how := pooling(member.shape)):
+        raise BadArchiveError("E402", f"shape must be {GRID_SHAPE}, got {member.shape}{how}")
 
 
 def _check_header(kind: str, member: Member) -> None:

@@ -17,7 +17,7 @@ from xden1k.errors import DataError
 from xden1k.predictions.meta import SubmissionMeta, parse_meta
 from xden1k.predictions.npz import write_member
 from xden1k.predictions.problems import raise_errors
-from xden1k.predictions.reader import GRID_SHAPE, MAX_VALUE, OBJECT_ID
+from xden1k.predictions.reader import GRID_SHAPE, MAX_VALUE, OBJECT_ID, pooling
 
 __all__ = ["PredictionsWriter", "write_predictions"]
 
@@ -127,6 +127,7 @@ class PredictionsWriter:
         if values.shape != GRID_SHAPE and not per_part:
             raise DataError(
                 f"{where}: shape must be {GRID_SHAPE} or (parts + 1,), got {values.shape}"
+                f"{pooling(values.shape)}"
             )
         with np.errstate(over="ignore"):  # found as infinity in the next line
             stored = values.astype("float32" if per_part else self._dtype)

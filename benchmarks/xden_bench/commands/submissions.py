@@ -55,6 +55,8 @@ class Asked:
         The track it is meant for; None = the one its inputs lead to.
     protocol
         Name of the rules.
+    accept_warnings
+        Whether a file that looks like a slip is meant.
     """
 
     submission: Path
@@ -64,6 +66,7 @@ class Asked:
     key: Path | None
     track: Track | None
     protocol: str
+    accept_warnings: bool
 
     def reference(self, *, scoring: bool = True) -> Reference:
         """Open the truth."""
@@ -85,6 +88,11 @@ def submission_command(
         for add in (
             json_option,
             click.option("--out", type=click.Path(path_type=Path), help=out_help),
+            click.option(
+                "--accept-warnings",
+                is_flag=True,
+                help="Take a file whose units or axes look wrong (W501, W506): it is meant.",
+            ),
             protocol_option,
             track_option,
             key_option,
@@ -115,7 +123,7 @@ def submission_command(
 def template(
     root: Path | str | None, split: str, track: Track, protocol: str, out: Path, as_json: bool
 ) -> None:
-    """Write an empty submission that is valid, to be filled in."""
+    """Write an empty submission, to be filled in."""
     from xden_bench.methods.template import TO_FILL_IN, write_template
     from xden_bench.scoring.protocol import load_protocol
 
@@ -133,14 +141,15 @@ def template(
 @submission_command("Also write the findings to this JSON file.")
 def validate(asked: Asked, out: Path | None, as_json: bool) -> None:
     """List everything that is wrong with a submission."""
-    from xden1k.predictions import raise_errors
+    from xden1k.predictions import SUSPICIONS, raise_errors, raise_suspicions
     from xden_bench.entries.durable import write_text
     from xden_bench.scoring.protocol import load_protocol
     from xden_bench.scoring.submission import validate as find_problems
 
     rules, reference = load_protocol(asked.protocol), asked.reference(scoring=False)
     found = find_problems(asked.submission, reference, rules, asked.track, progress_bar)
-    valid = not any(one.is_error for one in found)
+    refused = () if asked.accept_warnings else SUSPICIONS
+    valid = not any(one.is_error or one.code in refused for one in found)
     problems = [
         {"code": one.code, "object_id": one.object_id, "message": one.message} for one in found
     ]
@@ -151,6 +160,8 @@ def validate(asked: Asked, out: Path | None, as_json: bool) -> None:
         print_json(report)
         raise SystemExit(0 if valid else 1)
     raise_errors(found)
+    if not asked.accept_warnings:
+        raise_suspicions(found)
     echo_lines(f"{asked.submission}: valid", found)
 
 
@@ -231,12 +242,15 @@ def _entered(path: Path, out: Path | None) -> str:
 
 
 def _scored(asked: Asked, reference: Reference) -> tuple[Score, dict[str, Any]]:
+    from xden1k.predictions import raise_suspicions
     from xden_bench.entries.result import entry_of
     from xden_bench.methods.trivial import score_told
     from xden_bench.scoring.protocol import load_protocol
 
     rules = load_protocol(asked.protocol)
     scored = score_told(asked.submission, reference, rules, asked.track, progress_bar)
+    if not asked.accept_warnings:
+        raise_suspicions(scored.warnings)
     today = datetime.datetime.now(tz=datetime.UTC).date()
     command = command_line(click.get_current_context())
     return scored, entry_of(scored, reference, command=command, date=today)

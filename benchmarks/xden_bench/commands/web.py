@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from xden1k.commands import tell_notes
 from xden_bench.commands.shared import FILE, FOLDER, RESULTS, open_reference, root_option
 
 __all__ = ["serve"]
@@ -55,4 +56,5 @@ def serve(
 
     reference = open_reference(root, "test")
     site = Site(reference, results, state, settings, trusted_proxies=trusted_proxies)
+    tell_notes()
     run(site, host=host, port=port, say=partial(click.echo, err=True))

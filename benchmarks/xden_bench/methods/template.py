@@ -1,4 +1,4 @@
-"""An empty submission that is valid: what an author copies and fills in."""
+"""An empty submission: what an author copies and fills in. It is valid once it has a name."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from xden1k.values.modality import Track
 from xden1k.values.types import FIELD_SIZE
 from xden_bench.scoring.protocol import Protocol
 from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.submission import PLACEHOLDER
 
 __all__ = ["TO_FILL_IN", "write_template"]
 
@@ -39,7 +40,7 @@ TO_FILL_IN: Final[Mapping[str, str]] = {
 def write_template(
     path: Path, reference: Reference, protocol: Protocol, track: Track
 ) -> SubmissionMeta:
-    """Write a valid submission in which every density is zero.
+    """Write a submission in which every density is zero, and the name is still to be given.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ def write_template(
         What the file says about itself.
     """
     meta = SubmissionMeta(
-        method="my method",
+        method=PLACEHOLDER,
         dataset_revision=reference.revision,
         manifest_sha256=reference.manifest_sha256,
         config=protocol.config,

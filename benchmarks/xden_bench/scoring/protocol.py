@@ -48,11 +48,13 @@ class Protocol:
     size_edges_cm
         Ascending borders between the classes of the table by size.
     max_density_g_cm3
-        By target: a higher value gets the footnote W501.
+        By target: a higher value gets the footnote W501, or is refused as E407.
     max_outside_share
         More of the mass outside the object gets the footnote W503.
     max_identical_share
         Of the objects that are not homogeneous: more that equal the reference are the warning W504.
+    refuse_above_limit
+        Whether it is refused.
     unranked
         Names of methods that are printed without a rank.
     copied_within
@@ -83,6 +85,7 @@ class Protocol:
     max_identical_share: float
     unranked: Sequence[str]
     copied_within: float = 0.002
+    refuse_above_limit: bool = False
     open_choices: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

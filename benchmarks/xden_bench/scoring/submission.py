@@ -13,16 +13,19 @@ import numpy as np
 from xden1k.predictions import CODES, Predictions, Problem, SubmissionMeta, listed
 from xden1k.values.arrays import Grid
 from xden1k.values.modality import Modality, Track
+from xden_bench.scoring.axes import AxesWatch
 from xden_bench.scoring.expand import PartShares, grid_of_parts, part_shares, sd_grid_of_parts
 from xden_bench.scoring.metrics import nonuniformity, relative_error
 from xden_bench.scoring.protocol import Protocol
 from xden_bench.scoring.reference import Reference, Truth, xray_refusal
 
-__all__ = ["Check", "Progress", "even_fill_g_cm3", "validate"]
+__all__ = ["PLACEHOLDER", "Check", "Progress", "even_fill_g_cm3", "validate"]
 
 Progress = Callable[[Sequence[str]], Iterable[str]]
 """What shows a bar while it goes through ids."""
 
+PLACEHOLDER = "my method"
+"""The method's name in a template, until somebody fills it in."""
 CONSTANT_TOLERANCE = 1e-3
 """Relative: float16 rounds by half of it."""
 EVEN = 0.1
@@ -57,6 +60,7 @@ class Check:
     _found: list[Problem] = field(default_factory=list, init=False)
     _warned: dict[str, list[str]] = field(default_factory=dict, init=False)
     _highest: float = field(default=0.0, init=False)
+    _axes: AxesWatch = field(default_factory=AxesWatch, init=False)
     _inner: tuple[float, float] = field(default=(np.inf, -np.inf), init=False)
     """Lowest and highest value in voxels wholly inside an object."""
     even_fills_g_cm3: dict[str, float] = field(default_factory=dict, init=False)
@@ -100,7 +104,8 @@ class Check:
     @property
     def problems(self) -> tuple[Problem, ...]:
         """Every error, then every warning."""
-        return (*self._found, *self._warnings())
+        every = (*self._found, *self._unit_problems(), *self._warnings())
+        return tuple(sorted(every, key=lambda problem: not problem.is_error))
 
     def _shares(self, truth: Truth) -> PartShares:
         meshes = self.reference.part_meshes(truth.object_id)
@@ -135,6 +140,7 @@ class Check:
     def _watch(self, truth: Truth, grid: Grid) -> None:
         """Note what the warnings are made of."""
         self._highest = max(self._highest, float(grid.max()))
+        self._axes.look(grid, truth.envelope)
         inner = grid[truth.envelope == 1]
         if inner.size:
             low, high = self._inner
@@ -157,7 +163,6 @@ class Check:
                 self._arrays.update(values[truth.envelope > 0].astype("<f4").tobytes())
 
     def _warnings(self) -> Iterator[Problem]:
-        yield from self._unit_warnings()
         low, high = self._inner
         if high >= low >= high * (1 - CONSTANT_TOLERANCE):
             yield Problem("W502", None, f"{high:.4g} g/cm³ inside every object")
@@ -166,6 +171,8 @@ class Check:
             message = f"over {share:.0%} of the mass lies outside the object, not scored: "
             yield Problem("W503", None, message + listed(ids))
         yield from self._copy_warnings()
+        if finding := self._axes.finding():
+            yield Problem("W506", None, finding)
 
     def _copy_warnings(self) -> Iterator[Problem]:
         """Tell of values that are the reference's on too many of the objects that are not even.
@@ -178,14 +185,15 @@ class Check:
             within = f"within {self.protocol.copied_within:.1%}"
             yield Problem("W504", None, f"{CODES['W504']}, {within}: {listed(ids)}")
 
-    def _unit_warnings(self) -> Iterator[Problem]:
+    def _unit_problems(self) -> Iterator[Problem]:
         meta = self.predictions.meta
         if meta is None or meta.target not in self.protocol.targets:  # an error already
             return
         limit = self.protocol.max_density_g_cm3[meta.target]
         if self._highest > limit:
+            code = "E407" if self.protocol.refuse_above_limit else "W501"
             message = f"highest value {self._highest:.6g} g/cm³, above {limit:g}: units?"
-            yield Problem("W501", None, message)
+            yield Problem(code, None, message)
         elif meta.units == "kg/m3" and 0 < self._highest * 1000 <= limit:
             message = f"kg/m3 declared, but the highest value is {self._highest * 1000:.4g}"
             yield Problem("W501", None, message)
@@ -231,6 +239,9 @@ def _meta_problems(
     meta: SubmissionMeta, reference: Reference, protocol: Protocol, track: Track | None
 ) -> Iterator[Problem]:
     """Compare what the file says it predicts with what is being scored."""
+    if meta.method == PLACEHOLDER:
+        message = f"method is still {PLACEHOLDER!r}, as in the template: fill in all that it lists"
+        yield Problem("E207", None, message)
     here = reference.manifest_sha256
     for name, found, expected in (
         ("dataset_revision", meta.dataset_revision, reference.revision),

@@ -130,11 +130,13 @@ def score_upload(
     OSError
         If the entry cannot be written.
     """
+    from xden1k.predictions import raise_suspicions
     from xden_bench.methods.trivial import check_trivial, score_told
     from xden_bench.scoring.submission import validate
 
     try:
         scored = score_told(path, reference, rules, progress=progress)
+        raise_suspicions(scored.warnings)
     except SubmissionError:
         return Outcome("refused", problems=validate(path, reference, rules))
     try:
