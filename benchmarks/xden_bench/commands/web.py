@@ -15,13 +15,15 @@ __all__ = ["serve"]
 
 @click.command(epilog="Example: xden-bench serve --state build/desk --port 7860")
 @root_option
-@click.option("--results", type=FOLDER, default=RESULTS, show_default=True, help="The entries.")
+@click.option(
+    "--results",
+    type=FOLDER,
+    help=f"The entries. [default: {RESULTS} in a checkout, else results in the state]",
+)
 @click.option(
     "--state",
     type=FOLDER,
-    default=Path("build/desk"),
-    show_default=True,
-    help="What the desk keeps: uploads, tickets, audit log.",
+    help="What the desk keeps: uploads, tickets, audit log. [default: desk in the user's cache]",
 )
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
 @click.option(
@@ -41,8 +43,8 @@ __all__ = ["serve"]
 )
 def serve(
     root: Path | str | None,
-    results: Path,
-    state: Path,
+    results: Path | None,
+    state: Path | None,
     host: str,
     port: int,
     settings: Path | None,
@@ -52,8 +54,12 @@ def serve(
 
     Needs the extras view and build.
     """
+    from xden1k.access.hub import cache_folder
     from xden_bench.serve.site import Site, run
 
+    state = state or cache_folder() / "desk"
+    if results is None:
+        results = RESULTS if (RESULTS / "README.md").is_file() else state / "results"
     reference = open_reference(root, "test")
     site = Site(reference, results, state, settings, trusted_proxies=trusted_proxies)
     tell_notes()
