@@ -1,20 +1,28 @@
-"""The tables of the web app's leaderboard."""
+"""The web app's leaderboard, as its template and programs get it."""
 
 from __future__ import annotations
 
+import csv
 import datetime
+import io
+import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from xden1k.errors import MissingObjectError
+from xden_bench.entries.leaderboard import tables
+from xden_bench.entries.ranking import ranks
 from xden_bench.entries.result import entry_of, read_entries, write_entry
 from xden_bench.methods.baseline import find_predictor, run_predictor
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.scoring.reference import Reference
 from xden_bench.scoring.score import score
-from xden_bench.serve import board
+from xden_bench.serve import api, board
+from xden_bench.serve.board import Asked
 from xden_bench.serve.explorer import best_and_worst
+from xden_bench.serve.standings import Snapshot, Table, place_of
 
 Entry = dict[str, Any]
 
@@ -38,9 +46,7 @@ def results(tmp_path_factory: pytest.TempPathFactory, reference: Reference) -> P
 
 @pytest.fixture(scope="module")
 def rows(results: Path) -> list[Entry]:
-    ((_, tracks),) = board.boards(read_entries(results)).items()
-    ((_, found),) = tracks.items()
-    return list(found)
+    return list(read_entries(results))
 
 
 def renamed(row: Entry, name: str, **rest: Any) -> Entry:
@@ -48,17 +54,21 @@ def renamed(row: Entry, name: str, **rest: Any) -> Entry:
     return {**row, "method": method, "submission_sha256": name.ljust(64, "0"), **rest}
 
 
-def column(table: tuple[list[str], list[list[Any]]], heading: str) -> list[Any]:
-    place = table[0].index(heading)
-    return [row[place] for row in table[1]]
+def snapshot(*rows: Entry) -> Snapshot:
+    return Snapshot(rows, tuple(Table(tuple(one), tuple(ranks(one))) for one in tables(rows)))
+
+
+def shown(*rows: Entry, **asked: str) -> dict[str, Any]:
+    return board.board_values(snapshot(*rows), Asked(**asked))
 
 
 def test_the_title_of_a_table_names_source_split_target_dataset_and_protocol(
-    results: Path, reference: Reference
+    rows: list[Entry], reference: Reference
 ) -> None:
-    (title,) = board.boards(read_entries(results))
+    ((title,), (track,)) = (shown(*rows)[key] for key in ("titles", "tracks"))
     manifest = reference.manifest_sha256[:8]
-    assert title == f"phantom · test · density · dataset 0.1.0 ({manifest}) · protocol v1"
+    assert title["title"] == f"phantom · test · density · dataset 0.1.0 ({manifest}) · protocol v1"
+    assert track["name"] == "geometry"
 
 
 def test_entries_of_another_source_split_or_metric_version_are_another_table(
@@ -70,29 +80,35 @@ def test_entries_of_another_source_split_or_metric_version_are_another_table(
         {**first, "dataset": {**first["dataset"], "split": "val"}},
         {**first, "metric_version": first["metric_version"] + 7},
     ]
-    assert len(board.boards([first, *others])) == 4
-    assert any("old metric version" in title for title in board.boards(others))
+    titles = shown(first, *others)["titles"]
+    assert len(titles) == len({one["value"] for one in titles}) == 4
+    assert sum("old metric version" in one["title"] for one in titles) == 1
 
 
-def test_every_row_shows_its_source_and_marks_trivial_methods(rows: list[Entry]) -> None:
-    table = board.board_table(rows, "density_mae_g_cm3")
-    assert column(table, "source") == ["phantom", "phantom"]
-    assert all(name.endswith(" (trivial)") for name in column(table, "method"))
-    assert column(table, "rank") == [None, None]
+def test_trivial_rows_and_oracles_stand_apart_without_a_rank_and_say_why(
+    rows: list[Entry],
+) -> None:
+    sees_truth = {**rows[0]["method"], "name": "seer", "inputs": ["truth"]}
+    oracle = {**rows[0], "method": sees_truth, "submission_sha256": "f" * 64}
+    found = shown(renamed(rows[0], "own"), rows[1], oracle)
+    assert [(one["rank"], one["kind"]) for one in found["rows"]] == [("1", "")]
+    reasons = {one["name"]: one["kind"] for one in found["unranked"]}
+    assert reasons.pop(rows[1]["method"]["name"]) == "trivial"
+    assert reasons.pop("seer").startswith(board.ORACLE)
+    assert not reasons
 
 
 def test_rows_that_cannot_be_told_apart_share_a_rank_and_are_marked(rows: list[Entry]) -> None:
-    twins = [renamed(rows[0], "one"), renamed(rows[0], "two")]
-    table = board.board_table(twins, "density_mae_g_cm3")
-    assert column(table, "rank") == [1, 1]
-    assert column(table, "tie") == ["=", "="]
+    found = shown(renamed(rows[0], "one"), renamed(rows[0], "two"))
+    assert [one["rank"] for one in found["rows"]] == ["1=", "1="]
 
 
 def test_a_higher_is_better_metric_puts_the_highest_first(rows: list[Entry]) -> None:
-    table = board.board_table(rows, "mass_mnre")
-    values = column(table, "mass MnRE ↑")
-    assert values == sorted(values, reverse=True)
+    ordered = board.best_first(rows, "mass_mnre")
+    values = [row["metrics"]["mass_mnre"]["mean"] for row in ordered]
     assert values[0] > values[1]
+    found = shown(*rows, metric="mass_mnre")["unranked"]
+    assert [one["name"] for one in found] == [row["method"]["name"] for row in ordered]
 
 
 def test_a_metric_that_should_have_a_value_puts_the_nearest_first(rows: list[Entry]) -> None:
@@ -101,59 +117,118 @@ def test_a_metric_that_should_have_a_value_puts_the_nearest_first(rows: list[Ent
         for name, mean in (("too wide", 0.99), ("right", 0.7), ("too narrow", 0.1))
     ]
     ordered = board.best_first([*known, rows[1]], "density_within_1sd")
-    assert [row["method"]["name"] for row in ordered] == ["right", "too wide", "too narrow"]
+    names = [row["method"]["name"] for row in ordered]
+    assert names == ["right", "too wide", "too narrow", rows[1]["method"]["name"]]
 
 
-def test_means_are_numbers_and_the_chosen_metric_has_its_interval(rows: list[Entry]) -> None:
-    table = board.board_table(rows, "com_l1_cm")
-    assert all(type(value) is float for value in column(table, "CoM L1, cm ↓"))
-    first = board.best_first(rows, "com_l1_cm")[0]
-    low, high = first["metrics"]["com_l1_cm"]["ci95"]
-    assert column(table, "95 % interval of CoM L1, cm")[0] == f"{low:.3f} to {high:.3f}"
+def test_every_figure_has_three_decimals_and_the_chosen_metric_comes_first(
+    rows: list[Entry],
+) -> None:
+    found = shown(*rows, metric="com_l1_cm")
+    assert found["headings"][0]["heading"] == "CoM L1, cm ↓"
+    first = board.best_first(rows, "com_l1_cm")[0]["metrics"]["com_l1_cm"]
+    value = found["unranked"][0]["figures"][0]
+    assert value["mean"] == f"{first['mean']:.3f}"
+    assert value["interval"] == "[{:.3f}, {:.3f}]".format(*first["ci95"])
+    printed = [one["mean"] for row in found["unranked"] for one in row["figures"]]
+    assert {len(text.partition(".")[2]) for text in printed} == {3}
 
 
-def test_a_row_is_found_again_however_the_page_sorted_it(rows: list[Entry]) -> None:
-    _, table = board.board_table(rows, "density_mae_g_cm3")
-    for cells in reversed(table):
-        found = board.entry_at(rows, cells)
-        assert found is not None
-        assert cells[2].startswith(found["method"]["name"])
-    assert board.entry_at(rows, []) is None
+def test_a_figure_without_an_interval_is_shown_without_one(rows: list[Entry]) -> None:
+    bare = renamed(rows[0], "bare", metrics={"density_mae_g_cm3": {"mean": 0.5, "ci95": None}})
+    (line,) = shown(bare)["rows"]
+    assert line["figures"][0] == {"mean": "0.500", "interval": ""}
+    assert ",0.5,," in api.board_csv(snapshot(bare))
+
+
+def test_a_link_to_a_row_opens_its_table_and_nothing_else_does(rows: list[Entry]) -> None:
+    scan = {**rows[0], "dataset": {**rows[0]["dataset"], "source": "scan"}}
+    found = shown(*rows, scan, row=place_of(scan))
+    assert found["title"].startswith("scan")
+    (line,) = found["unranked"]
+    assert line["facts"]
+    assert line["href"] == f"/board?row={place_of(scan)}#{line['anchor']}"
+    for asked in ({"row": "x"}, {"table": "x"}, {"track": "x"}, {"metric": "x"}):
+        with pytest.raises(MissingObjectError):
+            shown(*rows, **asked)
 
 
 def test_the_groups_of_a_table_count_their_objects(rows: list[Entry]) -> None:
     headings, table = board.group_table(rows, "density_mae_g_cm3", "category")
     assert headings[:2] == ["category", "objects"]
     assert [line[0] for line in table] == ["bar", "cube", "filled", "hollow"]
-    assert sum(line[1] for line in table) == 4
-    assert all("[" in cell for line in table for cell in line[2:])
+    assert sum(int(line[1]) for line in table) == 4
 
 
 def test_groups_of_the_private_split_are_not_shown(rows: list[Entry]) -> None:
     private = [{**row, "dataset": {**row["dataset"], "split": "private"}} for row in rows]
     assert board.group_table(private, "density_mae_g_cm3", "category")[1] == []
+    assert shown(*private)["groups"] == []
 
 
-def test_how_a_row_is_remade_names_its_commands_and_its_entry(
+def test_how_a_row_is_remade_names_its_commands_and_its_entry_but_no_folder_of_the_server(
     rows: list[Entry], results: Path
 ) -> None:
-    text = board.how_made(rows[0], results)
+    text = board.how_made(rows[0])
     name = rows[0]["method"]["name"]
     assert f"xden-bench submit {name}.npz" in text.splitlines()
-    place = text.splitlines()[-1].removeprefix("xden-bench verify ")
-    assert Path(place).is_file()
+    place = text.splitlines()[-1].removeprefix("xden-bench verify benchmarks/results/")
+    assert (results / place).is_file()
 
 
-def test_a_strangers_command_cannot_add_a_line(rows: list[Entry], results: Path) -> None:
+def test_a_strangers_command_cannot_add_a_line(rows: list[Entry]) -> None:
     sly = renamed(rows[0], "sly", command="xden-bench submit a.npz\nrm -rf /")
-    assert "xden-bench submit a.npz rm -rf /" in board.how_made(sly, results).splitlines()
+    assert "xden-bench submit a.npz rm -rf /" in board.how_made(sly).splitlines()
 
 
-def test_footnotes_and_a_missing_rank_are_among_the_facts(rows: list[Entry]) -> None:
-    facts = dict(map(tuple, board.facts(renamed(rows[0], "x", warnings=["W504: the same"]))))
-    assert facts["footnote 1"] == "W504: the same"
-    assert facts["not ranked"] == "its values are those of the reference"
-    assert "paper" not in facts
+def test_footnotes_a_missing_rank_and_look_alike_links_are_among_the_facts(
+    rows: list[Entry],
+) -> None:
+    row = renamed(rows[0], "x", warnings=["W504: the same"])
+    row["method"] |= {"code": "https://ex\u0430mple.org", "paper": "https://example.org/a"}
+    found = {name: (text, is_link) for name, text, is_link in board.facts(row)}
+    assert found["footnote 1"] == ("W504: the same", False)
+    assert found["not ranked"] == ("its values are those of the reference", False)
+    assert found["paper"] == ("https://example.org/a", True)
+    assert found["code"] == ("https://ex\u0430mple.org", False)
+    assert found["letters in code"] == ("Cyrillic and Latin", False)
+
+
+def test_programs_get_every_row_with_its_rank_and_no_object(rows: list[Entry]) -> None:
+    now = snapshot(renamed(rows[0], "own"), *rows)
+    (table,) = api.board_json(now)["tables"]
+    lines = list(csv.DictReader(io.StringIO(api.board_csv(now))))
+    assert [line["method"] for line in lines] == [one["method"]["name"] for one in table]
+    assert [one["rank"] for one in table if one["method"]["name"] == "own"] == [1]
+    assert "object_scores" not in str(table)
+    assert "hollow-0002" not in str(table)
+
+
+def test_a_spreadsheet_takes_no_name_for_a_formula(rows: list[Entry]) -> None:
+    text = api.board_csv(snapshot(renamed(rows[0], "=1+1")))
+    assert ",'=1+1," in text
+
+
+def test_history_is_that_of_the_repository_and_empty_without_one(tmp_path: Path) -> None:
+    results = tmp_path / "repository" / "results"
+    results.mkdir(parents=True)
+
+    def git(*words: str) -> None:
+        who = ("-c", "user.name=t", "-c", "user.email=t@example.org")
+        command = ["git", *who, *words]
+        subprocess.run(command, cwd=results, check=True, capture_output=True)  # noqa: S603
+
+    git("init", "-q", "..")
+    for name in ("a", "b"):
+        (results / f"{name}.json").write_text("{}")
+        git("add", ".")
+        git("commit", "-q", "-m", f"Enter {name}")
+    found = api.history(results)
+    assert [(one["subject"], one["added"]) for one in found] == [
+        ("Enter b", ["b"]),
+        ("Enter a", ["a"]),
+    ]
+    assert api.history(tmp_path / "elsewhere") == []
 
 
 def test_best_and_worst_objects_are_disjoint_and_sorted(rows: list[Entry], results: Path) -> None:

@@ -252,7 +252,7 @@ def test_tickets_of_another_version_are_refused(counter: Counter) -> None:
     with sqlite3.connect(counter.folder / "tickets.db") as db:
         db.execute("PRAGMA user_version = 9")
     db.close()
-    with pytest.raises(DataError, match="tickets of version 9, this program reads 1"):
+    with pytest.raises(DataError, match="tickets of version 9, this program reads 2"):
         counter.open()
 
 

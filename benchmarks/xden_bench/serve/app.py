@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import socket
 from collections.abc import Awaitable, Callable, MutableMapping, Sequence
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Final
 
-import gradio as gr
 import uvicorn
 from fastapi import FastAPI
 from starlette.requests import Request
@@ -18,23 +16,19 @@ from starlette.routing import BaseRoute, Route
 
 from xden1k.errors import DataError, MissingObjectError
 from xden_bench.serve.desk import Desk
-from xden_bench.serve.explorer import Explorer
 from xden_bench.serve.incoming import Incoming
 from xden_bench.serve.page_board import board_routes
-from xden_bench.serve.page_explore import CSS, explore_app
 from xden_bench.serve.page_submit import submit_routes
 from xden_bench.serve.render import STATIC, render, static
 from xden_bench.serve.standings import Standings
 
-__all__ = ["Guard", "build_app", "headers", "listen", "serve"]
+__all__ = ["OBJECTS", "Guard", "build_app", "headers", "listen", "serve"]
 
 Message = MutableMapping[str, Any]
 Send = Callable[[Message], Awaitable[None]]
 
 OBJECTS: Final = "/objects"
 """Where gradio's page is; the others are plain."""
-AT_ONCE: Final = 4
-"""Events of the explorer answered at the same time."""
 _PLAIN: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self'; style-src-attr 'unsafe-inline'; "
     "img-src 'self' data:; connect-src 'self'; form-action 'self'; base-uri 'none'"
@@ -49,7 +43,7 @@ _SPACES: Final = "https://huggingface.co"
 
 
 def build_app(desk: Desk, standings: Standings, folder: Path, *, login: bool = False) -> FastAPI:
-    """Build the pages over a desk.
+    """Build the pages over a desk, but for the explorer, which is mounted at :data:`OBJECTS`.
 
     Parameters
     ----------
@@ -58,11 +52,10 @@ def build_app(desk: Desk, standings: Standings, folder: Path, *, login: bool = F
     standings
         Has the entries and their ranks.
     folder
-        For files on their way in and for 3D models; emptied.
+        For files on their way in; it is of the server's own.
     login
         Whether whoever sends a file must log in with Hugging Face (in a Space of theirs).
     """
-    os.environ["GRADIO_ANALYTICS_ENABLED"] = "False"
     routes: list[BaseRoute] = [
         Route("/", lambda _: RedirectResponse("/board")),
         Route("/static/{name}", _static),
@@ -78,23 +71,6 @@ def build_app(desk: Desk, standings: Standings, folder: Path, *, login: bool = F
         from huggingface_hub import attach_huggingface_oauth
 
         attach_huggingface_oauth(app)
-    models = folder / "models"
-    models.mkdir(exist_ok=True)
-    explorer = Explorer(desk.reference.folder, desk.upload_of, models)
-    blocks = explore_app(explorer, standings)
-    blocks.queue(api_open=False, default_concurrency_limit=AT_ONCE)
-    gr.mount_gradio_app(
-        app,
-        blocks,
-        OBJECTS,
-        footer_links=[],
-        show_error=True,
-        ssr_mode=False,
-        theme=gr.themes.Default(
-            font=["system-ui", "sans-serif"], font_mono=["ui-monospace", "monospace"]
-        ),
-        css=CSS,
-    )
     app.add_middleware(Guard, embedded=login)
     return app
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from xden1k.errors import MissingObjectError
 from xden1k.values.types import PRIVATE
-from xden_bench.entries.leaderboard import TRACK_TITLES
+from xden_bench.entries.leaderboard import PRINTED, TRACK_TITLES
 from xden_bench.entries.ranking import Entry, unranked_because
 from xden_bench.entries.result import entry_path
 from xden_bench.entries.standing import rank_label
@@ -80,9 +80,9 @@ def board_values(snapshot: Snapshot, asked: Asked) -> dict[str, Any]:
     metric = asked.metric or names[0]
     if metric not in names:
         raise MissingObjectError(f"no row of the table has the metric {metric}")
-    names = [metric, *(name for name in names if name != metric)]
+    columns = [metric, *(name for name in names if name in PRINTED and name != metric)]
     ordered = best_first(table.rows, metric)
-    shown = [_line(row, table, names, asked) for row in ordered]
+    shown = [_line(row, table, columns, asked) for row in ordered]
     return {
         "is_current": snapshot.is_current,
         "title": _title(first),
@@ -99,7 +99,12 @@ def board_values(snapshot: Snapshot, asked: Asked) -> dict[str, Any]:
             }
             for one in tracks
         ],
-        "headings": [_heading(name, metric, asked) for name in names],
+        "metrics": [
+            {"value": name, "title": METRICS[name].heading, "chosen": name == metric}
+            for name in names
+        ],
+        "address": asked.table,
+        "headings": [_heading(name, metric, asked) for name in columns],
         "ranked_by": METRICS[load_protocol(first["protocol"]).rank_by].title,
         "rows": [one for one in shown if one["rank"]],
         "unranked": [one for one in shown if not one["rank"]],

@@ -173,7 +173,7 @@ def interval_picture(
     apart
         Why a row is not ranked; empty where it is. An oracle is a dashed line through all rows.
     """
-    figure, axes = _sheet(6.0, 0.8 + 0.28 * len(rows))
+    figure, axes = _sheet(4.6, 0.7 + 0.26 * len(rows))
     pairs = sorted(zip(rows, apart, strict=True), key=lambda pair: bool(pair[1]))
     for place, (row, reason) in enumerate(pairs):
         if metric in row["metrics"]:

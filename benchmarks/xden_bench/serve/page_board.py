@@ -69,6 +69,5 @@ def _page(snapshot: Snapshot, asked: Asked, chart: Callable[[Table, str], Markup
 
 def _chart(table: Table, metric: str) -> Markup:
     rows = best_first(table.rows, metric)
-    heading = f"{METRICS[metric].heading}, mean and 95 % interval"
-    picture = interval_picture(rows, metric, heading, [kind(row) for row in rows])
+    picture = interval_picture(rows, metric, METRICS[metric].heading, [kind(row) for row in rows])
     return Markup(picture)  # noqa: S704 - drawn by matplotlib, which escapes

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any, Final
 
 import gradio as gr
 import numpy as np
+from fastapi import FastAPI
 
 from xden1k.export.si import M_PER_CM
 from xden1k.values.types import FIELD_SIZE
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.protocol import load_protocol
+from xden_bench.serve.app import OBJECTS
 from xden_bench.serve.explorer import COLOURS, PART_HEADINGS, Explorer, Fields, best_and_worst
 from xden_bench.serve.figures import AXES
 from xden_bench.serve.standings import Standings
 from xden_bench.serve.told import GRID, PRIVATE, frame, offer, told
 from xden_bench.serve.words import object_line
 
-__all__ = ["CSS", "explore_app"]
+__all__ = ["mount_explorer"]
 
 NO_METHOD: Final = "none: the truth alone"
 RADIOGRAPHS: Final = (
@@ -43,11 +46,16 @@ HEADER: Final = (
     '<a href="/board">Leaderboard</a><a href="/objects/" aria-current="page">Objects</a>'
     '<a href="/submit">Submit</a></nav></header>'
 )
-CSS: Final = """
+AT_ONCE: Final = 4
+"""Events answered at the same time."""
+STYLE: Final = """<style>
 .gradio-container {
   width: 100%; min-width: 0; max-width: min(1280px, 100vw) !important; margin: auto;
   box-sizing: border-box; overflow-x: clip;
+}
+.gradio-container, .gradio-container * {
   --block-info-text-color: var(--body-text-color); --block-label-text-color: var(--body-text-color);
+  --block-title-text-color: var(--body-text-color);
 }
 .gradio-container .column, .gradio-container .block, .gradio-container .form { min-width: 0 }
 .gradio-container input { text-overflow: ellipsis }
@@ -56,7 +64,11 @@ header.site p { margin: 0; font-weight: 650 }
 header.site a { padding: 0.35rem 0; margin-right: 1.25rem; text-decoration: underline }
 header.site a[aria-current] { font-weight: 650; text-decoration: none }
 .note { font-size: 0.92em }
-.picture svg { width: 100%; height: auto; display: block; color: var(--body-text-color) }
+.pictures { display: grid !important; gap: 0.5rem;
+  grid-template-columns: repeat(auto-fit, minmax(min(300px, 100%), 1fr)) }
+.pictures > .hide, .pictures > .hidden { display: none }
+.picture svg { width: 100%; max-width: 560px; height: auto; display: block;
+  color: var(--body-text-color) }
 #parts td { overflow-wrap: anywhere }
 @media (hover: none) {
   .header-cell .cell-menu-button { display: flex !important }
@@ -68,7 +80,7 @@ header.site a[aria-current] { font-weight: 650; text-decoration: none }
   .gradio-container { padding: 6px !important }
   .gradio-container table { font-size: 0.82em }
 }
-"""
+</style>"""
 
 
 class _Page:
@@ -102,7 +114,7 @@ class _Page:
         gr.Markdown(RADIOGRAPHS)
         self.radiographs = []
         for view in ("PA", "LAT"):
-            with gr.Row():
+            with gr.Row(elem_classes="pictures"):
                 self.radiographs += [_picture(f"{view}-{place}") for place in range(3)]
         self._extremes_part()
         self._listen()
@@ -117,7 +129,7 @@ class _Page:
                 0, FIELD_SIZE - 1, FIELD_SIZE // 2, step=1, label="Voxel", scale=3, elem_id="slice"
             )
         self.place = gr.Markdown(elem_id="place", elem_classes="note")
-        with gr.Row():
+        with gr.Row(elem_classes="pictures"):
             self.slices = [_picture(f"slice-{name}") for name in ("truth", "prediction", "error")]
 
     def _extremes_part(self) -> None:
@@ -281,21 +293,35 @@ class _Page:
         return [gr.update(visible=True), update, *(frame(headings, rows) for rows in found)]
 
 
-def explore_app(explorer: Explorer, standings: Standings) -> gr.Blocks:
-    """Build the page.
+def mount_explorer(app: FastAPI, explorer: Explorer, standings: Standings) -> None:
+    """Put the page beside the others.
 
     Parameters
     ----------
+    app
+        From :func:`xden_bench.serve.app.build_app`.
     explorer
         Has the objects.
     standings
         Has the entries, and knows where their objects lie.
     """
-    app = gr.Blocks(title="Objects · XDen-1K benchmark", analytics_enabled=False)
-    with app:
+    os.environ["GRADIO_ANALYTICS_ENABLED"] = "False"
+    blocks = gr.Blocks(title="Objects · XDen-1K benchmark", analytics_enabled=False)
+    with blocks:
         page = _Page(explorer, standings)
-        page.refill_on(app.load)
-    return app
+        page.refill_on(blocks.load)
+    blocks.queue(api_open=False, default_concurrency_limit=AT_ONCE)
+    gr.mount_gradio_app(
+        app,
+        blocks,
+        OBJECTS,
+        footer_links=[],
+        ssr_mode=False,
+        theme=gr.themes.Default(
+            font=["system-ui", "sans-serif"], font_mono=["ui-monospace", "monospace"]
+        ),
+        head=STYLE,
+    )
 
 
 def _picture(elem_id: str) -> gr.HTML:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -72,9 +73,12 @@ def run(site: Site, *, host: str, port: int, say: Callable[[str], object]) -> No
     for module, extra in (("gradio", "view"), ("matplotlib", "view"), ("manifold3d", "build")):
         require(module, extra)
     from xden_bench.serve.app import build_app, listen, serve
+    from xden_bench.serve.explorer import Explorer
+    from xden_bench.serve.page_explore import mount_explorer
 
     with (
         listen(host, port) as listener,
+        tempfile.TemporaryDirectory() as models,
         Desk(
             site.reference,
             load_protocol(),
@@ -87,6 +91,8 @@ def run(site: Site, *, host: str, port: int, say: Callable[[str], object]) -> No
         say("reading the results; entries that are new are verified, once")
         standings.refresh()
         app = build_app(desk, standings, site.state, login=site.login)
+        explorer = Explorer(site.reference.folder, desk.upload_of, Path(models))
+        mount_explorer(app, explorer, standings)
         say(f"http://{host}:{port} (stop with Ctrl-C)")
         with standings:
             serve(app, listener, site.trusted_proxies)
