@@ -194,6 +194,17 @@ def test_a_folder_at_a_url_scores_like_the_folder(
     )
 
 
+def test_submit_says_which_rank_it_got_and_why_it_got_none(
+    run: Callable[..., Result], submission: Submit
+) -> None:
+    for name, factor in (("far", 3.0), ("near", 1.5)):
+        file = submission(lambda _, grid, by=factor: np.float32(by) * grid, method=name)
+        said = run("submit", file).stdout
+    assert "\nrank 1 of 2 in track geometry\n" in said
+    said = run("submit", submission(method="copied")).stdout
+    assert "\nno rank in track geometry: its values are those of the reference\n" in said
+
+
 def test_submit_tells_where(run: Callable[..., Result], submission: Submit, tmp_path: Path) -> None:
     done = json.loads(run("submit", submission(), "--json", "--out", "results").stdout)
     assert (tmp_path / done["file"]).is_file()

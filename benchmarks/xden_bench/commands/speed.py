@@ -13,6 +13,9 @@ from xden_bench.commands.shared import FILE, root_option
 
 __all__ = ["speed"]
 
+READERS, WRITERS = 40, 20
+"""Of the web app under load."""
+
 
 @click.command(epilog="Example: xden-bench speed preds.npz")
 @click.argument("submission", type=FILE, required=False)
@@ -26,6 +29,14 @@ __all__ = ["speed"]
     help="Runs of each kind; the median holds.",
 )
 @click.option("--loading", is_flag=True, help="Measure loading against np.memmap instead.")
+@click.option("--serving", is_flag=True, help="Put the web app under load instead.")
+@click.option(
+    "--seconds",
+    type=click.FloatRange(min=1),
+    default=60,
+    show_default=True,
+    help="Of the load.",
+)
 @json_option
 def speed(
     submission: Path | None,
@@ -33,6 +44,8 @@ def speed(
     split: str,
     repeats: int,
     loading: bool,
+    serving: bool,
+    seconds: float,
     as_json: bool,
 ) -> None:
     """Measure scoring against reading the same arrays, in one run.
@@ -41,10 +54,18 @@ def speed(
 
     With --loading: torch samples against np.memmap of the same decoded bytes, memory over ten
     epochs, opening 1,000 objects, importing the package. Linux only; takes minutes.
+
+    With --serving: 40 readers and 20 senders of files at the same time, on a server that is killed
+    twice meanwhile; every file that was taken must be entered. Linux only; needs the extras view
+    and build.
     """
-    if loading and submission is not None:
-        raise click.UsageError("--loading takes no submission.")
-    if loading:
+    if (loading or serving) and submission is not None:
+        raise click.UsageError("--loading and --serving take no submission.")
+    if loading and serving:
+        raise click.UsageError("Of --loading and --serving give one.")
+    if serving:
+        _serving(root, seconds, as_json)
+    elif loading:
         _loading(root, split, repeats, as_json)
     else:
         _scoring(submission, root, split, repeats, as_json)
@@ -82,6 +103,42 @@ def _loading(root: Path | str | None, split: str, repeats: int, as_json: bool) -
         print_json(measured)
     else:
         _echo_loading(measured)
+
+
+def _serving(root: Path | str | None, seconds: float, as_json: bool) -> None:
+    from xden1k.errors import require
+    from xden_bench.speed.serving import measure_serving
+
+    require("gradio", "view")
+    with tempfile.TemporaryDirectory() as scratch:
+        place = Path(scratch)
+        measured = measure_serving(
+            open_root(root).path, place, readers=READERS, writers=WRITERS, seconds=seconds
+        )
+    if as_json:
+        print_json(measured)
+    else:
+        _echo_serving(measured)
+
+
+def _echo_serving(measured: dict[str, Any]) -> None:
+    machine = measured["machine"]
+    click.echo(
+        f"{machine['cores']} cores, load {machine['load_before']:.1f} before and "
+        f"{machine['load_after']:.1f} after; {READERS} readers, {WRITERS} senders"
+    )
+    columns = ("p50_s", "p95_s", "worst_s")
+    rows = [
+        (name, row["count"], *(f"{row[column]:.3f}" for column in columns))
+        for name, row in measured["requests"].items()
+    ]
+    _table("answers", ["", "answers", "p50, s", "p95, s", "worst, s"], rows)
+    click.echo(
+        f"\n{measured['taken']} files taken, {measured['scored']} entered, "
+        f"{measured['missing']} missing"
+    )
+    for first, last in measured["memory_mb"]:
+        click.echo(f"memory of the server, first and last: {first:.1f} and {last:.1f} MB")
 
 
 def _echo_loading(measured: dict[str, Any]) -> None:

@@ -222,10 +222,12 @@ def submit(
         archive_url=archive_url,
         key=key,
     )
+    standing = _standing(entry, path)
     if as_json:
-        print_json({"file": str(path), **entry})
+        print_json({"file": str(path), "standing": standing, **entry})
     else:
         _echo_score(scored)
+        click.echo(standing)
         click.echo(_entered(path, out))
 
 
@@ -239,6 +241,24 @@ def _entered(path: Path, out: Path | None) -> str:
         )
     more = "" if out is None else f" --results {shlex.quote(str(out))}"
     return f"entered: {path}\n`xden-bench leaderboard{more}` makes the table."
+
+
+def _standing(entry: Mapping[str, Any], path: Path) -> str:
+    """Say which rank an entry has among those beside it."""
+    from xden1k.errors import DataError
+    from xden_bench.entries.leaderboard import tables
+    from xden_bench.entries.ranking import ranks
+    from xden_bench.entries.result import entry_path, entry_paths, keep_best_of_teams, read_entry
+    from xden_bench.entries.standing import standing
+
+    try:
+        entries = [read_entry(one) for one in entry_paths(path.parent)]
+        keep_best_of_teams(entries)
+        found = tables(entries)
+        (rows,) = (rows for rows in found if entry_path(entry) in map(entry_path, rows))
+        return standing(entry, rows, ranks(rows))
+    except DataError as err:
+        return f"no rank: {err}"
 
 
 def _scored(asked: Asked, reference: Reference) -> tuple[Score, dict[str, Any]]:
