@@ -187,9 +187,8 @@ def test_no_change_of_a_field_is_believed(
         for what, changed in tried
         if believed(changed, honest, results, quick, reference)
         and (key is not None or not is_only_of_the_environment(stored, changed))
-        and changed.keys() >= stored.keys() - {"archive"}
     ]
-    assert fooled == []
+    assert set(fooled) <= {"('archive',) gone"}  # which costs the rank of any protocol after v1
 
 
 # Fault by fault
