@@ -14,7 +14,7 @@ from typing import Any, Final
 from xden1k.errors import DataError
 from xden_bench.entries.entry_form import read_form
 from xden_bench.methods.baseline import builtin_names
-from xden_bench.methods.rebuilt import Rebuilt
+from xden_bench.methods.rebuilt import NAMES as REBUILT
 from xden_bench.scoring.names import skeleton
 from xden_bench.scoring.protocol import is_trivial, load_protocol
 
@@ -141,7 +141,7 @@ def _check_reserved(path: Path, entry: Entry) -> None:
     name = _reserved().get(bare) or _reserved().get(skeleton(method["name"]))
     if name is None or is_trivial(method["name"], load_protocol(entry["protocol"])):
         return  # a trivial method's values are compared with its own
-    asked = "root" if name == Rebuilt.name else name
+    asked = "root" if name in REBUILT else name
     if method["name"] != name or _words(method["command"])[:3] != ["xden-bench", "baseline", asked]:
         expected = f"what `xden-bench baseline {asked}` made"
         raise DataError(f"{path}: the name {method['name']!r} is kept for {expected}")
@@ -150,7 +150,7 @@ def _check_reserved(path: Path, entry: Entry) -> None:
 @cache
 def _reserved() -> dict[str, str]:
     """Names by their skeleton; what the paper and this package call alike is this package's."""
-    return {skeleton(one): one for one in (*PAPER_NAMES, Rebuilt.name, *builtin_names())}
+    return {skeleton(one): one for one in (*PAPER_NAMES, *REBUILT, *builtin_names())}
 
 
 def _words(command: str) -> list[str]:

@@ -261,7 +261,9 @@ def read_entries(
     return entries
 
 
-def read_sound_entries(results: Path) -> tuple[tuple[dict[str, Any], ...], tuple[str, ...]]:
+def read_sound_entries(
+    results: Path, read: Callable[[Path, Path], dict[str, Any]] | None = None
+) -> tuple[tuple[dict[str, Any], ...], tuple[str, ...]]:
     """Every entry below a folder that can be read, and what is wrong with the others.
 
     For tables that must not go down with one bad file; what checks the results, such as
@@ -271,6 +273,8 @@ def read_sound_entries(results: Path) -> tuple[tuple[dict[str, Any], ...], tuple
     ----------
     results
         The folder.
+    read
+        In place of :func:`read_entry`, for who keeps what was read.
 
     Returns
     -------
@@ -286,7 +290,7 @@ def read_sound_entries(results: Path) -> tuple[tuple[dict[str, Any], ...], tuple
     problems = []
     for path in entry_paths(results, strict=False):
         try:
-            sound.append((path, read_entry(path, results)))
+            sound.append((path, (read or read_entry)(path, results)))
         except (DataError, OSError) as err:
             problems.append(str(err))
     kept, owners = [], Owners()

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from xden_bench.entries.durable import write_text
-from xden_bench.entries.recomputed import SUFFIX
+from xden_bench.entries.result import NOTES
+from xden_bench.entries.signing import MAINTAINERS
 
 __all__ = ["Kept", "entry_key", "key_of"]
 
@@ -71,14 +72,15 @@ def key_of(*parts: str | bytes) -> str:
 
 
 def entry_key(path: Path, results: Path) -> str:
-    """Return the key of an entry: of its place, its two files and the note beside it.
+    """Return the key of an entry: of its place, its two files, the notes beside it and their keys.
 
     Raises
     ------
     OSError
         If one of its files cannot be read.
     """
-    beside = (path.with_suffix(suffix) for suffix in (".parquet", SUFFIX))
+    beside = [path.with_suffix(suffix) for suffix in (".parquet", *NOTES)]
+    beside.append(results / MAINTAINERS)
     place = path.relative_to(results).as_posix()
     return key_of(place, path.read_bytes(), *(one.read_bytes() for one in beside if one.is_file()))
 

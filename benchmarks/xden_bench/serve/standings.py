@@ -22,7 +22,12 @@ from typing import Any, Final
 from xden1k.errors import DataError
 from xden_bench.entries.leaderboard import tables
 from xden_bench.entries.ranking import Entry, ranks
-from xden_bench.entries.result import entry_path, entry_paths, read_entries, read_entry
+from xden_bench.entries.result import (
+    entry_path,
+    entry_paths,
+    read_entry,
+    read_sound_entries,
+)
 from xden_bench.entries.untrusted import read_table
 from xden_bench.serve.kept import Kept, entry_key, key_of
 
@@ -106,7 +111,8 @@ class Standings:
     def refresh(self) -> None:
         """Read what has changed, if anything has; returns when :attr:`now` has it.
 
-        Results that cannot be read leave the entries as they were, and a line in the log.
+        An entry that cannot be trusted is left out, with a line in the log; a folder that cannot be
+        read leaves the entries as they were.
         """
         try:
             files = _files(self.results)
@@ -142,12 +148,15 @@ class Standings:
     def _snapshot(self) -> Snapshot:
         keys: dict[Path, str] = {}
         with self._computing() as compute:
-            waiting = {path: self._entry(path, keys, compute) for path in entry_paths(self.results)}
+            paths = entry_paths(self.results, strict=False)
+            waiting = {path: self._entry(path, keys, compute) for path in paths}
 
             def read(path: Path, _: Path) -> Any:
                 return (waiting.get(path) or self._entry(path, keys, compute))()
 
-            entries = read_entries(self.results, read)
+            entries, problems = read_sound_entries(self.results, read)
+            for problem in problems:
+                logger.error("left out: %s", problem)
             ranked = [self._table(rows, keys, compute) for rows in tables(entries)]
         self._kept.keep_only([*keys.values(), *(key for key, _ in ranked)])
         return Snapshot(entries, tuple(table for _, table in ranked))
@@ -220,7 +229,7 @@ def _light(entry: Entry) -> Entry:
 
 def _files(results: Path) -> Files:
     """Name, time and size of every file of the results."""
-    found = (path for path in results.rglob("*") if path.suffix in (".json", ".parquet"))
+    found = (path for path in results.rglob("*") if path.suffix in (".json", ".parquet", ".toml"))
     return tuple(
         sorted((str(path), (stat := path.stat()).st_mtime_ns, stat.st_size) for path in found)
     )
