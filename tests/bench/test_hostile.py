@@ -115,21 +115,26 @@ def test_memory_stays_low(verdicts: Mapping[str, dict[str, Any]]) -> None:
     assert max(one["peak_mib"] for one in verdicts.values()) < MOST_MIB
 
 
+def every_entry(workplace: Path) -> list[Mapping[str, Any]]:
+    """What was entered, each among results of its own."""
+    return [one for path in (workplace / "results").iterdir() for one in read_entries(path)]
+
+
 def test_nothing_that_is_refused_is_entered_and_no_trap_goes_off(
     verdicts: Mapping[str, dict[str, Any]], workplace: Path
 ) -> None:
     places = (path for path in workplace.rglob("*") if path.name != LOCK_NAME)
     files = [path for path in places if path.is_file()]
     assert not [path for path in files if path.name == LANDMINE]
-    assert {path.suffix for path in files} == {".json", ".parquet"}
+    assert {path.suffix for path in files} == {".json", ".npz", ".parquet"}
     entered = sum(not CASES[name].is_refused for name in verdicts)
-    assert len(files) == 2 * entered == 2 * len(read_entries(workplace / "results"))
+    assert len(files) == 3 * entered == 3 * len(every_entry(workplace))
 
 
 def test_markup_in_an_entry_stays_text_on_the_leaderboard(
     verdicts: Mapping[str, dict[str, Any]], workplace: Path
 ) -> None:
-    page = render(read_entries(workplace / "results"))
+    page = render(every_entry(workplace))
     assert "alert(1)" in page
     assert not re.search(r"(?<!\\)<", page)
     assert not re.search(r"(?<!\\)\]\(javascript:", page)

@@ -45,6 +45,9 @@ def _note(event: str, values: tuple[Any, ...]) -> None:
             (mode and set(mode) & set("wax+")) or flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
         ):
             touched.append(f"{event} {os.fspath(path)!s}")
+    elif event in ("os.remove", "os.rmdir") and values[1] not in (-1, None):
+        folder = os.readlink(f"/proc/self/fd/{values[1]}")  # the path is relative to it
+        touched.append(f"{event} {folder}/{values[0]!s}")
     elif event in _CHANGES:
         touched.append(f"{event} {values[0]!s}")
 
@@ -56,7 +59,7 @@ def peak_mib() -> float:
 
 
 def judged(path: Path, root: Path, results: Path) -> dict[str, Any]:
-    """Validate a file as ``xden-bench validate`` does, then try to submit it."""
+    """Validate a file as ``xden-bench validate`` does, then try to submit it among no others."""
     from click.testing import CliRunner
 
     from xden_bench.cli import cli
@@ -140,7 +143,8 @@ def _verdicts(root: Path, folder: Path, *seeds: str) -> Iterator[dict[str, Any]]
 
     if not seeds:
         for line in sys.stdin:
-            yield judged(Path(line.rstrip("\n")), root, folder / "results")
+            path = Path(line.rstrip("\n"))
+            yield judged(path, root, folder / "results" / path.stem)
         return
     reference = Reference(open_folder(root), "test")
     sounds = [(folder / f"sound-{index}.npz").read_bytes() for index in range(2)]
