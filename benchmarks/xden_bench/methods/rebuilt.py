@@ -48,7 +48,7 @@ class Rebuilt:
         As the folder was built: ``builder``, or ``builder-labels``, which reads ``MATERIALS``.
     """
 
-    version = "2"
+    version = "1"
     trainable = False
     external_data = False
 
