@@ -151,6 +151,7 @@ def test_the_explorer_takes_no_files(ask: Callable[..., httpx.Response]) -> None
         assert ask(path, "POST", files=files).status_code == 403
 
 
+@pytest.mark.slow
 def test_a_strangers_name_is_text_on_the_board(
     ask: Callable[..., httpx.Response], send: Callable[..., httpx.Response], submission: Submit
 ) -> None:

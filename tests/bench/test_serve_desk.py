@@ -254,7 +254,7 @@ def test_memory_is_limited_and_running_out_of_it_is_said(dataset: Path, tmp_path
     with started("-c", GREEDY, setting=setting) as process:
         assert process.stdin is not None
         assert process.stdout is not None
-        process.stdin.write('"any.npz"\n')
+        process.stdin.write('{"path": "any.npz", "check_only": false}\n')
         process.stdin.flush()
         message = Outcome.from_json(process.stdout.readline()).message
     assert message == "scoring it takes more than 1000 MB of memory"

@@ -113,6 +113,7 @@ def test_a_changed_entry_is_verified_again_and_a_spoilt_one_is_left_out_and_name
     assert "metrics is not what the objects" in caplog.text
 
 
+@pytest.mark.slow
 def test_what_is_not_needed_any_more_is_not_kept(
     opened: Open, enter: Callable[[float], Path], tmp_path: Path
 ) -> None:
@@ -126,6 +127,7 @@ def test_what_is_not_needed_any_more_is_not_kept(
     assert list((tmp_path / "kept").iterdir()) == []
 
 
+@pytest.mark.slow
 def test_other_code_verifies_anew(
     opened: Open, enter: Callable[[float], Path], reads: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -147,6 +149,7 @@ def slow_to_verify(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], Non
     go.set()
 
 
+@pytest.mark.slow
 def test_readers_do_not_wait_for_an_entry_that_is_being_verified(
     opened: Open, enter: Callable[[float], Path], slow_to_verify: Callable[[], None]
 ) -> None:
