@@ -79,7 +79,8 @@ sample: setup  # remake the packaged sample, then: make leaderboard
 	$(BIN)/pytest --quiet tests/xden1k/test_manual.py --update-golden
 
 ROWS := build/rows
-PHANTOMS := --count 2000 --seed 2026 --size 256
+# Of the same objects as the dataset XDen-P2000.
+PHANTOMS := --count 2000 --seed 2026 --size 256 --unseen benchmarks/protocol-v2.toml
 METHODS := zero water train-median category-median \
   nerf2physics nerf2physics-thickness \
   gaussian-property gaussian-property-weighted gaussian-property-parts \
@@ -94,7 +95,7 @@ leaderboard: $(SUBMISSIONS)  # all rows, use -j2; entries that are there are ref
 	$(BIN)/xden-bench leaderboard
 
 $(ROWS)/data/manifest.json: | setup
-	$(BIN)/xden-build phantoms $(ROWS)/data --as-dataset $(PHANTOMS)
+	$(BIN)/xden-bench dataset XDen-P2000 --out $(ROWS)/data
 
 $(ROWS)/%.npz: $(ROWS)/data/manifest.json
 	$(BIN)/xden-bench baseline $* --root $(ROWS)/data $(OPTIONS) --out $@

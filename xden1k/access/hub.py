@@ -128,7 +128,9 @@ def folder_digest(folder: Path | RemotePath) -> str:
     return digest.hexdigest()[:32]
 
 
-def download(repo_id: str = REPO_ID, revision: str | None = None) -> Path:
+def download(
+    repo_id: str = REPO_ID, revision: str | None = None, *, manifest_sha256: str | None = None
+) -> Path:
     """Fetch a dataset folder from the Hugging Face Hub into the user's cache, and verify it.
 
     It becomes the folder :func:`data_root` gives only when it is complete and its checksums are
@@ -140,6 +142,8 @@ def download(repo_id: str = REPO_ID, revision: str | None = None) -> Path:
         A dataset repository, ``owner/name``.
     revision
         A tag, branch or commit; None = the newest.
+    manifest_sha256
+        Checksum that its manifest must have; None = any.
 
     Returns
     -------
@@ -150,14 +154,14 @@ def download(repo_id: str = REPO_ID, revision: str | None = None) -> Path:
     ------
     DataError
         If the Hub cannot be reached, has no such repository or revision, or what it has is not
-        a dataset folder of this project, or arrives damaged.
+        a dataset folder of this project, arrives damaged, or has another manifest.
     """
     from huggingface_hub.errors import HfHubHTTPError, HFValidationError
 
     # The bases of the Hub's own error are OSError and the error of whichever HTTP client it has.
     failures: tuple[type[BaseException], ...] = (*HfHubHTTPError.__bases__, HFValidationError)
     try:
-        return _download(repo_id, revision)
+        return _download(repo_id, revision, manifest_sha256)
     except failures as err:
         reason = next(iter(str(err).strip().splitlines()), "") or type(err).__name__
         raise DataError(
@@ -165,7 +169,7 @@ def download(repo_id: str = REPO_ID, revision: str | None = None) -> Path:
         ) from err
 
 
-def _download(repo_id: str, revision: str | None) -> Path:
+def _download(repo_id: str, revision: str | None, manifest_sha256: str | None) -> Path:
     import huggingface_hub
 
     info = huggingface_hub.HfApi().dataset_info(repo_id, revision=revision)
@@ -182,6 +186,7 @@ def _download(repo_id: str, revision: str | None) -> Path:
         )
         _verify_or_remove(partial)
         partial.rename(folder)
+    _check_manifest(folder, repo_id, manifest_sha256)
     logger.info("%s at %s is in %s", repo_id, info.sha, folder)
     _make_current(folder)
     return folder
@@ -206,6 +211,14 @@ def _verify_or_remove(folder: Path) -> None:
     if problems := verify_folder(folder):
         shutil.rmtree(folder)  # resuming would trust the damaged file
         raise DataError(f"the download has {len(problems)} problems; the first: {problems[0]}")
+
+
+def _check_manifest(folder: Path, repo_id: str, expected: str | None) -> None:
+    found = hashlib.sha256((folder / MANIFEST_NAME).read_bytes()).hexdigest()
+    if expected not in (None, found):
+        raise DataError(
+            f"{repo_id} at {folder.name}: its manifest must have the sha256 {expected}, got {found}"
+        )
 
 
 def _make_current(folder: Path) -> None:

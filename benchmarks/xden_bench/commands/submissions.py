@@ -212,6 +212,8 @@ def submit(
         check_url(archive_url)
     key = read_signing_key(signing_key) if signing_key else None
     reference = asked.reference()
+    if out is None:
+        _refuse_the_sample(reference)
     scored, entry = _scored(asked, reference)
     check_trivial(asked.submission, reference, scored.protocol)
     path = write_entry(
@@ -227,8 +229,22 @@ def submit(
         print_json({"file": str(path), "standing": standing, **entry})
     else:
         _echo_score(scored)
+        click.echo(f"scored on the split {reference.split} of {reference.folder.root}")
         click.echo(standing)
         click.echo(_entered(path, out))
+
+
+def _refuse_the_sample(reference: Reference) -> None:
+    """Keep scores of the packaged sample out of the results: they have a table of their own."""
+    from xden1k.access.hub import SAMPLE
+    from xden1k.errors import DataError
+
+    if reference.folder.root == SAMPLE:
+        raise DataError(
+            f"{len(reference.ids)} objects of the packaged sample are no entry of the leaderboard: "
+            "give --root ROOT, a folder that `xden-bench dataset XDen-P2000 --out ROOT` makes, or "
+            "--out FOLDER for results of your own"
+        )
 
 
 def _entered(path: Path, out: Path | None) -> str:
