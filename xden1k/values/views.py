@@ -75,7 +75,7 @@ class ViewGeometry:
     def _edge_on_measure(self) -> float:
         """Volume of the frame's unit vectors, negative if it is left-handed."""
         column, row, beam = self.matrix.T.tolist()
-        volume = (
+        volume: float = (
             column[0] * (row[1] * beam[2] - row[2] * beam[1])
             + column[1] * (row[2] * beam[0] - row[0] * beam[2])
             + column[2] * (row[0] * beam[1] - row[1] * beam[0])
