@@ -286,6 +286,14 @@ def test_an_object_without_a_preferred_orientation_has_no_vote():
     assert vote([flat, survey(29), flat]).place == 29
 
 
+def test_a_release_turned_by_another_angle_than_quarter_turns_is_refused():
+    turned = body_mesh()
+    turned.apply_transform(trimesh.transformations.rotation_matrix(np.radians(30), (1, 1, 1)))
+    asked = survey_object(given(0, mesh=turned))
+    with pytest.raises(DataError, match=r"quarter turns .* got 0\.[1-5].* turned by another"):
+        vote([asked] * 5)
+
+
 def test_a_convention_and_a_survey_survive_json():
     told = vote([survey(29)] * 2)
     assert Convention.from_json(told.to_json()) == told

@@ -34,6 +34,11 @@ LEAST_AGREE: Final = 0.6
 """Share of the unambiguous objects whose own best orientation is the convention."""
 FEWEST: Final = 10
 """Objects that must say where their meshes lie, before it is taken to hold for all."""
+TURNED: Final = 0.6
+"""Median overlap of the objects' own best orientations below which none of them is right: 0.95 is
+usual, and a turn by 7 degrees leaves 0.4 (simulated)."""
+FEWEST_TURNED: Final = 5
+"""Objects that must say so."""
 MOST_SPREAD: Final = 0.002
 """Median distance from the median, in shares of the volume's longest side, up to which objects lie
 alike: half a voxel of 256."""
@@ -116,11 +121,12 @@ def vote(surveys: Sequence[Survey]) -> Convention:
     Raises
     ------
     DataError
-        If there is no object.
+        If there is no object, no orientation fits them, or their sizes are of other objects.
     """
     if not surveys:
         raise DataError("convention: expected at least one object, got none")
     scores = np.array([survey.overlaps for survey in surveys])
+    _refuse_turned(scores)
     lost = np.maximum(scores - scores.max(axis=(1, 2), keepdims=True), -MOST_LOST).sum(axis=0)
     gained = float(lost[1].max() - lost[0].max())
     mode = int(gained > STRETCH_GAIN * len(surveys))
@@ -135,6 +141,17 @@ def vote(surveys: Sequence[Survey]) -> Convention:
     order, scale, middle = size_order(surveys), *_frame(surveys, MODES[mode], place)
     figures = margin, agreeing, int(clear.sum())
     return Convention(MODES[mode], place, order, *figures, sure, scale, middle)
+
+
+def _refuse_turned(scores: Float64[np.ndarray, "n modes 48"]) -> None:
+    """Say so where no quarter turns bring the meshes and volumes of a release together."""
+    overlap = float(np.median(scores.max(axis=(1, 2))))
+    if len(scores) >= FEWEST_TURNED and overlap < TURNED:
+        raise DataError(
+            f"convention: expected meshes that quarter turns bring onto their volumes, with a "
+            f"median overlap of {TURNED} at least, got {overlap:.2f} in the best of 48 ways: they "
+            "are turned by another angle, or not of the same objects"
+        )
 
 
 def _unambiguous(scores: Float64[np.ndarray, "n 48"]) -> Bool[np.ndarray, "n"]:
