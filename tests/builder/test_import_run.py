@@ -34,6 +34,7 @@ from xden_builder.capture import write_scanner
 from xden_builder.capture.writing import write_image
 from xden_builder.cli import cli as xden_build
 from xden_builder.phantoms.scanner import Scanner, scanner_file
+from xden_builder.pipeline.outcomes import REPORT_NAME
 from xden_builder.pipeline.resumable import work_folder
 from xden_builder.pipeline.splits import read_splits
 from xden_builder.published import run
@@ -322,6 +323,8 @@ def test_the_tiny_twin_becomes_a_sound_dataset(twin_imported: Path) -> None:
     true = [truth["objects"][str(number)]["mass_g"] for number in range(6)]
     assert np.all(np.isfinite(masses))
     assert np.median(np.abs(np.log(np.array(masses) / true))) < 1.0
+    report = json.loads(Path(work_folder(twin_imported), REPORT_NAME).read_text())
+    assert all(0 < one["mass_sd_g"] < 2 * one["mass_g"] for one in report["objects"])
 
 
 def kill_at(out: Path, pattern: str, fewest: int) -> None:
