@@ -82,9 +82,9 @@ ROWS := build/rows
 # Of the same objects as the dataset XDen-P2000.
 PHANTOMS := --count 2000 --seed 2026 --size 256 --unseen benchmarks/protocol-v2.toml
 METHODS := zero water train-median category-median \
-  nerf2physics nerf2physics-thickness \
-  gaussian-property gaussian-property-weighted gaussian-property-parts \
-  geometry-unet pixie xray-uniform xray-mean xray-unet \
+  nerf2physics-style nerf2physics-style-thickness \
+  gaussian-property-style gaussian-property-style-weighted gaussian-property-style-parts \
+  geometry-unet colour-unet xray-uniform xray-mean xray-unet \
   true-mass-uniform label-nominal part-oracle seen-materials seen-materials-hollow
 SUBMISSIONS := $(METHODS:%=$(ROWS)/%.npz) $(ROWS)/blind.npz $(ROWS)/labels.npz
 
@@ -100,7 +100,7 @@ $(ROWS)/data/manifest.json: | setup
 $(ROWS)/%.npz: $(ROWS)/data/manifest.json
 	$(BIN)/xden-bench baseline $* --root $(ROWS)/data $(OPTIONS) --out $@
 
-$(ROWS)/geometry-unet.npz $(ROWS)/pixie.npz $(ROWS)/xray-unet.npz: OPTIONS := --budget 20epochs
+$(ROWS)/geometry-unet.npz $(ROWS)/colour-unet.npz $(ROWS)/xray-unet.npz: OPTIONS := --budget 20epochs
 
 # The builder's own rows: without the captures' labels, and, unranked, with them.
 $(ROWS)/blind.npz $(ROWS)/labels.npz: $(ROWS)/%.npz: $(ROWS)/rebuilt-%/manifest.json $(ROWS)/data/manifest.json

@@ -15,7 +15,7 @@ from xden1k.access.samples import Examples, SampleView
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.predictor import Budget
-from xden_baselines.pixie import Pixie
+from xden_baselines.pixie import ColourUNet, PixieStyle
 from xden_baselines.pixie.checkpoint import FILES as CHECKPOINT
 from xden_baselines.pixie.descriptors import FILE, Descriptors
 from xden_baselines.views.cameras import Rig
@@ -25,7 +25,7 @@ from xden_baselines.views.source import RenderedPhantoms
 LARGE = RenderedPhantoms(Rig(elevations_deg=(-40.0, 35.0), per_ring=3, size_px=160))
 """Six pictures in which whole patches of the object lie."""
 TINY = {"resolution": 16, "epochs": 2, "batch": 2}
-READS = Pixie.reads
+READS = PixieStyle.reads
 
 
 @dataclass(frozen=True)
@@ -139,9 +139,9 @@ def test_held_out_objects_have_no_part_in_the_components(folder: DatasetFolder) 
 def test_pixie_with_clip_looks_through_it_and_says_so(
     folder: DatasetFolder, weights: str, tmp_path: Path
 ) -> None:
-    method = Pixie(clip=weights, **TINY)
+    method = PixieStyle(clip=weights, **TINY)
     assert method.external_data
-    assert method.fingerprint != Pixie(clip="", **TINY).fingerprint
+    assert method.fingerprint != ColourUNet(**TINY).fingerprint
     method.fit(train(folder), seed=1, budget=Budget(epochs=4))
     assert "CLIP tiny" in method.notes
     seen, black = (
@@ -150,43 +150,47 @@ def test_pixie_with_clip_looks_through_it_and_says_so(
     )
     assert not np.array_equal(seen, black)
     method.save(tmp_path)
-    fresh = Pixie(clip=weights)
+    fresh = PixieStyle(clip=weights)
     fresh.load(tmp_path)
     assert np.array_equal(fresh.predict(view(folder)).density_g_cm3, seen)
-    assert len(fresh._names) == len(Pixie(clip="")._names) + FEATURES
-    with pytest.raises(DataError, match="learned with features of CLIP, to predict with none"):
-        Pixie(clip="").load(tmp_path)
+    assert len(fresh._names) == len(ColourUNet()._names) + FEATURES
+    with pytest.raises(DataError, match="channels"):
+        ColourUNet().load(tmp_path)
     with pytest.raises(DataError, match="no checkpoint there"):
-        Pixie(clip=weights).load(tmp_path / "nobody")
+        PixieStyle(clip=weights).load(tmp_path / "nobody")
 
 
 def test_the_environment_names_the_weights(weights: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    without = PixieStyle(clip="").fingerprint
     monkeypatch.setenv("XDEN_CLIP", weights)
-    assert Pixie().external_data
-    assert not Pixie(clip="").external_data
+    assert PixieStyle().fingerprint == PixieStyle(clip=weights).fingerprint != without
     monkeypatch.delenv("XDEN_CLIP")
-    assert not Pixie().external_data
+    assert PixieStyle().fingerprint == without
+
+
+def test_pixie_style_without_weights_names_the_network_that_needs_none(
+    folder: DatasetFolder, tmp_path: Path
+) -> None:
+    for begin in (lambda method: method.fit(train(folder), seed=0), lambda one: one.load(tmp_path)):
+        with pytest.raises(DataError, match=r"name the folder .* XDEN_CLIP .* is colour-unet"):
+            begin(PixieStyle(clip=""))
 
 
 @pytest.mark.slow
 def test_other_weights_than_it_learned_with_are_refused(
     folder: DatasetFolder, weights: str, tmp_path: Path
 ) -> None:
-    method = Pixie(clip=weights, **TINY)
+    method = PixieStyle(clip=weights, **TINY)
     method.fit(train(folder), seed=1, budget=Budget(epochs=1))
     (tmp_path / "fit").mkdir()
     method.save(tmp_path / "fit")
     other = str(tiny_clip(tmp_path / "tiny", seed=1))
     with pytest.raises(DataError, match=r"made with CLIP tiny .*, not with CLIP tiny"):
-        Pixie(clip=other).load(tmp_path / "fit")
+        PixieStyle(clip=other).load(tmp_path / "fit")
 
 
-@pytest.mark.parametrize("with_clip", [True, False])
-def test_what_was_learned_with_clip_is_refused_without_it_and_the_contrary(
-    weights: str, tmp_path: Path, with_clip: bool
-) -> None:
-    for name in (*CHECKPOINT, *(() if with_clip else (FILE,))):
+def test_what_was_learned_without_clip_is_refused_with_it(weights: str, tmp_path: Path) -> None:
+    for name in CHECKPOINT:
         (tmp_path / name).touch()
-    learned = "learned without" if with_clip else "learned with"
-    with pytest.raises(DataError, match=f"{learned} features of CLIP"):
-        Pixie(clip=weights if with_clip else "").load(tmp_path)
+    with pytest.raises(DataError, match="learned without features of CLIP: by colour-unet"):
+        PixieStyle(clip=weights).load(tmp_path)

@@ -23,11 +23,21 @@ from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.predictor import Budget, Fingerprinted, Predictor, Storable, takes_budget
 from xden1k.values.modality import Modality, ModalityError
-from xden_baselines.pixie import GeometryUNet, Pixie, PixieFull, XRayUNet
+from xden_baselines.pixie import (
+    ColourUNet,
+    ColourUNetFull,
+    GeometryUNet,
+    PixieStyleFull,
+    XRayUNet,
+)
 
-EVERY = [GeometryUNet, Pixie, XRayUNet]
+EVERY = [GeometryUNet, ColourUNet, XRayUNet]
 SLOW = pytest.mark.slow
-MOSTLY_PIXIE = [Pixie, pytest.param(GeometryUNet, marks=SLOW), pytest.param(XRayUNet, marks=SLOW)]
+MOSTLY_COLOUR = [
+    ColourUNet,
+    pytest.param(GeometryUNet, marks=SLOW),
+    pytest.param(XRayUNet, marks=SLOW),
+]
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -69,7 +79,7 @@ def test_each_fills_the_envelope_alone_with_densities(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", MOSTLY_PIXIE)
+@pytest.mark.parametrize("kind", MOSTLY_COLOUR)
 def test_a_prediction_is_the_same_to_the_bit_each_time(
     folder: DatasetFolder, fitted: dict[type, Predictor], kind: type
 ) -> None:
@@ -80,7 +90,7 @@ def test_a_prediction_is_the_same_to_the_bit_each_time(
     assert np.array_equal(one, two)
 
 
-@pytest.mark.parametrize("kind", MOSTLY_PIXIE)
+@pytest.mark.parametrize("kind", MOSTLY_COLOUR)
 def test_what_was_saved_predicts_the_same_to_the_bit(
     folder: DatasetFolder, fitted: dict[type, Predictor], kind: type, tmp_path: Path
 ) -> None:
@@ -97,7 +107,7 @@ def test_what_was_saved_predicts_the_same_to_the_bit(
 
 
 def test_pixie_looks_at_the_colours(folder: DatasetFolder, fitted: dict[type, Predictor]) -> None:
-    method = fitted[Pixie]
+    method = fitted[ColourUNet]
     seen = method.predict(sample(folder, "bar-0003", method.reads)).density_g_cm3
     black = altered(folder, "bar-0003", method.reads, same_in_black)
     assert np.abs(seen - method.predict(black).density_g_cm3).max() > 0.1
@@ -118,7 +128,7 @@ def test_the_xray_network_looks_at_either_radiograph(
     assert np.abs(found - other).max() > 0.01
 
 
-@pytest.mark.parametrize("kind", [Pixie, XRayUNet])
+@pytest.mark.parametrize("kind", [ColourUNet, XRayUNet])
 def test_without_a_declared_modality_there_is_no_prediction(
     folder: DatasetFolder, fitted: dict[type, Predictor], kind: type
 ) -> None:
@@ -126,7 +136,7 @@ def test_without_a_declared_modality_there_is_no_prediction(
         fitted[kind].predict(sample(folder, "bar-0003", Modality.GEOMETRY))
 
 
-@pytest.mark.parametrize("kind", MOSTLY_PIXIE)
+@pytest.mark.parametrize("kind", MOSTLY_COLOUR)
 def test_another_category_gives_another_prediction(
     folder: DatasetFolder, fitted: dict[type, Predictor], kind: type
 ) -> None:
@@ -160,15 +170,16 @@ def test_the_row_tells_how_the_training_went(fitted: dict[type, Predictor]) -> N
 
 
 def test_other_settings_have_another_fingerprint() -> None:
-    assert Pixie().fingerprint == Pixie(resolution=32).fingerprint
-    assert Pixie().fingerprint != Pixie(resolution=64).fingerprint
+    assert ColourUNet().fingerprint == ColourUNet(resolution=32).fingerprint
+    assert ColourUNet().fingerprint != ColourUNet(resolution=64).fingerprint
     with pytest.raises(TypeError, match="nonsense"):
-        Pixie(nonsense=1)
+        ColourUNet(nonsense=1)
 
 
 def test_the_published_size_asks_for_a_gpu_and_can_be_told_otherwise() -> None:
-    assert PixieFull().settings.device == "cuda"
-    assert PixieFull(device="cpu").settings.size == "full"
+    for kind in (ColourUNetFull, PixieStyleFull):
+        assert kind().settings.device == "cuda"
+        assert kind(device="cpu").settings.size == "full"
 
 
 @pytest.mark.parametrize(

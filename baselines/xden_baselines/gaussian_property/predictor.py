@@ -1,4 +1,4 @@
-"""The methods ``gaussian-property``, ``-weighted`` and ``-parts``.
+"""The methods ``gaussian-property-style``, ``-weighted`` and ``-parts``.
 
 After Xu et al., GaussianProperty: Integrating Physical Properties to 3D Gaussians with LMMs,
 arXiv:2412.11258: its text, for the published code lifts nothing to 3D. The given geometry stands
@@ -167,7 +167,7 @@ class GaussianProperty(_Voting):
     Without a chat model a classifier fitted on the training split answers. Its row says so.
     """
 
-    name = "gaussian-property"
+    name = "gaussian-property-style"
     reads = Modality.GEOMETRY | Modality.RGB
     masks = "colour regions for masks"
     weighted = False
@@ -227,7 +227,7 @@ class GaussianProperty(_Voting):
 class GaussianPropertyWeighted(GaussianProperty):
     """The same, votes weighted by confidence: mean and deviation of Dirichlet counts."""
 
-    name = "gaussian-property-weighted"
+    name = "gaussian-property-style-weighted"
     weighted = True
 
 
@@ -237,7 +237,7 @@ class GaussianPropertyParts(_Voting):
     A part that no view shows takes the material of the parts nearest to it.
     """
 
-    name = "gaussian-property-parts"
+    name = "gaussian-property-style-parts"
     reads = Modality.GEOMETRY | Modality.RGB | Modality.PARTS
     masks = "true parts for masks"
 

@@ -1,4 +1,4 @@
-"""The methods ``nerf2physics`` and ``nerf2physics-thickness``.
+"""The methods ``nerf2physics-style`` and ``nerf2physics-style-thickness``.
 
 After Zhai et al., Physical Property Understanding from Language-Embedded Feature Fields, CVPR
 2024, with the given mesh in place of a NeRF.
@@ -49,7 +49,7 @@ class NeRF2Physics:
         Folder with CLIP's weights; by default that of ``XDEN_CLIP``, empty if none.
     """
 
-    name = "nerf2physics"
+    name = "nerf2physics-style"
     version = "1"
     reads = Modality.GEOMETRY | Modality.RGB | Modality.CATEGORY
     trainable = True
@@ -161,7 +161,7 @@ class NeRF2Physics:
 class NeRF2PhysicsThickness(NeRF2Physics):
     """NeRF2Physics style, every object a shell: only the candidates' thickness is filled."""
 
-    name = "nerf2physics-thickness"
+    name = "nerf2physics-style-thickness"
     rule: Rule = "thickness"
 
 

@@ -3,7 +3,22 @@
 torch is imported by what needs it, not here.
 """
 
-from xden_baselines.pixie.predictor import GeometryUNet, Pixie, PixieFull, XRayUNet
+from xden_baselines.pixie.predictor import (
+    ColourUNet,
+    ColourUNetFull,
+    GeometryUNet,
+    PixieStyle,
+    PixieStyleFull,
+    XRayUNet,
+)
 from xden_baselines.pixie.settings import Settings
 
-__all__ = ["GeometryUNet", "Pixie", "PixieFull", "Settings", "XRayUNet"]
+__all__ = [
+    "ColourUNet",
+    "ColourUNetFull",
+    "GeometryUNet",
+    "PixieStyle",
+    "PixieStyleFull",
+    "Settings",
+    "XRayUNet",
+]

@@ -25,7 +25,14 @@ if TYPE_CHECKING:
     from xden_baselines.pixie.model import VoxelModel
     from xden_baselines.pixie.training import FitReport
 
-__all__ = ["GeometryUNet", "Pixie", "PixieFull", "XRayUNet"]
+__all__ = [
+    "ColourUNet",
+    "ColourUNetFull",
+    "GeometryUNet",
+    "PixieStyle",
+    "PixieStyleFull",
+    "XRayUNet",
+]
 
 REPORT_FILE = "training.json"
 FULL = Settings(size="full", resolution=64, epochs=100, learning_rate=1e-4, device="cuda")
@@ -135,27 +142,39 @@ class GeometryUNet(_Trained):
     name = "geometry-unet"
 
 
-class Pixie(_Trained):
-    """Pixie style: 3D U-Net on shape, category and colours, trained on the training split.
+class ColourUNet(_Trained):
+    """3D U-Net on shape, category and colours, trained on the training split: others see CLIP."""
+
+    name = "colour-unet"
+    reads = _Trained.reads | Modality.RGB
+
+
+class ColourUNetFull(ColourUNet):
+    """The same at the size of Pixie's, 53 million weights with a material head; for GPUs."""
+
+    name = "colour-unet-full"
+    default = FULL
+
+
+class PixieStyle(ColourUNet):
+    """Pixie style: the same, which sees CLIP's features of the pictures too. Needs CLIP's weights.
 
     Parameters
     ----------
     clip
-        Folder with CLIP's weights, whose features of the pictures are shown to the network too; by
-        default that of ``XDEN_CLIP``, empty if none.
+        Folder with the weights; by default that of ``XDEN_CLIP``.
     settings
         Fields of :class:`Settings`.
     """
 
-    name = "pixie"
-    reads = _Trained.reads | Modality.RGB
+    name = "pixie-style"
+    external_data = True
 
     _descriptors: Descriptors | None = None
 
     def __init__(self, *, clip: str | None = None, **settings: Any) -> None:
         super().__init__(**settings)
         self._clip = clip_folder(clip)
-        self.external_data = bool(self._clip)
 
     @property
     def notes(self) -> str:
@@ -169,18 +188,24 @@ class Pixie(_Trained):
         return f"{super().fingerprint} {clip_sha256(self._clip)}".strip()
 
     def fit(self, train: Examples, *, seed: int, budget: Budget | None = None) -> None:
-        """Learn how CLIP's features are reduced, where there are any; then as the others."""
-        if self._clip:
-            from xden_baselines.pixie.descriptors import Descriptors
-            from xden_baselines.pixie.training import check_device, held_out_numbers, torch_threads
+        """Learn how CLIP's features are reduced; then as the others.
 
-            check_device(self.settings.device)
-            rng = np.random.default_rng(seed)
-            held_out = held_out_numbers(len(train), self.settings.held_out, rng)
-            with torch_threads(self.settings.threads):
-                self._descriptors = Descriptors.fit(
-                    train, self._encoder(), seed=seed, held_out=held_out
-                )
+        Raises
+        ------
+        DataError
+            If there are no weights.
+        """
+        from xden_baselines.pixie.descriptors import Descriptors
+        from xden_baselines.pixie.training import check_device, held_out_numbers, torch_threads
+
+        self._check_weights()
+        check_device(self.settings.device)
+        rng = np.random.default_rng(seed)
+        held_out = held_out_numbers(len(train), self.settings.held_out, rng)
+        with torch_threads(self.settings.threads):
+            self._descriptors = Descriptors.fit(
+                train, self._encoder(), seed=seed, held_out=held_out
+            )
         super().fit(train, seed=seed, budget=budget)
 
     def save(self, folder: Path) -> None:
@@ -195,21 +220,19 @@ class Pixie(_Trained):
         Raises
         ------
         DataError
-            If the folder does not hold one of this method, learned with the same CLIP or none.
+            If the folder does not hold one of this method, learned with the same CLIP, or there
+            are no weights.
         """
         from xden_baselines.pixie.checkpoint import check_files
         from xden_baselines.pixie.descriptors import FILE, Descriptors
         from xden_baselines.pixie.training import check_device
 
+        self._check_weights()
         check_device(self.settings.device)
         check_files(folder)
-        if (learned := (folder / FILE).is_file()) != bool(self._clip):
-            raise DataError(
-                f"{folder}: learned {'with' if learned else 'without'} features of CLIP, "
-                f"to predict with {'a folder' if self._clip else 'none'}: set clip accordingly"
-            )
-        if self._clip:
-            self._descriptors = Descriptors.load(folder, self._encoder())
+        if not (folder / FILE).is_file():
+            raise DataError(f"{folder}: learned without features of CLIP: by {ColourUNet.name}")
+        self._descriptors = Descriptors.load(folder, self._encoder())
         super().load(folder)
 
     @property
@@ -228,11 +251,18 @@ class Pixie(_Trained):
     def _encoder(self) -> PatchEncoder:
         return open_clip(self._clip, self.settings.device)
 
+    def _check_weights(self) -> None:
+        if not self._clip:
+            raise DataError(
+                f"{self.name} sees features of CLIP: name the folder with its weights in XDEN_CLIP "
+                f"or by --set clip=FOLDER; without weights the same network is {ColourUNet.name}"
+            )
 
-class PixieFull(Pixie):
-    """Pixie style at the published size, 53 million weights with a material head; for GPUs."""
 
-    name = "pixie-full"
+class PixieStyleFull(PixieStyle):
+    """The same at the published size, 53 million weights with a material head; for GPUs."""
+
+    name = "pixie-style-full"
     default = FULL
 
 
