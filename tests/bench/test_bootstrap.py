@@ -26,8 +26,7 @@ def test_the_interval_is_that_of_the_normal_law_for_many_objects() -> None:
     (one,) = estimate(values, resamples=10_000, seed=0)
     half = 1.96 * values.std() / np.sqrt(1000)
     assert one.mean == pytest.approx(values.mean())
-    assert one.low == pytest.approx(one.mean - half, abs=0.05 * half)
-    assert one.high == pytest.approx(one.mean + half, abs=0.05 * half)
+    assert one.interval == pytest.approx((one.mean - half, one.mean + half), abs=0.05 * half)
 
 
 def test_two_methods_see_the_same_draws() -> None:
@@ -41,18 +40,19 @@ def test_metrics_are_independent_of_their_neighbours() -> None:
     together = estimate(values, 500, 0)
     for column, one in enumerate(together):
         (alone,) = estimate(values[:, [column]], 500, 0)
-        assert (alone.low, alone.high) == pytest.approx((one.low, one.high), rel=1e-12)
+        assert alone.interval == pytest.approx(one.interval, rel=1e-12)
 
 
 def test_one_object_has_an_interval_of_no_width() -> None:
     (one,) = estimate(np.array([[2.0]]), 100, 0)
-    assert (one.low, one.mean, one.high) == (2.0, 2.0, 2.0)
+    assert (one.mean, one.interval) == (2.0, (2.0, 2.0))
 
 
 def test_an_estimate_is_a_frozen_value_and_stored_as_its_mean_and_interval() -> None:
-    one = Estimate(2.0, 1.0, 4.0)
+    one = Estimate(2.0, (1.0, 4.0))
     assert one.to_json() == {"mean": 2.0, "ci95": [1.0, 4.0]}
-    assert one == Estimate(2.0, 1.0, 4.0)
+    assert Estimate(2.0, None, 3.0).to_json() == {"mean": 2.0, "macro_mean": 3.0, "ci95": None}
+    assert one == Estimate(2.0, (1.0, 4.0))
     assert not hasattr(one, "__dict__")
     with pytest.raises(dataclasses.FrozenInstanceError):
         one.mean = 3.0

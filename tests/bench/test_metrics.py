@@ -25,6 +25,7 @@ SD_METRICS = {"density_crps_g_cm3", "density_within_1sd", "density_within_2sd"}
 SHAPE = (4, 5, 3)
 ORIGIN = np.array([-1.0, 2.0, 30.0])
 VOXEL = 0.5
+EXTENT = 2.5
 
 grids = npst.arrays(np.float64, SHAPE, elements=st.floats(0, 20).map(lambda x: round(x, 3)))
 shares = npst.arrays(np.float64, SHAPE, elements=st.sampled_from([0.0, 0.25, 0.5, 1.0]))
@@ -32,7 +33,7 @@ shares = npst.arrays(np.float64, SHAPE, elements=st.sampled_from([0.0, 0.25, 0.5
 
 def loop_reference(truth: np.ndarray, guess: np.ndarray, envelope: np.ndarray) -> dict[str, float]:
     """The definitions, voxel by voxel."""
-    error = weight = 0.0
+    error = weight = held = 0.0
     bodies: list[list[tuple[float, list[float]]]] = [[], []]
     hull: list[tuple[float, list[float]]] = []
     for index in np.ndindex(truth.shape):
@@ -41,6 +42,7 @@ def loop_reference(truth: np.ndarray, guess: np.ndarray, envelope: np.ndarray) -
             continue
         error += share * abs(float(guess[index]) - float(truth[index]))
         weight += share
+        held += share * float(truth[index])
         place = [float(ORIGIN[axis]) + VOXEL * index[axis] for axis in range(3)]
         hull.append((share, place))
         for body, grid in zip(bodies, (truth, guess), strict=True):
@@ -70,6 +72,8 @@ def loop_reference(truth: np.ndarray, guess: np.ndarray, envelope: np.ndarray) -
     ratio = mass / true_mass
     return {
         "density_mae_g_cm3": error / weight,
+        "density_relative_error": error / held,
+        "com_l1_share": sum(abs(step) for step in steps) / EXTENT,
         "com_l1_cm": sum(abs(step) for step in steps),
         "com_l2_cm": math.hypot(*steps),
         "mass_mape": abs(mass - true_mass) / true_mass,
@@ -98,7 +102,7 @@ def test_metrics_agree_with_loops(
     truth: np.ndarray, guess: np.ndarray, envelope: np.ndarray
 ) -> None:
     truth[0, 0, 0], envelope[0, 0, 0] = 1.0, 1.0
-    scores = score_object(truth, guess, envelope, ORIGIN, VOXEL)
+    scores = score_object(truth, guess, envelope, ORIGIN, VOXEL, EXTENT)
     expected = loop_reference(truth, guess, envelope)
     assert scores.keys() == expected.keys() == METRICS.keys() - SD_METRICS
     for name, value in expected.items():
@@ -108,7 +112,7 @@ def test_metrics_agree_with_loops(
 @given(truth=grids, envelope=shares)
 def test_the_truth_scores_exactly_zero(truth: np.ndarray, envelope: np.ndarray) -> None:
     truth[0, 0, 0], envelope[0, 0, 0] = 1.0, 1.0
-    scores = score_object(truth, truth.copy(), envelope, ORIGIN, VOXEL)
+    scores = score_object(truth, truth.copy(), envelope, ORIGIN, VOXEL, EXTENT)
     assert scores.pop("mass_mnre") == 1.0
     assert set(scores.values()) == {0.0}
 
@@ -116,7 +120,7 @@ def test_the_truth_scores_exactly_zero(truth: np.ndarray, envelope: np.ndarray) 
 @given(truth=grids, scale=st.floats(0.01, 30))
 def test_k_times_the_truth_is_wrong_by_k_minus_1(truth: np.ndarray, scale: float) -> None:
     truth[1, 1, 1] = 1.0
-    scores = score_object(truth, scale * truth, np.ones(SHAPE), ORIGIN, VOXEL)
+    scores = score_object(truth, scale * truth, np.ones(SHAPE), ORIGIN, VOXEL, EXTENT)
     assert scores["mass_mape"] == pytest.approx(abs(scale - 1), abs=1e-12)
     assert scores["mass_alde"] == pytest.approx(abs(math.log(scale)), abs=1e-12)
     assert scores["mass_mnre"] == pytest.approx(min(scale, 1 / scale))
@@ -130,7 +134,7 @@ def test_translation_moves_the_centre_of_mass_by_as_much(shift: tuple[int, int, 
     truth = np.zeros((12, 12, 12))
     truth[4:7, 5:8, 4:6] = np.arange(18).reshape(3, 3, 2)
     guess = np.roll(truth, shift, axis=(0, 1, 2))
-    scores = score_object(truth, guess, np.ones_like(truth), ORIGIN, VOXEL)
+    scores = score_object(truth, guess, np.ones_like(truth), ORIGIN, VOXEL, EXTENT)
     assert scores["com_l1_cm"] == pytest.approx(VOXEL * sum(map(abs, shift)), abs=1e-12)
     assert scores["com_l2_cm"] == pytest.approx(VOXEL * math.hypot(*shift), abs=1e-12)
     assert scores["mass_mape"] == pytest.approx(0, abs=1e-12)
@@ -142,9 +146,9 @@ def test_every_metric_ignores_the_air_around() -> None:
     truth[1:4, 1:4, 1:4] = 2.0
     envelope = (truth > 0).astype(float)
     guess = 0.9 * truth
-    alone = score_object(truth, guess, envelope, ORIGIN, VOXEL)
+    alone = score_object(truth, guess, envelope, ORIGIN, VOXEL, EXTENT)
     guess[5, 5, 5] = 100.0
-    assert score_object(truth, guess, envelope, ORIGIN, VOXEL) == alone
+    assert score_object(truth, guess, envelope, ORIGIN, VOXEL, EXTENT) == alone
 
 
 def test_filling_an_enclosed_cavity_is_an_error() -> None:
@@ -162,7 +166,7 @@ def test_half_filled_voxels_count_half() -> None:
 def test_no_mass_scores_finite_values() -> None:
     truth = np.zeros((4, 4, 4))
     truth[0, 0, 0] = truth[3, 3, 3] = 5.0
-    scores = score_object(truth, 0 * truth, np.ones((4, 4, 4)), ORIGIN, VOXEL)
+    scores = score_object(truth, 0 * truth, np.ones((4, 4, 4)), ORIGIN, VOXEL, EXTENT)
     assert scores["mass_mape"] == 1.0
     assert scores["mass_alde"] == pytest.approx(math.log(1000))
     assert scores["mass_mnre"] == 0.0
@@ -184,7 +188,9 @@ def test_the_centre_of_nothing_is_that_of_next_to_nothing(
 def test_alde_is_bounded_on_both_sides() -> None:
     truth = np.ones((2, 2, 2))
     for scale in (1e-9, 1e9):
-        scores = score_object(truth, scale * truth, truth, ORIGIN, VOXEL, mass_ratio_limit=100.0)
+        scores = score_object(
+            truth, scale * truth, truth, ORIGIN, VOXEL, EXTENT, mass_ratio_limit=100.0
+        )
         assert scores["mass_alde"] == pytest.approx(math.log(100))
 
 
@@ -211,7 +217,7 @@ def test_the_non_uniformity_of_two_halves_is_known() -> None:
 def test_non_uniformity_asks_how_much_not_where() -> None:
     truth = np.ones((4, 4, 4))
     truth[:2] = 3.0
-    scores = score_object(truth, truth[::-1].copy(), np.ones((4, 4, 4)), ORIGIN, VOXEL)
+    scores = score_object(truth, truth[::-1].copy(), np.ones((4, 4, 4)), ORIGIN, VOXEL, EXTENT)
     assert scores["nonuniformity_error"] == 0.0
     assert scores["density_mae_g_cm3"] == 2.0
 

@@ -53,6 +53,8 @@ class SubmissionMeta:
         the row must know; empty if nothing.
     seconds_per_object
         Run time, if measured.
+    hardware
+        What the run time was measured on; empty if not told.
     seed
         Of the method, if it draws random numbers.
     manifest_sha256
@@ -76,6 +78,7 @@ class SubmissionMeta:
     seconds_per_object: float | None = None
     seed: int | None = None
     manifest_sha256: str = ""
+    hardware: str = ""
     schema: str = SCHEMA
 
     @property
@@ -204,6 +207,7 @@ _RULES: Mapping[str, tuple[str, str, Callable[[object], bool]]] = {
     "paper": _TEXT,
     "command": _TEXT,
     "notes": _TEXT,
+    "hardware": _TEXT,
     "seconds_per_object": ("E203", "a number >= 0", _is_seconds),
     "seed": ("E203", "an integer from 0 to 2**63 - 1", _is_seed),
     "manifest_sha256": ("E203", "64 hexadecimal digits", _is_sha256),

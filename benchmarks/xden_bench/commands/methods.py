@@ -51,6 +51,7 @@ __all__ = ["baseline", "run_again"]
 @click.option(
     "--from", "built", type=LOCAL_ROOT, help="With the NAME root: the dataset folder to submit."
 )
+@click.option("--hardware", default="", help="What the seconds per object are measured on.")
 @click.option("--out", type=FILE, help="The submission to write. [default: NAME.npz]")
 @json_option
 @click.pass_context
@@ -140,6 +141,7 @@ def _run(asked: Mapping[str, Any], folder: DatasetFolder, out: Path, command: st
         save=asked["save"],
         pictures=find_pictures(predictor, asked["views"]),
         command=command,
+        hardware=asked["hardware"],
     )
     run = (folder, asked["split"], out, options, progress_bar)
     if built is not None:

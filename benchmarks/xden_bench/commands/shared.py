@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from xden1k.errors import DataError
 from xden1k.values.modality import TRACKS
 
 if TYPE_CHECKING:
+    from xden_bench.scoring.bootstrap import Estimate
     from xden_bench.scoring.reference import Reference
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "RESULTS",
     "command_line",
     "echo_lines",
+    "interval_text",
     "key_option",
     "open_reference",
     "parse_command",
@@ -48,8 +50,8 @@ root_option = click.option(
 split_option = click.option("--split", default="test", show_default=True, help="Split to score.")
 protocol_option = click.option(
     "--protocol",
-    type=click.Choice(["v1", "paper"]),  # PROTOCOLS, whose import takes NumPy's time
-    default="v1",
+    type=click.Choice(["v2", "v1", "paper"]),  # PROTOCOLS, whose import takes NumPy's time
+    default="v2",
     show_default=True,
     help="The rules.",
 )
@@ -107,10 +109,28 @@ def command_line(context: click.Context) -> str:
     return commands.command_line(context, "xden-bench")
 
 
-def parse_command(text: str, command: click.Command) -> dict[str, Any]:
+def interval_text(one: Estimate, form: str) -> str:
+    """Both ends of an interval in a format, a dash where there is none."""
+    if one.interval is None:
+        return "-"
+    return " to ".join(format(end, form) for end in one.interval)
+
+
+def parse_command(
+    text: str, command: click.Command, defaults: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
     """Return the arguments of a printed command, as the command itself reads them.
 
     Nothing runs, and no shell sees the text.
+
+    Parameters
+    ----------
+    text
+        As it was printed.
+    command
+        That it is one of.
+    defaults
+        Of options that had another default when it was printed.
 
     Raises
     ------
@@ -125,7 +145,7 @@ def parse_command(text: str, command: click.Command) -> dict[str, Any]:
     if words[:2] != ["xden-bench", name] or "--help" in words:
         raise DataError(f"the command must be `xden-bench {name} ...`, got {text!r}")
     try:
-        return command.make_context(name, words[2:]).params
+        return command.make_context(name, words[2:], default_map=defaults).params
     except click.ClickException as err:
         raise DataError(f"{text!r}: {err.format_message()}") from err
 

@@ -20,6 +20,7 @@ from xden_bench.commands.shared import (
     RESULTS,
     command_line,
     echo_lines,
+    interval_text,
     key_option,
     open_reference,
     progress_bar,
@@ -303,11 +304,19 @@ def _echo_score(scored: Score) -> None:
         f"({' and '.join(scored.sources)}), protocol {scored.protocol.name}"
     )
     rows = [
-        (METRICS[name].heading, f"{one.mean:.4f}", f"{one.low:.4f} to {one.high:.4f}")
+        (METRICS[name].heading, f"{one.mean:.4f}", *_beside(one))
         for name, one in scored.metrics.items()
     ]
-    click.echo(tabulate(rows, ["metric", "mean", "95 % interval"], disable_numparse=True))
+    headings = ["metric", "mean", "by category", "95 % interval"][: len(rows[0])]
+    click.echo(tabulate(rows, headings, disable_numparse=True))
     echo_lines(None, scored.warnings)
+
+
+def _beside(one: Estimate) -> tuple[str, ...]:
+    """Return what is printed beside a mean; nothing by a protocol before v2."""
+    if one.macro_mean is None:
+        return ()
+    return f"{one.macro_mean:.4f}", interval_text(one, ".4f")
 
 
 def _echo_groups(title: str, groups: Mapping[str, tuple[int, Mapping[str, Estimate]]]) -> None:

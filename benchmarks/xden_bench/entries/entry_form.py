@@ -166,7 +166,11 @@ _FIRST_SHAPE: Final[dict[str, Any]] = {
     "warnings": [str],
     "objects": {"file": str, "sha256": str},
 }
-_SHAPE: Final[dict[str, Any]] = {**_FIRST_SHAPE, "arrays_sha256": str}
+_SHAPE: Final[dict[str, Any]] = {
+    **_FIRST_SHAPE,
+    "method": {**_FIRST_SHAPE["method"], "hardware": str},
+    "arrays_sha256": str,
+}
 """Types of what an entry must hold; the numbers are compared with the objects instead."""
 _OPTIONAL: Final[dict[str, Any]] = {
     "team": {"name": str, "public_key": str},

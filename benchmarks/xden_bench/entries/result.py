@@ -44,6 +44,7 @@ __all__ = [
     "figures",
     "keep_best_of_teams",
     "object_columns",
+    "objects_of",
     "read_entries",
     "read_entry",
     "read_sound_entries",
@@ -80,6 +81,7 @@ def entry_of(
             "external_data": meta.external_data,
             "seed": meta.seed,
             "seconds_per_object": meta.seconds_per_object,
+            "hardware": meta.hardware,
             "command": meta.command,
             "code": meta.code,
             "paper": meta.paper,
@@ -380,7 +382,7 @@ def _disqualified_because(entry: Mapping[str, Any]) -> str | None:
 
 
 def keep_best_of_teams(entries: Iterable[dict[str, Any]]) -> None:
-    """Disqualify, in each table, all rows of a team but its best.
+    """Disqualify, in each table, all methods of a team but its best, which may have many seeds.
 
     Parameters
     ----------
@@ -391,7 +393,7 @@ def keep_best_of_teams(entries: Iterable[dict[str, Any]]) -> None:
     rows = [one for one in entries if "team" in one and "disqualified" not in one]
     for row in sorted(rows, key=_loss):
         table = (entry_path(row).parent, row["metric_version"], row["team"]["public_key"])
-        if best.setdefault(table, row) is not row:
+        if best.setdefault(table, row)["method"]["name"] != row["method"]["name"]:
             row["disqualified"] = f"another row of {row['team']['name']} is better"
 
 
@@ -414,7 +416,8 @@ def _checked_objects(path: Path, entry: Mapping[str, Any]) -> dict[str, list[Any
     try:
         rules = load_protocol(entry["protocol"])
         table = read_table(data)
-        scores = _objects_of(table, rules)
+        columns: dict[str, list[Any]] = table.to_pydict()
+        scores = objects_of(columns, rules)
         made = figures(scores, rules)
     except (DataError, pa.ArrowException, ValueError, TypeError, KeyError) as err:
         raise DataError(f"{path}: its objects cannot be summed up: {err!r}") from err
@@ -426,20 +429,24 @@ def _checked_objects(path: Path, entry: Mapping[str, Any]) -> dict[str, list[Any
     for one in scores:
         for rule in contradictions(one.metrics, rules):
             raise DataError(f"{objects}: {one.object_id} cannot have scored so: {rule} must hold")
-    columns: dict[str, list[Any]] = table.to_pydict()
     if (source := "+".join(sorted(set(columns["source"])))) != entry["dataset"]["source"]:
         raise DataError(f"{path}: source is not that of the objects, {source}")
     return columns
 
 
-def _objects_of(table: pa.Table, rules: Protocol) -> tuple[ObjectScore, ...]:
-    has_sd = not set(rules.sd_metrics).isdisjoint(table.column_names)
+def objects_of(columns: Mapping[str, Sequence[Any]], rules: Protocol) -> tuple[ObjectScore, ...]:
+    """Scores of the objects, from the columns of :func:`object_columns`.
+
+    Raises
+    ------
+    KeyError
+        If a column is missing.
+    """
+    names = rules.metrics_of(has_sd=not set(rules.sd_metrics).isdisjoint(columns))
+    rows = zip(*(columns[name] for name in (*_OBJECT_COLUMNS, *names)), strict=True)
     return tuple(
-        ObjectScore(
-            **{name: row[name] for name in _OBJECT_COLUMNS},
-            metrics={name: row[name] for name in rules.metrics_of(has_sd=has_sd)},
-        )
-        for row in table.to_pylist()
+        ObjectScore(one, category, source, extent_cm, dict(zip(names, values, strict=True)))
+        for one, category, source, extent_cm, *values in rows
     )
 
 

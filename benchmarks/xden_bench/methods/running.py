@@ -67,6 +67,8 @@ class Options:
         Where colour pictures come from.
     command
         That runs this again.
+    hardware
+        What it runs on; empty if not told.
     """
 
     target: Target = "density"
@@ -76,6 +78,7 @@ class Options:
     save: Path | None = None
     pictures: PictureSource | None = None
     command: str = ""
+    hardware: str = ""
 
     def check(self, predictor: Predictor) -> None:
         """Refuse what asks a method for something it cannot do.
@@ -314,6 +317,7 @@ class _Run:
             command=self.scope.command(),
             notes=_short([self.predictor.notes, *self._notes(fit, facts)]),
             seconds_per_object=self._seconds(facts),
+            hardware=self.options.hardware,
             seed=fit.seed if fit else None,
             manifest_sha256=self.scope.task.manifest_sha256,
         )

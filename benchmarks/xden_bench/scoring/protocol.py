@@ -16,7 +16,7 @@ from xden_bench.scoring.names import skeleton
 
 __all__ = ["PROTOCOLS", "Protocol", "is_trivial", "load_protocol"]
 
-PROTOCOLS: Final = ("v1", "paper")
+PROTOCOLS: Final = ("v2", "v1", "paper")
 """Every protocol there is, the default first."""
 
 
@@ -62,6 +62,25 @@ class Protocol:
         :func:`xden_bench.scoring.metrics.relative_error` is below this.
     open_choices
         What a source that this protocol follows leaves open, and what is taken here.
+    dataset
+        Name of the benchmark's dataset; empty where the protocol names none.
+    unseen_categories
+        Left out of training altogether: the objects of the split ``unseen``.
+    interval_metrics
+        Whose means get an interval by :mod:`xden_bench.scoring.clusters`, and a macro mean beside
+        every mean; empty where intervals are percentiles over objects.
+    min_interval_objects, min_interval_categories
+        With fewer of either no interval is given.
+    rank_error
+        Probability that anywhere in a table of equal methods one is ranked below another.
+    rank_methods
+        Up to which number of methods in a table that holds; 0 where nothing is ranked.
+    rank_scale
+        Ranks are told apart by ``loss / (loss + rank_scale)``, in the unit of ``rank_by``.
+    min_seeds
+        A trained row of fewer says so.
+    refuse_above_max_density
+        Whether a value above ``max_density_g_cm3`` is an error.
 
     Raises
     ------
@@ -87,6 +106,16 @@ class Protocol:
     copied_within: float = 0.002
     refuse_above_limit: bool = False
     open_choices: Mapping[str, str] = field(default_factory=dict)
+    dataset: str = ""
+    unseen_categories: Sequence[str] = ()
+    interval_metrics: Sequence[str] = ()
+    min_interval_objects: int = 0
+    min_interval_categories: int = 0
+    rank_error: float = 0.0
+    rank_methods: int = 0
+    rank_scale: float = 1.0
+    min_seeds: int = 1
+    refuse_above_max_density: bool = False
 
     def __post_init__(self) -> None:
         if unknown := sorted({*self.metrics, *self.sd_metrics} - METRICS.keys()):
@@ -100,8 +129,15 @@ class Protocol:
             )
         if self.rank_by not in self.metrics:
             raise DataError(f"protocol {self.name}: rank_by {self.rank_by!r} is not in metrics")
+        if outside := sorted({*self.interval_metrics} - {*self.metrics_of(has_sd=True)}):
+            raise DataError(f"protocol {self.name}: interval_metrics {outside} are not in metrics")
         if list(self.size_edges_cm) != sorted(set(self.size_edges_cm)):
             raise DataError(f"protocol {self.name}: size_edges_cm must ascend")
+
+    @property
+    def is_ranked(self) -> bool:
+        """Whether rows have ranks and intervals that cover what they say: so since v2."""
+        return self.rank_methods > 0
 
     def metrics_of(self, *, has_sd: bool) -> tuple[str, ...]:
         """Names of the metrics of a submission, which depend on whether it gives deviations."""
