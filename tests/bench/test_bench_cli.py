@@ -167,7 +167,7 @@ def test_score_as_json_and_to_a_file(
     assert done.exit_code == 0
     entry = json.loads(done.stdout)
     assert entry == json.loads((tmp_path / "score.json").read_text())
-    assert entry["metrics"]["mass_mape"] == {"mean": 0.0, "ci95": [0.0, 0.0]}
+    assert entry["metrics"]["mass_mape"] == {"mean": 0.0, "macro_mean": 0.0, "ci95": None}
     assert not (tmp_path / "benchmarks").exists()
 
 
@@ -298,7 +298,7 @@ def test_submit_says_what_comes_next(
 ) -> None:
     path = submission()
     away = run("submit", path).stdout.splitlines()[-2:]
-    assert away[0].startswith(f"entered: {tmp_path}/benchmarks/results/v1/")
+    assert away[0].startswith(f"entered: {tmp_path}/benchmarks/results/v2/")
     assert "This is no checkout of the repository" in away[1]
     last = run("submit", path, "--out", "my results").stdout.splitlines()[-1]
     assert last == "`xden-bench leaderboard --results 'my results'` makes the table."
@@ -422,11 +422,11 @@ def test_compare_takes_submissions_and_entries(run: Callable[..., Result]) -> No
     run("baseline", "zero")
     text = run("compare", water, "zero.npz").stdout
     assert text.startswith("a: water\nb: zero\nmetric ")
-    assert re.search(r"mass MAPE ↓ +-0\.5528 .* 100\.0% +4 : 0", text)
+    assert re.search(r"mass MAPE ↓ +-0\.5528 +- +0\.125 +4 : 0", text)
     found = json.loads(run("compare", "zero.npz", water, "--json", "--largest", "1").stdout)
     assert (found["a"], found["b"], found["split"]) == ("zero", "water", "test")
     mape = found["metrics"]["mass_mape"]
-    assert (mape["a_better_share"], mape["a_better"], mape["b_better"]) == (0.0, 0, 4)
+    assert (mape["p_equal"], mape["a_better"], mape["b_better"]) == (0.125, 0, 4)
     assert len(mape["largest"]) == 1
     run("baseline", "water", "--target", "apparent_density", "--out", "other.npz")
     refused = run("compare", water, "other.npz")

@@ -18,6 +18,7 @@ from xden_bench.commands.shared import (
     FILE,
     command_line,
     echo_lines,
+    interval_text,
     key_option,
     open_reference,
     parse_command,
@@ -64,9 +65,9 @@ SHOWN = 10
 def compare(a: Path, b: Path, largest: int, as_json: bool, **asked: Any) -> None:
     """Compare two methods on the same objects.
 
-    A and B are submissions (.npz), which are scored, or stored entries (.json). The interval of the
-    difference is a paired bootstrap's: where it excludes zero, one of them is better. Objects of
-    the split private are not listed.
+    A and B are submissions (.npz), which are scored, or stored entries (.json). Where the interval
+    of the mean difference excludes zero, one of them is better; it is given only where it can be
+    trusted. p is the sign test's over categories. Objects of the split private are not listed.
     """
     from xden1k.values.types import PRIVATE
     from xden_bench.scoring.comparison import compare as compare_scores
@@ -214,6 +215,7 @@ def _verified(
     scratch: Path,
 ) -> Verification:
     """Score a submission, or one made anew, and compare it with the entry."""
+    from xden_bench.entries.entry_form import FIRST_SCHEMA
     from xden_bench.entries.verification import check_reference
     from xden_bench.entries.verification import verify as compare_all
     from xden_bench.methods.trivial import score_told
@@ -223,7 +225,8 @@ def _verified(
     rules = load_protocol(entry["protocol"])
     path = submission or scratch / "remade.npz"
     if submission is None:
-        asked = parse_command(entry["command"], submit)
+        then = {"protocol": "v1"} if entry["schema"] == FIRST_SCHEMA else None
+        asked = parse_command(entry["command"], submit, then)
         for name, stated in (("protocol", rules.name), ("split", reference.split)):
             if asked[name] != stated:
                 raise DataError(f"the entry's command has {name} {asked[name]}, not {stated}")
@@ -248,13 +251,13 @@ def _echo_comparison(a: str, b: str, found: Mapping[str, Comparison]) -> None:
         (
             METRICS[name].heading,
             f"{one.difference.mean:+.4f}",
-            f"{one.difference.low:+.4f} to {one.difference.high:+.4f}",
-            f"{one.a_better_share:.1%}",
+            interval_text(one.difference, "+.4f"),
+            f"{one.p_equal:.3g}",
             f"{one.a_better} : {one.b_better}",
         )
         for name, one in found.items()
     ]
-    headings = ["metric", "a - b", "95 % interval", "a better in", "objects a : b"]
+    headings = ["metric", "a - b", "95 % interval", "p (sign test)", "objects a : b"]
     click.echo(f"a: {a}\nb: {b}\n" + tabulate(rows, headings, disable_numparse=True))
     for name, one in found.items():
         if not one.largest:

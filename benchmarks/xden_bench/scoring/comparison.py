@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
+from scipy.stats import binomtest
 
 from xden1k.errors import DataError
-from xden_bench.scoring.bootstrap import CI95, SAME, Estimate, resampled_means
+from xden_bench.scoring.bootstrap import SAME, Estimate
+from xden_bench.scoring.clusters import CategorySums, category_sums
 from xden_bench.scoring.metrics import METRICS, Metric
 from xden_bench.scoring.protocol import Protocol
+from xden_bench.scoring.score import protocol_intervals
 
 __all__ = ["Comparison", "ObjectPair", "Scored", "compare"]
 
@@ -28,7 +31,7 @@ class Scored:
     compared
         Whatever must be the same in two methods to be compared, by name: protocol, dataset, ...
     columns
-        Scores of the objects by column: ``object_id`` and one for each metric.
+        Scores of the objects by column: ``object_id``, ``category`` and one for each metric.
     """
 
     name: str
@@ -73,9 +76,11 @@ class Comparison:
     Parameters
     ----------
     difference
-        Mean of a - b over objects and its 95 % interval.
-    a_better_share
-        Share of the resamples in which the mean of a is better; an equal one counts half.
+        Mean of a - b over objects, and its 95 % interval where the protocol trusts one.
+    p_equal
+        Of the sign test over categories: how probable so uneven a division is, or one more
+        uneven, if a category is as likely to be better in a as in b. Ties are left out (Conover,
+        1999, *Practical Nonparametric Statistics*, 3.4). It holds whatever the tails.
     a_better, b_better
         Objects on which a, or b, is better; on the others they are equal.
     largest
@@ -83,7 +88,7 @@ class Comparison:
     """
 
     difference: Estimate
-    a_better_share: float
+    p_equal: float
     a_better: int
     b_better: int
     largest: tuple[ObjectPair, ...]
@@ -92,14 +97,15 @@ class Comparison:
 def compare(a: Scored, b: Scored, protocol: Protocol, largest: int = 5) -> Mapping[str, Comparison]:
     """Compare two methods by every metric that both have.
 
-    The paired bootstrap: each resample draws objects, and takes both methods on the same ones.
+    Paired: both are seen on the same objects, and categories are what is drawn, for the interval
+    and for the sign test.
 
     Parameters
     ----------
     a, b
         Two methods.
     protocol
-        For the number and seed of the resamples.
+        Which metrics have an interval; one before v2 has none.
     largest
         How many objects to list.
 
@@ -120,13 +126,17 @@ def compare(a: Scored, b: Scored, protocol: Protocol, largest: int = 5) -> Mappi
     names = [name for name in protocol.metrics_of(has_sd=True) if name in a.columns]
     names = [name for name in names if name in b.columns]
     values = np.array([[one.columns[name] for name in names] for one in (a, b)], dtype=np.float64)
-    draws = [
-        resampled_means(each.T, protocol.bootstrap_resamples, protocol.bootstrap_seed)
-        for each in values
-    ]
+    categories = a.columns["category"]
+    sums = category_sums((values[0] - values[1]).T, categories)
+    intervals = protocol_intervals(sums, names, protocol)
     return {
         name: _compared(
-            METRICS[name], ids, values[:, place], [one[:, place] for one in draws], largest
+            METRICS[name],
+            ids,
+            values[:, place],
+            Estimate(float(sums.means[place]), intervals.get(name)),
+            categories,
+            largest,
         )
         for place, name in enumerate(names)
     }
@@ -136,22 +146,32 @@ def _compared(
     metric: Metric,
     ids: Sequence[str],
     values: Float64[np.ndarray, "2 objects"],
-    draws: Sequence[Float64[np.ndarray, "resamples"]],
+    difference: Estimate,
+    categories: Sequence[str],
     largest: int,
 ) -> Comparison:
     """Compare by one metric."""
-    difference = values[0] - values[1]
-    low, high = np.quantile(draws[0] - draws[1], CI95)
-    signs, wins = (
-        np.sign(np.where(np.abs(worse) <= SAME, 0.0, worse))
-        for worse in (metric.loss(each[0]) - metric.loss(each[1]) for each in (draws, values))
-    )
-    apart = np.abs(difference)
+    worse = metric.loss(values[0]) - metric.loss(values[1])
+    signs = _signs(worse)
+    apart = np.abs(values[0] - values[1])
     order = [i for i in np.argsort(-apart, kind="stable")[:largest] if apart[i] > SAME]
     return Comparison(
-        Estimate(float(difference.mean()), float(low), float(high)),
-        float((1 - signs.mean()) / 2),
-        int((wins < 0).sum()),
-        int((wins > 0).sum()),
+        difference,
+        _sign_test(category_sums(worse[:, None], categories)),
+        int((signs < 0).sum()),
+        int((signs > 0).sum()),
         tuple(ObjectPair(ids[i], float(values[0, i]), float(values[1, i])) for i in order),
     )
+
+
+def _sign_test(worse: CategorySums) -> float:
+    """Probability of the division of the categories, by the sign of their mean."""
+    signs = _signs(worse.sums[:, 0] / worse.sizes)
+    decided = int((signs != 0).sum())
+    return float(binomtest(int((signs > 0).sum()), decided).pvalue) if decided else 1.0
+
+
+def _signs(worse: Float64[np.ndarray, "n"]) -> Float64[np.ndarray, "n"]:
+    """Signs, 0 for what only rounding tells apart."""
+    signs: Float64[np.ndarray, "n"] = np.sign(np.where(np.abs(worse) <= SAME, 0.0, worse))
+    return signs
