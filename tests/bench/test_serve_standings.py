@@ -35,7 +35,7 @@ def enter(submission: Submit, reference: Reference, tmp_path: Path) -> Callable[
         file = submission(lambda _, grid: np.float32(factor) * grid, f"{name}.npz", method=name)
         scored = score(file, reference, load_protocol())
         entry = entry_of(scored, reference, command="", date=datetime.date(2026, 1, 2))
-        return write_entry(entry, scored, tmp_path / "results")
+        return write_entry(entry, scored, tmp_path / "results", submission=file)
 
     return add
 
@@ -88,7 +88,7 @@ def test_ranks_and_rows_are_those_of_the_leaderboard(
     rows = [whole[place_of(row)] for row in table.rows]
     assert list(table.ranks) == ranks(rows)
     assert [row["method"]["name"] for row in rows] == ["times-1.1", "times-1.5", "times-3.0"]
-    assert standing(rows[2], rows, table.ranks) == "rank 3 of 3 in track geometry"
+    assert standing(rows[2], rows, table.ranks) == "rank 2 of 3 in track geometry"
 
 
 def test_a_changed_entry_is_verified_again_and_a_spoilt_one_is_left_out_and_named(

@@ -3,57 +3,127 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Bool, Float64
+from scipy.stats import t as student_t
 
 from xden1k.errors import DataError
 from xden_bench.methods.rebuilt import NAMES as REBUILT
-from xden_bench.scoring.bootstrap import CI95, SAME, resampled_means
+from xden_bench.scoring.bootstrap import SAME
+from xden_bench.scoring.clusters import CategorySums, category_sums
 from xden_bench.scoring.metrics import METRICS
-from xden_bench.scoring.protocol import is_trivial, load_protocol
+from xden_bench.scoring.protocol import Protocol, is_trivial, load_protocol
 
-__all__ = ["TRIVIAL", "Entry", "better", "rank_labels", "ranks", "unranked_because"]
+__all__ = [
+    "MERGED",
+    "TRIVIAL",
+    "Entry",
+    "critical_distance",
+    "dense_ranks",
+    "rank_labels",
+    "ranks",
+    "trusted_interval",
+    "unranked_because",
+    "worse_beyond_doubt",
+]
 
 Entry = Mapping[str, Any]
 """As :func:`xden_bench.entries.result.read_entries` gives it."""
 
 TRIVIAL: Final = "trivial"
+MERGED: Final = "merged"
+"""Key of the reason why a row counts as another: :mod:`xden_bench.entries.merging`."""
 
 
-def better(
-    losses: Float64[np.ndarray, "objects rows"], resamples: int, seed: int
+def worse_beyond_doubt(
+    sums: CategorySums, error: float, methods: int
 ) -> Bool[np.ndarray, "rows rows"]:
-    """Whether row i is better than row j beyond doubt, on the same objects.
+    """Whether row i is worse than row j beyond doubt, on the same objects.
 
-    It is where the 95 % percentile bootstrap interval of the mean difference per object lies below
-    zero. Two intervals overlap long before their difference is in doubt: what makes an object hard
-    for one method makes it hard for another, and the difference does not see that.
+    The mean difference in units of its standard error over categories lies above
+    :func:`critical_distance`. The relation is transitive, since standard errors keep the
+    triangle inequality and the critical distance is the same for all pairs.
 
     Parameters
     ----------
-    losses
-        Shape (objects, rows), lower is better.
-    resamples, seed
-        As in :func:`xden_bench.scoring.bootstrap.resampled_means`.
+    sums
+        Of the losses, lower is better, a column for each row.
+    error, methods
+        See :func:`critical_distance`.
 
     Examples
     --------
-    >>> hard, easy = [9.0, 9.5], [1.0, 1.5]
-    >>> better(np.array([hard, easy, hard, easy]), 1000, 0).tolist()
-    [[False, True], [False, False]]
+    >>> sums = category_sums(np.array([[0.1, 0.5], [0.2, 0.7], [0.1, 0.6]]), ["a", "b", "c"])
+    >>> worse_beyond_doubt(sums, error=0.05, methods=2).tolist()
+    [[False, False], [True, False]]
     """
-    drawn = resampled_means(losses, resamples, seed)
-    highs = [np.quantile(drawn - row[:, None], CI95[1], axis=0) for row in drawn.T]
-    beyond: Bool[np.ndarray, "rows rows"] = -SAME > np.array(highs).T
-    return beyond
+    critical = critical_distance(error, methods, len(sums.sizes))
+    influences = sums.influences
+    apart = sums.means[:, None] - sums.means
+    errors = np.array(
+        [np.linalg.norm(influences - one[:, None], axis=0) for one in influences.T]
+    ).reshape(apart.shape)
+    worse: Bool[np.ndarray, "rows rows"] = (apart > SAME) & (apart > critical * errors)
+    return worse
+
+
+@lru_cache
+def critical_distance(error: float, methods: int, categories: int) -> float:
+    """How many standard errors a difference must have to be beyond doubt.
+
+    Student's distribution with one degree of freedom less than there are categories, and the
+    Bonferroni bound over all ordered pairs of so many methods: whatever the dependence, the
+    probability that any two of them are told apart, if all are equal, is at most ``error``. It
+    does not depend on how many rows a table has, so that no row can change what is known of two
+    others. Infinite for one category.
+
+    Examples
+    --------
+    >>> round(critical_distance(0.05, 2, 101), 3), round(critical_distance(0.05, 30, 101), 3)
+    (1.984, 4.123)
+    """
+    if categories < 2:
+        return np.inf
+    return float(student_t.isf(error / (methods * (methods - 1)), categories - 1))
+
+
+def dense_ranks(means: Sequence[float], worse: Bool[np.ndarray, "rows rows"]) -> Sequence[int]:
+    """Rank of each row, in the order of the means, dense.
+
+    A row shares the rank of the one above it, unless it is worse beyond doubt than one that has
+    this rank: then it opens the next.
+
+    Parameters
+    ----------
+    means
+        Of each row, lower is better.
+    worse
+        From :func:`worse_beyond_doubt`.
+
+    Examples
+    --------
+    >>> worse = np.array([[False, False, False], [False, False, False], [True, False, False]])
+    >>> dense_ranks([0.1, 0.2, 0.3], worse)
+    [1, 1, 2]
+    """
+    found, rank = [0] * len(means), 0
+    group: list[int] = []
+    for row in np.argsort(means, kind="stable").tolist():
+        if not group or worse[row, group].any():
+            rank, group = rank + 1, []
+        group.append(row)
+        found[row] = rank
+    return found
 
 
 def ranks(rows: Sequence[Entry]) -> list[int | None]:
-    """Rank of each row: one more than the number of rows that are :func:`better`.
+    """Rank of each row by :func:`dense_ranks`.
 
-    Rows that :func:`unranked_because` gives a reason for have no rank and push nobody down.
+    Rows that :func:`unranked_because` gives a reason for have no rank and push nobody down. No row
+    of a protocol before v2 has one.
 
     Parameters
     ----------
@@ -65,14 +135,15 @@ def ranks(rows: Sequence[Entry]) -> list[int | None]:
     DataError
         If two rows were scored on different objects.
     """
-    places = [place for place, row in enumerate(rows) if unranked_because(row) is None]
     found: list[int | None] = [None] * len(rows)
-    if places:
-        rules = load_protocol(rows[0]["protocol"])
-        losses = _losses([rows[place] for place in places], rules.rank_by)
-        beaten = better(losses, rules.bootstrap_resamples, rules.bootstrap_seed).sum(axis=0)
-        for place, count in zip(places, beaten, strict=True):
-            found[place] = 1 + int(count)
+    places = [place for place, row in enumerate(rows) if unranked_because(row) is None]
+    if not places or not (rules := load_protocol(rows[0]["protocol"])).is_ranked:
+        return found
+    counted = [rows[place] for place in places]
+    losses, categories = _losses(counted, rules.rank_by), counted[0]["object_scores"]["category"]
+    worse = _worse(losses, categories, rules)
+    for place, rank in zip(places, dense_ranks(losses.mean(axis=0), worse), strict=True):
+        found[place] = rank
     return found
 
 
@@ -112,7 +183,39 @@ def unranked_because(row: Entry) -> str | None:
         return "its values are those of a trivial method"
     if row["method"]["name"] in REBUILT and "scan" in row["dataset"]["source"].split("+"):
         return "circular: on scans the truth is the builder's own reconstruction"
-    return None
+    reason: str | None = row.get(MERGED)
+    return reason
+
+
+def trusted_interval(row: Entry, metric: str) -> Sequence[float] | None:
+    """Return both ends of the 95 % interval of a row's mean; None where it would cover less.
+
+    So it is by a protocol before v2, and of an oracle, whose few errors are all tail.
+
+    Parameters
+    ----------
+    row
+        That has the metric.
+    metric
+        Its name.
+    """
+    if not load_protocol(row["protocol"]).is_ranked or "truth" in row["method"]["inputs"]:
+        return None
+    ends: Sequence[float] | None = row["metrics"][metric]["ci95"]
+    return ends
+
+
+def _worse(
+    losses: Float64[np.ndarray, "objects rows"], categories: Sequence[str], rules: Protocol
+) -> Bool[np.ndarray, "rows rows"]:
+    """Which rows are worse by the mean, and beyond doubt by the bounded loss.
+
+    ``loss / (loss + scale)`` ends at 1: a few objects that are far off neither decide nor widen
+    the doubt until nothing can be told apart.
+    """
+    bounded = losses / (losses + rules.rank_scale)
+    sums = category_sums(bounded, categories)
+    return worse_beyond_doubt(sums, rules.rank_error, rules.rank_methods)
 
 
 def _losses(rows: Sequence[Entry], metric: str) -> Float64[np.ndarray, "objects rows"]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from xden_bench.entries.merging import entries_of
 from xden_bench.entries.ranking import Entry, unranked_because
 from xden_bench.entries.result import entry_path
 
@@ -33,9 +34,11 @@ def standing(entry: Entry, rows: Sequence[Entry], ranks: Sequence[int | None]) -
     ranks
         Of the rows, as :func:`xden_bench.entries.ranking.ranks` gives them.
     """
-    places = [entry_path(row) for row in rows]
-    rank = ranks[places.index(entry_path(entry))]
+    own = entry_path(entry)
+    held = [own in map(entry_path, entries_of(row)) for row in rows]
+    rank = ranks[held.index(True)]
     if rank is None:
-        return f"no rank in track {entry['track']}: {unranked_because(entry)}"
+        reason = unranked_because(rows[held.index(True)])
+        return f"no rank in track {entry['track']}: {reason}"
     count = sum(one is not None for one in ranks)
     return f"rank {rank_label(rank, ranks)} of {count} in track {entry['track']}"

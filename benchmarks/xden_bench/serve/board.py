@@ -284,7 +284,7 @@ def _group_cell(group: Mapping[str, Any] | None, metric: str) -> str:
     if group is None or metric not in group["metrics"]:
         return ""
     found = group["metrics"][metric]
-    return f"{found['mean']:.3f} {_interval(found)}".rstrip()
+    return f"{found['mean']:.3f}"  # a group is too small for an interval
 
 
 def _title(row: Entry) -> str:

@@ -21,7 +21,8 @@ from typing import Any, Final
 
 from xden1k.errors import DataError
 from xden_bench.entries.leaderboard import tables
-from xden_bench.entries.ranking import Entry, ranks
+from xden_bench.entries.merging import entries_of
+from xden_bench.entries.ranking import Entry, ranks, trusted_interval
 from xden_bench.entries.result import (
     entry_path,
     entry_paths,
@@ -82,7 +83,12 @@ class Snapshot:
     def table_of(self, place: str) -> Table | None:
         """Return the table that has an entry, given its place among the results."""
         return next(
-            (one for one in self.tables if any(place_of(row) == place for row in one.rows)), None
+            (
+                table
+                for table in self.tables
+                if any(place == place_of(one) for row in table.rows for one in entries_of(row))
+            ),
+            None,
         )
 
 
@@ -157,7 +163,8 @@ class Standings:
             entries, problems = read_sound_entries(self.results, read)
             for problem in problems:
                 logger.error("left out: %s", problem)
-            ranked = [self._table(rows, keys, compute) for rows in tables(entries)]
+            whole = [{**one, _OBJECTS: _objects(one, self.results)} for one in entries]
+            ranked = [self._table(rows, keys, compute) for rows in tables(whole)]
         self._kept.keep_only([*keys.values(), *(key for key, _ in ranked)])
         return Snapshot(entries, tuple(table for _, table in ranked))
 
@@ -180,10 +187,11 @@ class Standings:
         self, rows: Sequence[Entry], keys: Mapping[Path, str], compute: Compute
     ) -> tuple[str, Table]:
         """Rank a table, or find how it was ranked."""
-        key = key_of("ranks", *(keys[self.results / entry_path(row)] for row in rows))
+        parts = [one for row in rows for one in entries_of(row)]
+        key = key_of("ranks", *(keys[self.results / entry_path(one)] for one in parts))
         if key not in self._kept:
-            self._kept[key] = compute(_ranks, rows, self.results)()
-        return key, Table(tuple(rows), tuple(self._kept[key]))
+            self._kept[key] = compute(ranks, rows)()
+        return key, Table(tuple(map(_light, rows)), tuple(self._kept[key]))
 
     @contextmanager
     def _computing(self) -> Iterator[Compute]:
@@ -212,11 +220,6 @@ def _verified(path: Path, results: Path) -> Entry:
     return _light(read_entry(path, results))
 
 
-def _ranks(rows: Sequence[Entry], results: Path) -> list[int | None]:
-    """Rank rows, for which the scores of their objects are read."""
-    return ranks([{**row, _OBJECTS: _objects(row, results)} for row in rows])
-
-
 def _objects(row: Entry, results: Path) -> dict[str, list[Any]]:
     data = (results / entry_path(row)).with_suffix(".parquet").read_bytes()
     columns: dict[str, list[Any]] = read_table(data).to_pydict()
@@ -224,7 +227,13 @@ def _objects(row: Entry, results: Path) -> dict[str, list[Any]]:
 
 
 def _light(entry: Entry) -> Entry:
-    return {key: value for key, value in entry.items() if key != _OBJECTS}
+    """Return an entry without the scores of its objects and without intervals that cover less."""
+    light = {key: value for key, value in entry.items() if key != _OBJECTS}
+    light["metrics"] = {
+        name: {**one, "ci95": trusted_interval(entry, name)}
+        for name, one in entry["metrics"].items()
+    }
+    return light | ({"seeds": [*map(_light, entry["seeds"])]} if "seeds" in entry else {})
 
 
 def _files(results: Path) -> Files:

@@ -1,0 +1,183 @@
+"""Ranks: in the order of the means, and no row changes what is known of others."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+from scipy.stats import t as student_t
+
+from xden_bench.entries.merging import merged_rows, seed_spread
+from xden_bench.entries.ranking import (
+    critical_distance,
+    dense_ranks,
+    rank_labels,
+    ranks,
+    unranked_because,
+    worse_beyond_doubt,
+)
+from xden_bench.scoring.clusters import category_sums
+from xden_bench.scoring.protocol import load_protocol
+
+RULES = load_protocol()
+METRIC = RULES.rank_by
+OBJECTS, SIZE = 40, 2
+CATEGORIES = [f"kind-{i // SIZE:02}" for i in range(OBJECTS)]
+HARD = np.random.default_rng(0).lognormal(size=OBJECTS)
+
+
+def row(name: str, losses: np.ndarray, **changes: Any) -> dict[str, Any]:
+    """An entry with what ranking reads of it."""
+    count = sum(map(ord, name)) + changes.get("seed", 0) * 10_000
+    values = losses.tolist()
+    scores = dict.fromkeys((*RULES.metrics, "extent_cm"), values)
+    means = {one: {"mean": float(losses.mean()), "ci95": None} for one in RULES.metrics}
+    ids = [f"mug-{i:04}" for i in range(OBJECTS)]
+    scores |= {"object_id": ids, "category": CATEGORIES, "source": ["phantom"] * OBJECTS}
+    return {
+        "method": {
+            **{"name": name, "inputs": ["mesh"], "training_data": [], "seconds_per_object": None},
+            "seed": changes.get("seed"),
+        },
+        **{"protocol": "v2", "metric_version": 1, "warnings": [], "target": "density"},
+        "dataset": {"source": "phantom", "split": "test"},
+        "date": changes.get("date", "2026-01-01"),
+        "submission_sha256": f"{count:064x}",
+        "metrics": means,
+        "object_scores": scores,
+        **({"team": {"public_key": changes["team"]}} if "team" in changes else {}),
+        **({"arrays_sha256": changes["arrays"]} if "arrays" in changes else {}),
+    }
+
+
+def honest(count: int, seed: int = 1, spread: float = 0.3) -> list[np.ndarray]:
+    """Losses of methods that find the same objects hard, each a little worse than the last."""
+    rng = np.random.default_rng(seed)
+    return [HARD * (1 + 0.25 * i) * np.exp(spread * rng.normal(size=OBJECTS)) for i in range(count)]
+
+
+def rank_of(rows: list[Any]) -> dict[str, int | None]:
+    return {one["method"]["name"]: rank for one, rank in zip(rows, ranks(rows), strict=True)}
+
+
+def test_two_rows_are_told_apart_where_students_paired_test_does() -> None:
+    rng = np.random.default_rng(0)
+    losses = rng.random((30, 2))
+    losses[:, 1] += 0.15
+    difference = losses[:, 1] - losses[:, 0]
+    found = difference.mean() / (difference.std(ddof=1) / np.sqrt(30))
+    level = 2 * student_t.sf(found, 29)  # of two methods: both orders
+    sums = category_sums(losses, [f"{i}" for i in range(30)])
+    assert worse_beyond_doubt(sums, level * 1.001, 2)[1, 0]
+    assert not worse_beyond_doubt(sums, level * 0.999, 2)[1, 0]
+    assert not worse_beyond_doubt(sums, 0.999, 2)[0, 1]
+
+
+losses_of_rows = npst.arrays(
+    np.float64, (8, 6), elements=st.floats(0, 4).map(lambda value: round(value, 2))
+)
+
+
+@given(losses_of_rows, st.floats(0.001, 0.9))
+@settings(deadline=None)
+def test_doubt_is_transitive(losses: np.ndarray, error: float) -> None:
+    worse = worse_beyond_doubt(category_sums(losses, list("aabbccdd")), error, 3)
+    for i, j, k in np.ndindex(6, 6, 6):
+        assert worse[i, k] or not (worse[i, j] and worse[j, k])
+
+
+@given(losses_of_rows, st.floats(0.001, 0.9))
+@settings(deadline=None)
+def test_a_row_more_improves_no_rank_and_worsens_none_by_more_than_one(
+    losses: np.ndarray, error: float
+) -> None:
+    worse = worse_beyond_doubt(category_sums(losses, list("aabbccdd")), error, 3)
+    means = losses.mean(axis=0)
+    before = dense_ranks(means[:-1].tolist(), worse[:-1, :-1])
+    after = dense_ranks(means.tolist(), worse)[:-1]
+    assert all(was <= now <= was + 1 for was, now in zip(before, after, strict=True))
+
+
+@given(losses_of_rows, st.permutations(range(6)), st.floats(0.001, 0.9))
+@settings(deadline=None)
+def test_ranks_follow_the_means_whatever_the_order_of_the_rows(
+    losses: np.ndarray, order: list[int], error: float
+) -> None:
+    losses = losses + np.arange(6) * 1e-4  # no two means are the same
+    sums = category_sums(losses, list("aabbccdd"))
+    found = dense_ranks(sums.means.tolist(), worse_beyond_doubt(sums, error, 3))
+    assert [found[i] for i in np.argsort(sums.means)] == sorted(found)
+    assert set(found) == set(range(1, max(found) + 1))
+    turned = category_sums(losses[:, order], list("aabbccdd"))
+    again = dense_ranks(turned.means.tolist(), worse_beyond_doubt(turned, error, 3))
+    assert again == [found[i] for i in order]
+
+
+def test_the_critical_distance_knows_nothing_of_the_table() -> None:
+    assert critical_distance(0.05, 30, 107) == pytest.approx(student_t.isf(0.05 / 870, 106))
+    assert critical_distance(0.05, 30, 1) == np.inf
+
+
+def test_three_ruined_objects_neither_hide_a_worse_method_nor_help_it() -> None:
+    good, bad = honest(1)[0], 1.5 * honest(1)[0]
+    assert rank_of([row("good", good), row("bad", bad)]) == {"good": 1, "bad": 2}
+    bad[:3] = 25.0
+    assert rank_of([row("good", good), row("bad", bad)]) == {"good": 1, "bad": 2}
+
+
+def test_ten_copies_push_nobody() -> None:
+    first, second = honest(2, spread=0.1)
+    rng = np.random.default_rng(2)
+    rows = [row("first", first), row("second", second)]
+    copies = [
+        row(f"copy {i}", first * (1 + 1e-3 * rng.normal(size=OBJECTS)), date="2026-01-02")
+        for i in range(10)
+    ]
+    found = merged_rows([*copies, *rows])
+    assert [one["method"]["name"] for one in found][:: len(found) - 1] == ["first", "second"]
+    assert ranks(found) == [1, *[None] * 10, 2]
+    assert unranked_because(found[1]) == "a copy of first, which came first"
+
+
+def test_the_same_arrays_are_a_copy_whatever_was_scored_of_them() -> None:
+    first, other = honest(2)
+    rows = merged_rows(
+        [row("a", first, arrays="f" * 64), row("b", other, arrays="f" * 64, date="2026-02-01")]
+    )
+    assert [one["method"]["name"] for one in rows] == ["a", "b"]
+    assert rank_labels(rows) == ["1", ""]
+
+
+def test_methods_that_differ_as_networks_of_one_design_do_are_no_copies() -> None:
+    rng = np.random.default_rng(3)
+    near = HARD * np.exp(0.15 * rng.normal(size=OBJECTS))
+    assert None not in ranks(merged_rows([row("a", HARD), row("b", near)]))
+
+
+def test_seeds_of_a_method_are_one_row_with_their_mean_and_spread() -> None:
+    seeds = [row("net", HARD * factor, seed=i) for i, factor in enumerate((1.0, 1.1, 1.2))]
+    (found,) = merged_rows(seeds)
+    assert found["metrics"][METRIC]["mean"] == pytest.approx(1.1 * HARD.mean())
+    assert found["object_scores"][METRIC] == pytest.approx((1.1 * HARD).tolist())
+    assert seed_spread(found, METRIC) == pytest.approx(0.1 * HARD.mean())
+    assert [one["method"]["seed"] for one in found["seeds"]] == [0, 1, 2]
+
+
+def test_of_a_method_and_seed_that_came_again_the_better_counts() -> None:
+    better, worse = honest(2)
+    rows = merged_rows([row("net", worse), row("net", better, date="2026-03-01", arrays="0" * 64)])
+    assert rows[0]["metrics"][METRIC]["mean"] == pytest.approx(better.mean())
+
+
+def test_teams_may_have_methods_of_one_name() -> None:
+    rows = merged_rows([row("net", one, team=f"{i}") for i, one in enumerate(honest(2))])
+    assert [one.get("merged") for one in rows] == [None, None]
+
+
+def test_a_protocol_before_v2_ranks_nothing() -> None:
+    rows = [row("a", HARD) | {"protocol": "v1"}, row("b", 2 * HARD) | {"protocol": "v1"}]
+    assert ranks(rows) == [None, None]
