@@ -45,7 +45,7 @@ def test_the_hubs_own_reader_reads_the_values_back(entry: dict[str, Any], tmp_pa
     for one in found:
         assert (one.dataset_id, one.date) == ("me/my-data", "2025-12-10")
         assert one.notes is not None
-        assert "4 objects, simulated phantoms; track geometry, protocol v1" in one.notes
+        assert "4 objects, simulated phantoms; track geometry, protocol v2" in one.notes
         assert one.notes.endswith("self-reported")
 
 
@@ -53,7 +53,7 @@ def test_the_hubs_own_reader_reads_the_values_back(entry: dict[str, Any], tmp_pa
     ("changes", "reason"),
     [
         ({"target": "apparent_density"}, "target must be 'density', got 'apparent_density'"),
-        ({"protocol": "paper"}, "protocol must be 'v1', got 'paper'"),
+        ({"protocol": "paper"}, "protocol must be 'v2', got 'paper'"),
         ({"metric_version": 0}, "metric version must be 1, got 0"),
         ({"warnings": ["W504: x"]}, "not ranked: its values are those of the reference"),
     ],

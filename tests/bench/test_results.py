@@ -90,7 +90,8 @@ def test_an_entry_says_how_to_remake_it(
     assert entry["commit"] is None or len(entry["commit"].removesuffix("-dirty")) == 40
     assert entry["bootstrap"] == {"seed": 20251210, "resamples": 10000}
     assert entry["metrics"]["mass_mape"]["mean"] == pytest.approx(0.1, rel=1e-5)
-    assert len(entry["metrics"]["mass_mape"]["ci95"]) == 2
+    assert entry["metrics"]["mass_mape"]["macro_mean"] == pytest.approx(0.1, rel=1e-5)
+    assert entry["metrics"]["mass_mape"]["ci95"] is None
     assert entry["by_category"]["bar"]["n_objects"] == 1
     assert entry["higher_is_better"]["mass_mnre"] is True
 
@@ -109,6 +110,7 @@ def test_an_entry_comes_back_with_its_objects(
     path = write_entry(stored(entry), scored, tmp_path / "results")
     (read,) = read_entries(tmp_path / "results")
     objects = path.parent / read.pop("objects")["file"]
+    assert read.pop("disqualified") == "its predictions are archived nowhere"
     assert read == json.loads(json.dumps(entry))
     assert read["metric_version"] == RULES.metric_version
     table = pq.read_table(objects).to_pydict()
@@ -151,7 +153,7 @@ def test_an_entry_lies_where_its_content_says(
 ) -> None:
     path = write_entry(stored(entry), scored, tmp_path)
     path.rename(path.with_stem("better"))
-    with pytest.raises(DataError, match=r"better.json: its content belongs to v1/0.1.0-"):
+    with pytest.raises(DataError, match=r"better.json: its content belongs to v2/0.1.0-"):
         read_entries(tmp_path)
 
 
@@ -270,26 +272,27 @@ def row(
 ) -> Any:
     made = copy.deepcopy(entry)
     made["method"]["name"] = name
+    made["arrays_sha256"] = hashlib.sha256(f"{name} {mean}".encode()).hexdigest()
     interval = [mean - half, mean + half]
-    made["metrics"]["density_mae_g_cm3"] = {"mean": mean, "ci95": interval}
+    made["metrics"]["density_mae_g_cm3"] = {"mean": mean, "macro_mean": mean, "ci95": interval}
     made["object_scores"]["density_mae_g_cm3"] = [mean + half * one for one in noise]
     made["dataset"] |= changes.pop("dataset", {})
     return made | changes
 
 
-def test_rows_that_differ_on_every_object_are_told_apart_though_their_intervals_overlap(
+def test_rows_that_differ_by_as_much_on_every_object_are_told_apart(
     entry: dict[str, Any],
 ) -> None:
-    rows = [row(entry, "a", 1.0, 0.5), row(entry, "b", 1.1, 0.5), row(entry, "c", 2.0, 0.5)]
+    rows = [row(entry, "a", 1.0, 0.0), row(entry, "b", 1.1, 0.0), row(entry, "c", 2.0, 0.0)]
     assert ranks(rows) == [1, 2, 3]
     assert rank_labels(rows) == ["1", "2", "3"]
 
 
 def test_rows_whose_difference_depends_on_the_object_are_a_tie(entry: dict[str, Any]) -> None:
     turned = SPREAD[::-1]
-    rows = [row(entry, "a", 1.0, 0.5), row(entry, "b", 1.1, 0.5, turned), row(entry, "c", 3.0, 0.5)]
-    assert ranks(rows) == [1, 1, 3]
-    assert rank_labels(rows) == ["1=", "1=", "3"]
+    rows = [row(entry, "a", 1.0, 0.5), row(entry, "b", 1.1, 0.5, turned)]
+    assert ranks(rows) == [1, 1]
+    assert rank_labels(rows) == ["1=", "1="]
     assert "| 1=" in render(rows)
 
 
@@ -307,7 +310,7 @@ def test_rows_on_other_objects_are_not_compared(entry: dict[str, Any]) -> None:
 
 
 def test_trivial_rows_have_no_rank_and_push_nobody_down(entry: dict[str, Any]) -> None:
-    rows = [row(entry, "water", 0.1, 0.0), row(entry, "a", 1.0, 0.1), row(entry, "b", 3.0, 0.1)]
+    rows = [row(entry, "water", 0.1, 0.0), row(entry, "a", 1.0, 0.0), row(entry, "b", 3.0, 0.0)]
     assert ranks(rows) == [None, 1, 2]
     assert rank_labels(rows) == ["", "1", "2"]
 
@@ -319,7 +322,7 @@ def test_rows_of_an_older_metric_version_are_kept_apart(entry: dict[str, Any]) -
     assert "| new " in current
     assert "| old " not in current
     assert "| 1      | old " in older
-    assert f"protocol v1, metric version {old}." in older
+    assert f"protocol v2, metric version {old}." in older
     assert "## Older metric versions" not in render(rows[:1])
 
 
@@ -330,6 +333,35 @@ def test_rows_with_and_without_a_deviation_share_a_table(entry: dict[str, Any]) 
     assert METRICS["density_crps_g_cm3"].heading in text
     assert "0.700 [0.600, 0.800]" in text
     assert METRICS["density_crps_g_cm3"].heading not in render([row(entry, "plain", 2.0, 0.1)])
+
+
+def test_the_drop_from_seen_to_unseen_categories_is_printed(entry: dict[str, Any]) -> None:
+    new = {"split": "unseen"}
+    rows = [row(entry, "a", 1.0, 0.1), row(entry, "b", 2.0, 0.1)]
+    rows += [row(entry, "a", 1.5, 0.1, dataset=new), row(entry, "c", 2.0, 0.1, dataset=new)]
+    _, drop = render(rows).split("from seen to unseen categories")
+    assert re.search(r"\| a +\| 1\.000 +\| 1\.500 +\| \+0\.500 +\| 1\.50 +\|", drop)
+    assert not re.search(r"^\| [bc] ", drop, re.MULTILINE)
+    assert "from seen to unseen" not in render(rows[:2])
+
+
+def test_older_protocols_come_last_with_means_alone(entry: dict[str, Any]) -> None:
+    rows = [row(entry, "old", 1.0, 0.1, protocol="v1"), row(entry, "new", 2.0, 0.1)]
+    current, older = render(rows).split("## Older protocols")
+    assert "2.000 [1.900, 2.100]" in current
+    assert re.search(r"\|  +\| old +\| 1\.000 +\|", older)
+    assert "1.100]" not in older
+
+
+def test_a_trained_row_of_few_seeds_says_so(entry: dict[str, Any]) -> None:
+    seeds = [row(entry, "net", 1.0 + i, 0.0, submission_sha256=f"{i:064x}") for i in range(3)]
+    for seed, one in enumerate(seeds):
+        one["method"] |= {"training_data": ["xden1k/train"], "seed": seed}
+    assert "fewer than 3 seeds" in render(seeds[:2])
+    text = render(seeds)
+    assert "fewer than 3 seeds" not in text
+    assert "| 2.000 ± 1.000" in text
+    assert "seed 2: 3.000, submission `000000000000`" in text
 
 
 def test_the_papers_table_names_what_the_paper_leaves_open(entry: dict[str, Any]) -> None:
@@ -344,7 +376,7 @@ def test_tables_by_group_have_a_line_for_each_group_and_a_column_for_each_row(
     mean = entry[f"by_{by}"][group]["metrics"]["mass_mape"]["mean"]
     text = group_tables([row(entry, "a", 1.0, 0.1), row(entry, "b", 1.0, 0.1)], by, "mass_mape")
     assert re.search(r"\| mass MAPE ↓ +\| objects +\| a +\| b +\|", text)
-    assert text.count(f"{mean:.3f} [") >= 2
+    assert text.count(f"{mean:.3f} ") >= 2
     assert f"| {group} " in text
     with pytest.raises(DataError, match=r"no density_crps_g_cm3 in the rows \['a'\]; there are"):
         group_tables([row(entry, "a", 1.0, 0.1)], by, "density_crps_g_cm3")
@@ -431,7 +463,7 @@ def test_what_differs_is_never_in_one_table(entry: dict[str, Any]) -> None:
 
 def test_the_order_of_the_entries_does_not_matter(entry: dict[str, Any]) -> None:
     rows = [
-        row(entry, name, mean, 0.1) for name, mean in zip("abcde", (3, 1, 2, 2, 5), strict=True)
+        row(entry, name, mean, 0.0) for name, mean in zip("abcde", (3, 1, 2, 2, 5), strict=True)
     ]
     text = render(rows)
     for turned in (rows[::-1], rows[2:] + rows[:2]):
@@ -493,7 +525,7 @@ def test_the_check_notices_a_hand(entry: dict[str, Any], tmp_path: Path) -> None
     with pytest.raises(DataError, match="is missing: run xden-bench leaderboard"):
         check_leaderboard([entry], path)
     write_leaderboard([entry], path)
-    path.write_text(path.read_text().replace("0.100 [", "0.001 [", 1))
+    path.write_text(path.read_text().replace("0.100 ", "0.001 ", 1))
     with pytest.raises(DataError, match="does not match the results"):
         check_leaderboard([entry], path)
 

@@ -11,7 +11,7 @@ from huggingface_hub import EvalResultEntry, eval_result_entries_to_yaml
 
 from xden1k.errors import DataError
 from xden_bench.entries.durable import write_text
-from xden_bench.entries.ranking import Entry, unranked_because
+from xden_bench.entries.ranking import Entry, trusted_interval, unranked_because
 from xden_bench.entries.result import entry_path
 from xden_bench.scoring.protocol import load_protocol
 
@@ -112,10 +112,11 @@ def write_eval_results(entries: Iterable[Entry], folder: Path, repo_id: str) -> 
 
 
 def _notes(entry: Entry, metric: str) -> str:
-    data, (low, high) = entry["dataset"], entry["metrics"][metric]["ci95"]
+    data, ends = entry["dataset"], trusted_interval(entry, metric)
     sources = " and ".join(SOURCES.get(one, one) for one in data["source"].split("+"))
+    sure = f"95 % interval {ends[0]:.4g} to {ends[1]:.4g}" if ends else "no interval"
     return (
-        f"{entry['method']['name']}: {metric}, 95 % interval {low:.4g} to {high:.4g} over "
+        f"{entry['method']['name']}: {metric}, {sure}, over "
         f"{entry['n_objects']} objects, {sources}; track {entry['track']}, protocol "
         f"{entry['protocol']}, dataset {data['revision']} "
         f"(manifest {data['manifest_sha256'][:12]}), {entry['status']}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -12,9 +11,19 @@ from tabulate import tabulate
 from xden1k.errors import DataError
 from xden1k.values.modality import TRACKS
 from xden_bench.entries.durable import write_text
-from xden_bench.entries.ranking import TRIVIAL, Entry, rank_labels, ranks, unranked_because
+from xden_bench.entries.markdown import code, link, plain
+from xden_bench.entries.merging import merged_rows, seed_spread
+from xden_bench.entries.ranking import (
+    TRIVIAL,
+    Entry,
+    rank_labels,
+    ranks,
+    trusted_interval,
+    unranked_because,
+)
+from xden_bench.entries.unseen import drop_table
 from xden_bench.scoring.metrics import METRICS
-from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.protocol import PROTOCOLS, load_protocol
 
 __all__ = [
     "check_leaderboard",
@@ -36,18 +45,23 @@ The rules, and how to enter a method: [benchmarks/README.md](benchmarks/README.m
 
 How to read the tables:
 
-- A value is the mean over objects, in brackets its 95 % bootstrap interval. ↓ lower is better,
-  ↑ higher is better. Density MAE is over the volume inside the outer surface, enclosed cavities
-  included. MAPE, ALDE and MnRE are three errors of the mass; MAPE alone would favour methods that
-  predict too little.
-- Methods are ranked by density MAE. A rank is one more than the number of rows that are better
-  beyond doubt: the 95 % interval of the difference on the same objects excludes zero. Rows that
-  share a rank are a tie, `1=`.
+- A value is the mean over objects; ↓ lower is better, ↑ higher is better. *By category* is the mean
+  over categories. Brackets are 95 % intervals over categories, which hang together; they stand only
+  where simulations show that they cover: at least 300 objects of 100 categories, and no heavy tail.
+- Density MAE is over the volume inside the outer surface, enclosed cavities included; the relative
+  density error is the same over the density there. MAPE, ALDE and MnRE are three errors of the
+  mass; MAPE alone would favour methods that predict too little.
+- Methods are ordered by density MAE. A row shares the rank above it, `1=`, unless it is worse
+  beyond doubt than a row of that rank; in a table of up to 30 equal methods any two are told apart
+  at most one time in twenty.
+- A method of a team has one row: the mean over its seeds, ± their standard deviation. Copies stand
+  below the row whose values they have, without a rank.
 - *Rows in italics* are trivial and never ranked: nothing (`zero`), 1 g/cm³ everywhere (`water`),
   and the median density of the training objects, of all or by category. A method has to beat them.
   Another row without a rank says why in its footnote.
-- Tables of different tracks, datasets or sources (`scan`: the scanner's objects, `phantom`:
-  simulated ones) are never compared.
+- Tables of different tracks, datasets, splits or sources (`scan`: the scanner's objects, `phantom`:
+  simulated ones) are never compared, but for the drop from `test` to `unseen`, categories that no
+  training object is of.
 
 {BEGIN}
 {END}
@@ -55,7 +69,9 @@ How to read the tables:
 
 PRINTED: Final = (
     "density_mae_g_cm3",
+    "density_relative_error",
     "com_l1_cm",
+    "com_l1_share",
     "mass_mape",
     "mass_alde",
     "mass_mnre",
@@ -70,6 +86,11 @@ PAPER_ROWS: Final = (
     ("Pixie", "1.228", "0.547", "0.713"),
 )
 """Density MAE, CoM, mass MAPE as the XDen-1K paper prints them (arXiv 2512.10668)."""
+
+OLD_PROTOCOLS: Final = """## Older protocols
+
+Kept, and remade by their own rules. Means alone: the percentile intervals of these protocols cover
+too little, and their ranks followed from them."""
 
 OLD_VERSIONS: Final = """## Older metric versions
 
@@ -87,7 +108,8 @@ TRACK_TITLES: Final = {
 def render(entries: Iterable[Entry]) -> str:
     """Text between the markers.
 
-    The order of the entries does not matter. Tables of an older metric version come last.
+    The order of the entries does not matter. Tables of an older protocol or metric version come
+    last.
 
     Parameters
     ----------
@@ -95,16 +117,32 @@ def render(entries: Iterable[Entry]) -> str:
         From :func:`xden_bench.entries.result.read_entries`.
     """
     every = tables(entries)
-    current = [_section(rows) for rows in every if not _is_old(rows[0])] or ["No entries yet."]
-    old = [_section(rows) for rows in every if _is_old(rows[0])]
-    return "\n\n".join([*current, *([OLD_VERSIONS] if old else []), *old, _paper_section()])
+    ranked = [rows for rows in every if load_protocol(rows[0]["protocol"]).is_ranked]
+    current = [rows for rows in ranked if not _is_old(rows[0])]
+    drops = [drop_table(rows, every) for rows in current]
+    old = [rows for rows in ranked if _is_old(rows[0])]
+    older = [rows for rows in every if rows not in ranked]
+    return "\n\n".join(
+        [
+            *(map(_section, current) if current else ["No entries yet."]),
+            *filter(None, drops),
+            *_part(OLD_VERSIONS, old),
+            *_part(OLD_PROTOCOLS, older),
+            _paper_section(),
+        ]
+    )
+
+
+def _part(title: str, every: Sequence[Sequence[Entry]]) -> list[str]:
+    """Title and tables of a part of the page; nothing without a table."""
+    return [title, *map(_section, every)] if every else []
 
 
 def tables(entries: Iterable[Entry]) -> list[list[Entry]]:
     """Rows of each table, the best first.
 
     One table for each protocol, metric version, dataset, split, source, target and track; nothing
-    is ranked across.
+    is ranked across. What is one row is told by :func:`xden_bench.entries.merging.merged_rows`.
 
     Parameters
     ----------
@@ -114,7 +152,7 @@ def tables(entries: Iterable[Entry]) -> list[list[Entry]]:
     found: dict[tuple[Any, ...], list[Entry]] = {}
     for entry in entries:
         found.setdefault(_table_key(entry), []).append(entry)
-    return [sorted(found[key], key=_place) for key in sorted(found)]
+    return [merged_rows(found[key]) for key in sorted(found)]
 
 
 def group_tables(entries: Iterable[Entry], by: str, metric: str | None = None) -> str:
@@ -177,7 +215,7 @@ def _with_section(text: str, section: str, path: Path) -> str:
 def _table_key(entry: Entry) -> tuple[Any, ...]:
     data = entry["dataset"]
     return (
-        entry["protocol"],
+        PROTOCOLS.index(entry["protocol"]),
         -entry["metric_version"],
         data["revision"],
         data["manifest_sha256"],
@@ -190,8 +228,12 @@ def _table_key(entry: Entry) -> tuple[Any, ...]:
 
 def _section(rows: Sequence[Entry]) -> str:
     """One table with its title and notes."""
+    rules = load_protocol(rows[0]["protocol"])
     metrics = [one for one in PRINTED if any(one in row["metrics"] for row in rows)]
-    headings = ["rank", "method", *(METRICS[one].heading for one in metrics), "looks at"]
+    columns = [METRICS[one].heading for one in metrics]
+    if rules.is_ranked:
+        columns.insert(1 + metrics.index(rules.rank_by), "by category ↓")
+    headings = ["rank", "method", *columns, "looks at"]
     headings += ["trained on", "external data", "s / object", "status", "date"]
     labels = rank_labels(rows)
     table = [_row(row, label, metrics) for row, label in zip(rows, labels, strict=True)]
@@ -209,27 +251,19 @@ def _is_old(row: Entry) -> bool:
     return bool(row["metric_version"] != load_protocol(row["protocol"]).metric_version)
 
 
-def _place(row: Entry) -> tuple[Any, ...]:
-    """Sort rows of a table by mean, then by name."""
-    name = load_protocol(row["protocol"]).rank_by
-    mean = row["metrics"][name]["mean"]
-    loss = -mean if METRICS[name].higher_is_better else mean
-    return loss, row["method"]["name"], row["submission_sha256"]
-
-
 def _group_table(rows: Sequence[Entry], key: str, metric: str | None) -> str:
     name = metric or load_protocol(rows[0]["protocol"]).rank_by
     if lacking := [row["method"]["name"] for row in rows if name not in row["metrics"]]:
         raise DataError(f"no {name} in the rows {lacking}; there are {list(rows[0]['metrics'])}")
     table = [
         (
-            _plain(group),
+            plain(group),
             one["n_objects"],
-            *(_figure(row[key][group]["metrics"], name) for row in rows),
+            *(_mean(row[key][group]["metrics"], name) for row in rows),
         )
         for group, one in rows[0][key].items()
     ]
-    headings = [METRICS[name].heading, "objects", *(_plain(row["method"]["name"]) for row in rows)]
+    headings = [METRICS[name].heading, "objects", *(plain(row["method"]["name"]) for row in rows)]
     text = tabulate(table, headings, tablefmt="pipe", disable_numparse=True)
     return f"{_title(rows[0])}\n\n{text}"
 
@@ -241,11 +275,11 @@ def _title(row: Entry) -> str:
     said = "; ".join(f"{name.replace('_', ' ')}: {text}" for name, text in choices.items())
     return (
         f"## Track `{row['track']}`: {TRACK_TITLES[row['track']]}\n\n"
-        f"Source of the objects: **{_plain(data['source'])}**. Target `{row['target']}`, "
-        f"split {_code(data['split'])}, {row['n_objects']} objects, dataset "
-        f"{_plain(data['revision'])} (manifest {_code(data['manifest_sha256'][:12])}), "
-        f"protocol {_plain(row['protocol'])}{version}. "
-        "Means over objects with 95 % bootstrap intervals."
+        f"Source of the objects: **{plain(data['source'])}**. Target `{row['target']}`, "
+        f"split {code(data['split'])}, {row['n_objects']} objects, dataset "
+        f"{plain(data['revision'])} (manifest {code(data['manifest_sha256'][:12])}), "
+        f"protocol {plain(row['protocol'])}{version}. "
+        "Means over objects."
         + (f"\n\nChoices that the paper leaves open: {said}." if choices else "")
     )
 
@@ -255,50 +289,76 @@ def _row(row: Entry, label: str, metrics: Sequence[str]) -> list[str]:
     return [
         label,
         _marked_name(row),
-        *(_figure(row["metrics"], one) for one in metrics),
-        _plain(", ".join(method["inputs"])) or "nothing",
-        _plain(", ".join(method["training_data"])) or "nothing",
+        *(text for one in metrics for text in _figures(row, one)),
+        plain(", ".join(method["inputs"])) or "nothing",
+        plain(", ".join(method["training_data"])) or "nothing",
         "yes" if method["external_data"] else "no",
         "" if method["seconds_per_object"] is None else f"{method['seconds_per_object']:.2g}",
-        _plain(" ".join([row["status"], row.get("recomputed", {}).get("date", "")]).strip()),
-        _plain(row["date"]),
+        plain(" ".join([row["status"], row.get("recomputed", {}).get("date", "")]).strip()),
+        plain(row["date"]),
     ]
 
 
 def _marked_name(row: Entry) -> str:
     """Name of a row's method: trivial ones in italics, withdrawn ones struck out."""
-    name = _plain(row["method"]["name"])
+    name = plain(row["method"]["name"])
     mark = "~~" if "withdrawn" in row else "*" if unranked_because(row) == TRIVIAL else ""
     return f"{mark}{name}{mark}"
 
 
-def _figure(metrics: Mapping[str, Any], name: str) -> str:
-    """Mean and interval; empty where a row does not have the metric."""
-    if name not in metrics:
-        return ""
-    low, high = metrics[name]["ci95"]
-    return f"{metrics[name]['mean']:.3f} [{low:.3f}, {high:.3f}]"
+def _figures(row: Entry, name: str) -> list[str]:
+    """Cells of a metric: mean, spread over seeds and interval; by category too if it ranks."""
+    rules, found = load_protocol(row["protocol"]), row["metrics"].get(name, {})
+    spread = seed_spread(row, name) if found else None
+    cell = _mean(row["metrics"], name)
+    cell += "" if spread is None else f" ± {spread:.3f}"
+    if found and (ends := trusted_interval(row, name)):
+        cell += " [{:.3f}, {:.3f}]".format(*ends)
+    if rules.is_ranked and name == rules.rank_by:
+        return [cell, f"{found['macro_mean']:.3f}"]
+    return [cell]
+
+
+def _mean(metrics: Mapping[str, Any], name: str) -> str:
+    """Mean; empty where a row does not have the metric."""
+    return f"{metrics[name]['mean']:.3f}" if name in metrics else ""
 
 
 def _details(row: Entry) -> str:
     """One list item: commands, version, checksum, notes and warnings."""
     method = row["method"]
-    commands = [_code(one) for one in (method["command"], row["command"]) if one]
+    commands = [code(one) for one in (method["command"], row["command"]) if one]
     commit = row["commit"] or ""
-    shown = f", commit {_code(commit[:12] + _dirty(commit))}" if commit else ""
+    shown = f", commit {code(commit[:12] + _dirty(commit))}" if commit else ""
     reason = unranked_because(row) or ""
     facts = [
-        f"**{_plain(method['name'])}**: {', then '.join(commands)}",
-        f"xden1k {_plain(row['xden_version'])}{shown}",
-        f"submission {_code(row['submission_sha256'][:12])}",
-        *([f"team {_plain(row['team']['name'])}"] if "team" in row else []),
-        *([f"not ranked: {_plain(reason)}"] if reason not in ("", TRIVIAL) else []),
-        *([f"erratum: {_plain(row['erratum']['text'])}"] if "erratum" in row else []),
-        *map(_plain, row.get("remarks", ())),
-        *(_plain(text) for text in (method["notes"], *row["warnings"]) if text),
-        *(_link(method[key]) for key in ("paper", "code") if method[key]),
+        f"**{plain(method['name'])}**: {', then '.join(commands)}",
+        f"xden1k {plain(row['xden_version'])}{shown}",
+        f"submission {code(row['submission_sha256'][:12])}",
+        *([f"team {plain(row['team']['name'])}"] if "team" in row else []),
+        *([f"not ranked: {plain(reason)}"] if reason not in ("", TRIVIAL) else []),
+        *([f"erratum: {plain(row['erratum']['text'])}"] if "erratum" in row else []),
+        *map(plain, row.get("remarks", ())),
+        *_seed_notes(row),
+        *([f"seconds on {plain(method['hardware'])}"] if method.get("hardware") else []),
+        *(plain(text) for text in (method["notes"], *row["warnings"]) if text),
+        *(link(method[key]) for key in ("paper", "code") if method[key]),
     ]
     return "- " + "; ".join(facts)
+
+
+def _seed_notes(row: Entry) -> list[str]:
+    """Which seeds a row is the mean of, or that it should be of more."""
+    rules, seeds = load_protocol(row["protocol"]), row.get("seeds", ())
+    notes = [
+        f"seed {one['method']['seed']}: {one['metrics'][rules.rank_by]['mean']:.3f}, "
+        f"submission {code(one['submission_sha256'][:12])}"
+        for one in seeds
+    ]
+    trained = row["method"]["training_data"] and unranked_because(row) is None
+    if trained and max(len(seeds), 1) < rules.min_seeds:
+        notes.append(f"trained, with fewer than {rules.min_seeds} seeds: its spread is not known")
+    return notes
 
 
 def _dirty(commit: str) -> str:
@@ -315,23 +375,3 @@ def _paper_section() -> str:
         "split, the voxels averaged over, or the rule for the mass. The MAPE is a ratio there "
         f"too, so two of the three score worse than predicting no mass at all, 1.000.\n\n{table}"
     )
-
-
-def _plain(text: str) -> str:
-    """Text that Markdown shows as it is, whatever a stranger put into it.
-
-    A ``<`` becomes an entity: what reads the page as HTML knows of no other escape.
-    """
-    return re.sub(r"([\\`*_\[\]>|~&$])", r"\\\1", text).replace("<", "&lt;")
-
-
-def _code(text: str) -> str:
-    """Text as code, also in a table; with a ``<``, which stays one in backticks, as HTML."""
-    if "<" in text:
-        return f"<code>{_plain(text)}</code>"
-    return "`{}`".format(text.replace("`", "'").replace("|", "\\|"))
-
-
-def _link(text: str) -> str:
-    """Turn a plain web address into a link, anything else into text."""
-    return f"<{text}>" if re.fullmatch(r"https?://[\w./:~%?=&#+-]+", text) else _plain(text)

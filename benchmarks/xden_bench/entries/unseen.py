@@ -1,0 +1,73 @@
+"""How much worse methods are on categories that no training object was of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from tabulate import tabulate
+
+from xden_bench.entries.markdown import plain
+from xden_bench.entries.ranking import MERGED, Entry
+from xden_bench.scoring.metrics import METRICS
+from xden_bench.scoring.protocol import load_protocol
+
+__all__ = ["UNSEEN", "drop_table"]
+
+UNSEEN: Final = "unseen"
+"""The split of the categories that are left out of training."""
+
+
+def drop_table(rows: Sequence[Entry], tables: Iterable[Sequence[Entry]]) -> str:
+    """Table of the methods of a split that are also scored on ``unseen``; empty without one.
+
+    Parameters
+    ----------
+    rows
+        Table of the split ``test``; of another split nothing is made.
+    tables
+        Among which is that of ``unseen``: the same but for the split.
+    """
+    if rows[0]["dataset"]["split"] != "test":
+        return ""
+    other = next((one for one in tables if _is_counterpart(rows[0], one[0])), [])
+    unseen, metric = _by_method(other), load_protocol(rows[0]["protocol"]).rank_by
+    lines = [
+        _line(row, unseen[method], metric)
+        for method, row in _by_method(rows).items()
+        if method in unseen
+    ]
+    if not lines:
+        return ""
+    headings = ["method", "test", "unseen", "drop", "unseen / test"]
+    return (
+        f"## Track `{rows[0]['track']}`: from seen to unseen categories\n\n"
+        f"{METRICS[metric].title}, means over objects. `unseen` has categories that no training "
+        "object is of. The objects differ too: a method without training shows by how much.\n\n"
+        f"{tabulate(lines, headings, tablefmt='pipe', disable_numparse=True)}"
+    )
+
+
+def _is_counterpart(row: Entry, other: Entry) -> bool:
+    """Whether two rows differ by their split alone, which is ``unseen`` in the other."""
+    own, others = row["dataset"], other["dataset"]
+    keys = ("protocol", "metric_version", "target", "track")
+    return others == {**own, "split": UNSEEN, "source": others["source"]} and all(
+        row[key] == other[key] for key in keys
+    )
+
+
+def _by_method(rows: Iterable[Entry]) -> dict[tuple[str, str], Entry]:
+    """Rows by method and team, without those that count as another."""
+    return {
+        (row["method"]["name"], row.get("team", {}).get("public_key", "")): row
+        for row in rows
+        if MERGED not in row
+    }
+
+
+def _line(row: Entry, unseen: Entry, metric: str) -> list[str]:
+    """Return method, both means, and how much worse the second is."""
+    seen, new = (one["metrics"][metric]["mean"] for one in (row, unseen))
+    ratio = f"{new / seen:.2f}" if seen > 0 else ""
+    return [plain(row["method"]["name"]), f"{seen:.3f}", f"{new:.3f}", f"{new - seen:+.3f}", ratio]
