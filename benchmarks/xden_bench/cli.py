@@ -6,6 +6,7 @@ import click
 
 from xden1k.commands import Group
 from xden_bench.commands.board import leaderboard
+from xden_bench.commands.coverage import coverage
 from xden_bench.commands.dataset import dataset
 from xden_bench.commands.entries import compare, verify, withdraw
 from xden_bench.commands.methods import baseline
@@ -31,6 +32,7 @@ cli.add_command(leaderboard)
 cli.add_command(compare)
 cli.add_command(verify)
 cli.add_command(withdraw)
+cli.add_command(coverage)
 cli.add_command(baseline)
 cli.add_command(dataset)
 cli.add_command(speed)

@@ -1,0 +1,223 @@
+"""Do the intervals cover, and are equal methods told apart? Simulations that answer it.
+
+Populations are the normal and the log-normal distribution, and the scores of stored entries: their
+categories are drawn with replacement, whole or one object each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64
+
+from xden_bench.entries.ranking import Entry, dense_ranks, worse_beyond_doubt
+from xden_bench.scoring.bootstrap import SAME
+from xden_bench.scoring.clusters import category_sums, studentised_intervals
+from xden_bench.scoring.metrics import METRICS
+from xden_bench.scoring.protocol import Protocol
+
+__all__ = [
+    "DESIGNS",
+    "Coverage",
+    "Design",
+    "Population",
+    "coverage",
+    "drawn_populations",
+    "stored_populations",
+    "told_apart",
+]
+
+RESAMPLES: Final = 999
+"""Of an interval; a protocol takes more, which moves its ends by little."""
+DRAWN_CATEGORIES: Final = 4000
+"""Categories of a population that is drawn from a distribution: as good as endless."""
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """How many objects are scored.
+
+    Parameters
+    ----------
+    categories
+        How many are drawn.
+    size
+        Objects of each.
+    """
+
+    categories: int
+    size: int
+
+    @property
+    def objects(self) -> int:
+        """How many there are in all."""
+        return self.categories * self.size
+
+    def is_printed(self, protocol: Protocol) -> bool:
+        """Whether the protocol gives an interval to so many."""
+        enough = self.objects >= protocol.min_interval_objects
+        return enough and self.categories >= protocol.min_interval_categories
+
+
+DESIGNS: Final = (
+    *(Design(objects, 1) for objects in (6, 20, 100, 400)),
+    *(Design(categories, 3) for categories in (2, 7, 34, 134)),
+    Design(30, 14),
+)
+"""Objects one by one, three to a category as in ``test``, and many as in ``unseen``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Population:
+    """Scores that stand for all there could be.
+
+    Parameters
+    ----------
+    name
+        Of the method or the distribution.
+    metric
+        Name of the metric; empty for a distribution.
+    scores
+        Shape (categories, objects): each category of as many objects.
+    """
+
+    name: str
+    metric: str
+    scores: Float64[np.ndarray, "categories objects"]
+
+    def sample(
+        self, design: Design, trials: int, rng: np.random.Generator
+    ) -> Float64[np.ndarray, "objects trials"]:
+        """Draw categories with replacement for many trials at once.
+
+        Each gives all its objects if as many are asked for, else some with replacement.
+        """
+        shape = (trials, design.categories)
+        chosen = self.scores[rng.integers(len(self.scores), size=shape)]
+        if design.size != (count := self.scores.shape[1]):
+            places = rng.integers(count, size=(*shape, design.size))
+            chosen = np.take_along_axis(chosen, places, axis=2)
+        scores: Float64[np.ndarray, "objects trials"] = chosen.reshape(trials, -1).T
+        return scores
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """How often the 95 % interval of one population and design holds the mean.
+
+    Parameters
+    ----------
+    population, metric
+        Of the population.
+    design
+        How many objects.
+    is_printed
+        Whether a row would have the interval.
+    share
+        Of the trials whose interval holds the population's mean.
+    """
+
+    population: str
+    metric: str
+    design: Design
+    is_printed: bool
+    share: float
+
+
+def drawn_populations(seed: int = 0) -> tuple[Population, ...]:
+    """Make a normal and a log-normal population, half of the (log) variance between categories.
+
+    The log-normal has a standard deviation of the logarithm of 1: skewness 6.2, as the error of an
+    exact method on easy and hard objects.
+    """
+    rng = np.random.default_rng(seed)
+    scores = rng.normal(size=(DRAWN_CATEGORIES, 1)) + rng.normal(size=(DRAWN_CATEGORIES, 3))
+    scores /= np.sqrt(2)
+    return Population("normal", "", 5 + scores), Population("log-normal", "", np.exp(scores))
+
+
+def stored_populations(entries: Iterable[Entry], protocol: Protocol) -> Iterator[Population]:
+    """Every metric of every entry that could have an interval, in categories of three objects.
+
+    Oracles have none, nor what is the same for every object.
+    """
+    for entry in entries:
+        columns = entry["object_scores"]
+        names = [name for name in protocol.interval_metrics if name in columns]
+        for name in names if "truth" not in entry["method"]["inputs"] else []:
+            scores = _in_threes(np.array(columns[name]), columns["category"])
+            if scores.size and np.ptp(scores) > SAME:
+                yield Population(entry["method"]["name"], name, scores)
+
+
+def coverage(
+    population: Population, design: Design, protocol: Protocol, trials: int, seed: int = 0
+) -> Coverage:
+    """How often the interval holds, over many trials.
+
+    Parameters
+    ----------
+    population, design
+        Where objects are drawn from, and how many.
+    protocol
+        The rules, which say whether the interval would be printed.
+    trials
+        How many; the share is known to ``sqrt(share (1 - share) / trials)``.
+    seed
+        Of the draws.
+    """
+    scores = population.sample(design, trials, np.random.default_rng(seed))
+    categories = np.repeat(np.arange(design.categories), design.size).astype(str).tolist()
+    low, high = studentised_intervals(category_sums(scores, categories), RESAMPLES, seed)
+    mean = population.scores.mean()
+    share = float(((low <= mean) & (mean <= high)).mean())
+    printed = design.is_printed(protocol)
+    return Coverage(population.name, population.metric, design, printed, share)
+
+
+def told_apart(
+    rows: Sequence[Entry], protocol: Protocol, methods: int, trials: int, seed: int = 0
+) -> float:
+    """Share of tables of equal methods in which any two are told apart.
+
+    In every trial each method gets, of every category, the scores of one of the rows by lot: what
+    it is better at is chance.
+
+    Parameters
+    ----------
+    rows
+        Of one table, as many as there are methods or more.
+    protocol
+        The rules of ranks.
+    methods
+        How many are compared.
+    trials
+        How many tables.
+    seed
+        Of the lots.
+    """
+    rng = np.random.default_rng(seed)
+    columns = rows[0]["object_scores"]
+    scores = np.array([row["object_scores"][protocol.rank_by] for row in rows], dtype=np.float64)
+    losses = METRICS[protocol.rank_by].loss(scores)
+    names, places = np.unique(columns["category"], return_inverse=True)
+    found = 0
+    for _ in range(trials):
+        lots = rng.permuted(np.tile(np.arange(len(rows)), (len(names), 1)), axis=1)[:, :methods]
+        drawn = np.take_along_axis(losses, lots[places].T, axis=0).T
+        sums = category_sums(drawn / (drawn + protocol.rank_scale), columns["category"])
+        worse = worse_beyond_doubt(sums, protocol.rank_error, protocol.rank_methods)
+        found += max(dense_ranks(drawn.mean(axis=0).tolist(), worse)) > 1
+    return found / trials
+
+
+def _in_threes(
+    scores: Float64[np.ndarray, "objects"], categories: Sequence[str]
+) -> Float64[np.ndarray, "categories 3"]:
+    """Scores of the categories that have three objects, the first three of each."""
+    places = [np.flatnonzero(np.array(categories) == name) for name in sorted(set(categories))]
+    chosen = [scores[place[:3]] for place in places if len(place) >= 3]
+    return np.array(chosen, dtype=np.float64).reshape(-1, 3)

@@ -1,0 +1,61 @@
+"""The intervals hold as often as they say, and equal methods are not told apart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from xden_bench.entries.leaderboard import tables
+from xden_bench.entries.result import read_entries
+from xden_bench.entries.simulation import (
+    DESIGNS,
+    Design,
+    Population,
+    coverage,
+    drawn_populations,
+    stored_populations,
+    told_apart,
+)
+from xden_bench.scoring.protocol import load_protocol
+
+RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
+RULES = load_protocol()
+NORMAL, LOG_NORMAL = drawn_populations()
+
+
+def test_of_normal_scores_nineteen_intervals_of_twenty_hold() -> None:
+    found = coverage(NORMAL, Design(100, 3), RULES, trials=400)
+    assert found.is_printed
+    assert found.share == pytest.approx(0.95, abs=0.035)
+
+
+def test_samples_keep_categories_together() -> None:
+    population = Population("steps", "", np.repeat(np.arange(50.0)[:, None], 3, axis=1))
+    drawn = population.sample(Design(4, 14), 5, np.random.default_rng(0))
+    assert drawn.shape == (56, 5)
+    assert (np.ptp(drawn.reshape(4, 14, 5), axis=1) == 0).all()
+
+
+@pytest.mark.parametrize(("objects", "categories"), [(6, 2), (20, 7), (102, 34), (420, 30)])
+def test_too_few_categories_print_nothing(objects: int, categories: int) -> None:
+    assert not Design(categories, objects // categories).is_printed(RULES)
+
+
+@pytest.mark.slow
+def test_wherever_an_interval_is_printed_92_to_97_of_100_hold() -> None:
+    stored = stored_populations(read_entries(RESULTS), RULES)
+    printed = [one for one in DESIGNS if one.is_printed(RULES)]
+    assert {(one.objects, one.categories) for one in printed} >= {(400, 400), (402, 134)}
+    for population in (NORMAL, LOG_NORMAL, *stored):
+        for design in printed:
+            found = coverage(population, design, RULES, trials=2000)
+            assert 0.92 <= found.share <= 0.97, found
+
+
+@pytest.mark.slow
+def test_equal_methods_are_told_apart_in_at_most_6_of_100_tables() -> None:
+    for rows in tables(read_entries(RESULTS)):
+        for methods in range(2, len(rows) + 1):
+            assert told_apart(rows, RULES, methods, trials=1000) <= 0.06
