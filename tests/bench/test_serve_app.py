@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import re
+import time
 from collections.abc import AsyncIterator, Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +25,8 @@ from xden_bench.serve import app as web
 from xden_bench.serve.desk import Desk
 from xden_bench.serve.incoming import Incoming
 from xden_bench.serve.limits import Limits
-from xden_bench.serve.standings import Standings
+from xden_bench.serve.page_board import Once
+from xden_bench.serve.standings import Snapshot, Standings
 
 Submit = Callable[..., Path]
 PROXY = "127.0.0.1"
@@ -246,6 +249,17 @@ def test_a_forwarded_address_is_believed_of_a_configured_proxy_alone(
     }
     asyncio.run(config.loaded_app(scope, None, None))  # type: ignore[arg-type]
     assert found == [seen]
+
+
+def test_a_page_is_drawn_once_for_many_readers_and_nothing_old_is_kept() -> None:
+    drawn: list[Any] = []
+    page = Once(lambda snapshot, asked: drawn.append(asked) or time.sleep(0.05) or asked)
+    first, second = Snapshot(), Snapshot()
+    with ThreadPoolExecutor(8) as readers:
+        assert list(readers.map(page, [first] * 8, ["a"] * 8)) == ["a"] * 8
+    assert drawn == ["a"]
+    page(second, "b")
+    assert list(page._found) == [(second, "b")]
 
 
 def test_a_port_that_is_taken_is_one_line() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import lru_cache
+from threading import Lock
 from typing import Any, Final
 
 from markupsafe import Markup
@@ -19,7 +20,7 @@ from xden_bench.serve.figures import interval_picture
 from xden_bench.serve.render import render
 from xden_bench.serve.standings import Snapshot, Standings, Table
 
-__all__ = ["board_routes"]
+__all__ = ["Once", "board_routes"]
 
 PAGES_KEPT: Final = 256
 HISTORY_S: Final = 60
@@ -30,10 +31,11 @@ _QUESTIONS: Final = ("table", "track", "metric", "row")
 def board_routes(standings: Standings) -> list[Route]:
     """Return the addresses of the leaderboard.
 
-    Pages are drawn once for each snapshot: what is asked again is there already.
+    Pages are drawn once for each snapshot and question: what is asked again is there already.
     """
-    page, chart = lru_cache(PAGES_KEPT)(_page), lru_cache(PAGES_KEPT)(_chart)
-    as_csv, as_json = lru_cache(1)(api.board_csv), lru_cache(1)(api.board_json)
+    chart = Once(_chart)
+    page = Once(lambda snapshot, asked: _page(snapshot, asked, chart))
+    as_csv, as_json = Once(api.board_csv), Once(api.board_json)
 
     @lru_cache(1)
     def history(_: int) -> list[dict[str, Any]]:
@@ -41,7 +43,7 @@ def board_routes(standings: Standings) -> list[Route]:
 
     def show_page(request: Request) -> Response:
         texts = {key: request.query_params.get(key) or None for key in _QUESTIONS}
-        return HTMLResponse(page(standings.now, Asked(**texts), chart))
+        return HTMLResponse(page(standings.now, Asked(**texts)))
 
     def show_json(_: Request) -> Response:
         return JSONResponse(as_json(standings.now))
@@ -60,14 +62,46 @@ def board_routes(standings: Standings) -> list[Route]:
     ]
 
 
-def _page(snapshot: Snapshot, asked: Asked, chart: Callable[[Table, str], Markup]) -> str:
+class Once:
+    """Computes something once for each question on a snapshot, however many ask at the same time.
+
+    What is there already is had without a lock. What was said of an older snapshot goes, and so
+    does the oldest answer when there are too many.
+
+    Parameters
+    ----------
+    compute
+        Given a snapshot, and more that can be a key.
+    """
+
+    def __init__(self, compute: Callable[..., Any]) -> None:
+        self._compute, self._lock = compute, Lock()
+        self._about: Snapshot | None = None
+        self._found: dict[tuple[Any, ...], Any] = {}
+
+    def __call__(self, snapshot: Snapshot, *asked: Any) -> Any:
+        """Return what the function does."""
+        key = (snapshot, *asked)
+        if (found := self._found.get(key)) is not None:
+            return found
+        with self._lock:
+            if self._about is not snapshot:
+                self._about, self._found = snapshot, {}
+            if key not in self._found:
+                self._found[key] = self._compute(*key)
+            if len(self._found) > PAGES_KEPT:
+                del self._found[next(iter(self._found))]
+            return self._found[key]
+
+
+def _page(snapshot: Snapshot, asked: Asked, chart: Once) -> str:
     values = board_values(snapshot, asked)
     if "table" in values:
-        values["chart"] = chart(values["table"], values["metric"])
+        values["chart"] = chart(snapshot, values["table"], values["metric"])
     return render("board", page="/board", **values)
 
 
-def _chart(table: Table, metric: str) -> Markup:
+def _chart(_: Snapshot, table: Table, metric: str) -> Markup:
     rows = best_first(table.rows, metric)
     picture = interval_picture(rows, metric, METRICS[metric].heading, [kind(row) for row in rows])
     return Markup(picture)  # noqa: S704 - drawn by matplotlib, which escapes
