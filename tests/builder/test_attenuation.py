@@ -1,12 +1,16 @@
 """Mass attenuation coefficients against published values."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from xden1k.errors import DataError
+from xden1k.values import materials
 from xden1k.values.materials import load_materials, parse_composition
+from xden_builder.physics import attenuation
 from xden_builder.physics.attenuation import element_fractions, mac_cm2_g
 
 LIBRARY = load_materials()
@@ -124,3 +128,19 @@ def test_energy_outside_the_tables_is_refused(energy_kev):
 def test_formula_of_no_element_is_refused():
     with pytest.raises(DataError, match="'Xx2' is not a chemical formula"):
         element_fractions((("Xx2", 1.0),))
+
+
+def test_how_a_version_of_python_sums_changes_no_figure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From 3.12 on `sum` compensates what it rounds off, as `fsum` does here."""
+    texts = ["SiO2:0.72 Na2O:0.13 CaO:0.1 MgO:0.05", "C9H10O2:0.7 CaCO3:0.2 Fe2O3:0.1"]
+
+    def figures() -> list[object]:
+        element_fractions.cache_clear()
+        read = [parse_composition(text) for text in texts]
+        known = [each.composition for each in load_materials().values()]
+        return [*read, *(dict(element_fractions(each)) for each in [*read, *known])]
+
+    before = figures()
+    for module in (materials, attenuation):
+        monkeypatch.setattr(module, "sum", math.fsum, raising=False)
+    assert figures() == before

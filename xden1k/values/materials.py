@@ -15,8 +15,9 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, reduce
 from importlib.resources import files
+from operator import add
 from types import MappingProxyType
 
 from xden1k.errors import DataError
@@ -231,7 +232,8 @@ def parse_composition(text: str) -> Composition:
     if ":" not in text:
         text = f"{text.strip()}:1"
     pairs = tuple(_formula_and_fraction(term) for term in text.split())
-    total = sum(fraction for _, fraction in pairs)
+    # sum() rounds otherwise from Python 3.12 on
+    total = reduce(add, (fraction for _, fraction in pairs))
     if not abs(total - 1) < 1e-3:
         raise DataError(f"composition {text!r}: mass fractions must add up to 1, got {total:g}")
     return tuple((formula, fraction / total) for formula, fraction in pairs)

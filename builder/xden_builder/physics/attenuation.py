@@ -8,7 +8,8 @@ substances from 30 to 100 keV they agree within 0.02 %.
 from __future__ import annotations
 
 from collections import Counter
-from functools import lru_cache
+from functools import lru_cache, reduce
+from operator import add
 from types import MappingProxyType
 from typing import Final
 
@@ -48,7 +49,7 @@ def element_fractions(composition: Composition) -> MappingProxyType[str, float]:
             element: count * xraydb.atomic_mass(element)
             for element, count in xraydb.chemparse(formula).items()
         }
-        total = sum(masses.values())
+        total = reduce(add, masses.values())  # sum() rounds otherwise from Python 3.12 on
         for element, mass in masses.items():
             fractions[element] += share * mass / total
     return MappingProxyType(dict(fractions))
