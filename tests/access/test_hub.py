@@ -168,6 +168,16 @@ def test_a_download_is_verified_pinned_to_its_commit_and_becomes_the_root(
     assert hub.data_root() == folder
 
 
+def test_a_download_with_another_manifest_than_asked_for_never_becomes_the_root(
+    remote: FakeHub, cache: Path
+) -> None:
+    with pytest.raises(DataError, match=r"its manifest must have the sha256 abc, got [0-9a-f]{64}"):
+        hub.download("owner/name", "v1", manifest_sha256="abc")
+    assert not (cache / "current").exists()
+    expected = open_folder(remote.folder).manifest_sha256
+    assert hub.download("owner/name", "v1", manifest_sha256=expected) == hub.data_root()
+
+
 def test_a_damaged_download_never_becomes_the_root_and_is_not_resumed(
     remote: FakeHub, cache: Path
 ) -> None:

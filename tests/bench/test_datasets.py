@@ -17,6 +17,7 @@ from xden1k.folder import DatasetFolder, open_folder, write_folder
 from xden1k.folder.verify import verify_folder
 from xden_bench.cli import cli
 from xden_bench.datasets import DATASETS, differences, draw_unseen, load_recipe, making
+from xden_bench.datasets import __main__ as publishing
 from xden_bench.datasets.fingerprints import write_fingerprints
 from xden_builder.phantoms import CATALOGUE, plan_objects
 
@@ -130,3 +131,19 @@ def test_the_command_makes_verifies_and_says_what_came(tmp_path: Path) -> None:
     assert told["differences"] == []
     assert "2 objects" in done.stderr
     assert list((tmp_path / "few.work").iterdir()) == [tmp_path / "few.work" / "run.lock"]
+
+
+def test_only_a_whole_dataset_is_published_and_only_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = written(tmp_path / "made", box_object("a-0001", BAR, split="test"))
+    few = replace(load_recipe("XDen-P2000"), splits={"test": 1})
+    (tmp_path / "XDen-P2000.toml").write_text(f"{publishing.UNKNOWN}\n")
+    with pytest.raises(DataError, match=r"expected {'train': 1093.*got {'test': 1}"):
+        publishing.publish("XDen-P2000", tmp_path / "made", tmp_path)
+    monkeypatch.setattr(publishing, "load_recipe", lambda _: few)
+    publishing.publish("XDen-P2000", tmp_path / "made", tmp_path)
+    assert folder.manifest_sha256 in (tmp_path / "XDen-P2000.toml").read_text()
+    assert differences(folder, tmp_path / "XDen-P2000.parquet") == ()
+    with pytest.raises(DataError, match="is published already"):
+        publishing.publish("XDen-P2000", tmp_path / "made", tmp_path)

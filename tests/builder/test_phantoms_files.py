@@ -16,6 +16,7 @@ from xden1k.errors import DataError
 from xden1k.folder import open_folder
 from xden1k.rays import disjoint_regions, ownership_order
 from xden_builder.capture import CaptureFolder
+from xden_builder.commands.phantoms import _unseen
 from xden_builder.phantoms import (
     Phantom,
     Plan,
@@ -208,6 +209,21 @@ def test_a_split_without_objects_is_a_plain_error(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="none of these 1 objects is of the split val"):
         write_captures(tmp_path / "out", 1, 0, split="val")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("told", ["mug,fork", "unseen.toml"])
+def test_unseen_categories_are_named_on_the_line_or_in_a_file(
+    told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("unseen.toml").write_text('unseen_categories = ["mug", "fork"]')
+    assert _unseen(told) == ["mug", "fork"]
+
+
+def test_a_file_without_unseen_categories_is_told(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text("unseen_categories = 3")
+    with pytest.raises(DataError, match=r"a.toml: expected a list of names .* got 3"):
+        _unseen(str(tmp_path / "a.toml"))
 
 
 def test_truth_is_a_dataset_of_the_same_objects(captures: Path, truths: Path) -> None:

@@ -63,6 +63,13 @@ def rows(*names: str, **stated: str) -> dict[str, ObjectRow]:
     return {name: ObjectRow(name, "mug", split=stated.get(name)) for name in names}
 
 
+def test_a_new_object_of_an_unseen_category_is_unseen() -> None:
+    categories = {"mug-1": "mug", "mug-2": "mug", "pot-1": "pot"}
+    splits = draw_splits(categories, {"mug-1": "unseen"})
+    assert splits == {"mug-1": "unseen", "mug-2": "unseen", "pot-1": splits["pot-1"]}
+    assert splits["pot-1"] != "unseen"
+
+
 def test_the_first_build_writes_the_splits_and_the_next_keeps_them(tmp_path: Path) -> None:
     first = with_splits(tmp_path, rows("a", "b", "c"))
     assert {row.split for row in first.values()} <= set(SPLITS)
@@ -97,7 +104,7 @@ def test_what_objects_csv_states_holds_and_nothing_is_written_where_all_is_state
         ("", "expected a table with the columns"),
         (
             "object_id,split\na,dev\n",
-            r"row 2: expected an object id .* train, val, test, got 'a,dev'",
+            r"row 2: expected an object id .* train, val, test, unseen, got 'a,dev'",
         ),
         ("object_id,split\na,val\na,val\n", r"row 3: expected an object id of its own"),
         ("object_id,split\na\n", r"row 2: .* got 'a'"),
