@@ -11,6 +11,7 @@ from __future__ import annotations
 import inspect
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, TypeGuard, runtime_checkable
@@ -24,6 +25,7 @@ from xden1k.values.arrays import Grid
 from xden1k.values.modality import Modality
 
 __all__ = [
+    "AsksAhead",
     "Budget",
     "Budgeted",
     "Example",

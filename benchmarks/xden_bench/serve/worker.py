@@ -88,7 +88,7 @@ def check_upload(
     DataError
         If the truth cannot be read.
     """
-    from xden_bench.methods.baseline import check_trivial
+    from xden_bench.methods.trivial import check_trivial
     from xden_bench.scoring.submission import validate
 
     problems = tuple(validate(path, reference, rules, progress=progress))
