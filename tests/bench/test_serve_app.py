@@ -263,7 +263,8 @@ def test_a_page_is_drawn_once_for_many_readers_and_nothing_old_is_kept() -> None
 
 
 def test_a_port_that_is_taken_is_one_line() -> None:
-    with web.listen("127.0.0.1", 0) as taken:
+    with web.bind("127.0.0.1", 0) as taken:
+        taken.listen()
         port = taken.getsockname()[1]
         with pytest.raises(DataError, match=rf"cannot listen at 127\.0\.0\.1, port {port}: .*use"):
-            web.listen("127.0.0.1", port)
+            web.bind("127.0.0.1", port)

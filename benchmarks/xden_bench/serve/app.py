@@ -22,7 +22,7 @@ from xden_bench.serve.page_submit import submit_routes
 from xden_bench.serve.render import STATIC, render, static
 from xden_bench.serve.standings import Standings
 
-__all__ = ["OBJECTS", "Guard", "build_app", "headers", "listen", "serve"]
+__all__ = ["OBJECTS", "Guard", "bind", "build_app", "headers", "serve"]
 
 Message = MutableMapping[str, Any]
 Send = Callable[[Message], Awaitable[None]]
@@ -75,18 +75,22 @@ def build_app(desk: Desk, standings: Standings, folder: Path, *, login: bool = F
     return app
 
 
-def listen(host: str, port: int) -> socket.socket:
-    """Take an address, before anything else is begun.
+def bind(host: str, port: int) -> socket.socket:
+    """Take an address, before anything else is begun; nobody is answered or kept waiting there yet.
 
     Raises
     ------
     DataError
         If it cannot be had.
     """
+    found = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
+    found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        return socket.create_server((host, port), family=_family(host))
+        found.bind((host, port))
     except OSError as err:
+        found.close()
         raise DataError(f"cannot listen at {host}, port {port}: {err.strerror}") from err
+    return found
 
 
 def serve(app: FastAPI, listener: socket.socket, trusted_proxies: Sequence[str]) -> None:
@@ -97,7 +101,7 @@ def serve(app: FastAPI, listener: socket.socket, trusted_proxies: Sequence[str])
     app
         From :func:`build_app`.
     listener
-        From :func:`listen`.
+        From :func:`bind`, listening.
     trusted_proxies
         Addresses or networks whose ``X-Forwarded-For`` is believed: a visitor is then the last
         address in it that is none of theirs. Nobody else's is.
@@ -167,7 +171,3 @@ async def _missing(_: Request, err: Exception) -> Response:
     said = str(err) if isinstance(err, MissingObjectError) else "There is no such page."
     page = render("problem", page="", title="Not found", said=said)
     return HTMLResponse(page, HTTPStatus.NOT_FOUND)
-
-
-def _family(host: str) -> socket.AddressFamily:
-    return socket.AF_INET6 if ":" in host else socket.AF_INET

@@ -67,7 +67,7 @@ header.site a[aria-current] { font-weight: 650; text-decoration: none }
 .pictures { display: grid !important; gap: 0.5rem;
   grid-template-columns: repeat(auto-fit, minmax(min(300px, 100%), 1fr)) }
 .pictures > .hide, .pictures > .hidden { display: none }
-.picture svg { width: 100%; max-width: 560px; height: auto; display: block;
+.picture svg { width: 100%; max-width: 420px; height: auto; display: block;
   color: var(--body-text-color) }
 #parts td { overflow-wrap: anywhere }
 @media (hover: none) {

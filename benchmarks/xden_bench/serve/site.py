@@ -72,12 +72,12 @@ def run(site: Site, *, host: str, port: int, say: Callable[[str], object]) -> No
     """
     for module, extra in (("gradio", "view"), ("matplotlib", "view"), ("manifold3d", "build")):
         require(module, extra)
-    from xden_bench.serve.app import build_app, listen, serve
+    from xden_bench.serve.app import bind, build_app, serve
     from xden_bench.serve.explorer import Explorer
     from xden_bench.serve.page_explore import mount_explorer
 
     with (
-        listen(host, port) as listener,
+        bind(host, port) as listener,
         tempfile.TemporaryDirectory() as models,
         Desk(
             site.reference,
@@ -93,6 +93,7 @@ def run(site: Site, *, host: str, port: int, say: Callable[[str], object]) -> No
         app = build_app(desk, standings, site.state, login=site.login)
         explorer = Explorer(site.reference.folder, desk.upload_of, Path(models))
         mount_explorer(app, explorer, standings)
+        listener.listen()
         say(f"http://{host}:{port} (stop with Ctrl-C)")
         with standings:
             serve(app, listener, site.trusted_proxies)
