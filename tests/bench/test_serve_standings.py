@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import datetime
 import json
+import os
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -169,3 +172,26 @@ def test_processes_verify_as_a_thread_does(
     shutil.rmtree(tmp_path / "kept")
     beside = refreshed(Standings(tmp_path / "results", tmp_path / "kept", workers=1))
     assert beside.entries == inside.entries
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_processes_that_verify_end_with_a_server_that_is_killed(tmp_path: Path) -> None:
+    program = (
+        "import os, time; from pathlib import Path\n"
+        "from xden_bench.serve.standings import Standings\n"
+        "if __name__ == '__main__':\n"
+        "    with Standings(Path('.'), Path('kept'), workers=1)._computing() as compute:\n"
+        "        print(compute(os.getpid)(), flush=True); time.sleep(1000)\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(  # noqa: S603 - our own program
+        [sys.executable, "-c", program],
+        stdout=subprocess.PIPE,
+        env=environment,
+        cwd=tmp_path,
+    ) as server:
+        assert server.stdout is not None
+        worker = int(server.stdout.readline())
+        server.kill()
+        until(lambda: not Path(f"/proc/{worker}").exists(), every_s=0.1)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
+import multiprocessing.connection
 import os
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -200,15 +201,26 @@ class Standings:
             yield lambda work, *about: lambda: work(*about)
             return
         spawn = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(
-            self._workers, mp_context=spawn, initializer=os.nice, initargs=(_NICENESS,)
-        ) as pool:
+        with ProcessPoolExecutor(self._workers, mp_context=spawn, initializer=_begin) as pool:
             yield lambda work, *about: _submitted(pool, work, *about)
 
 
 def place_of(row: Entry) -> str:
     """Where an entry lies among the results, without its suffix: the name of a row in links."""
     return entry_path(row).with_suffix("").as_posix()
+
+
+def _begin() -> None:
+    """Let the web server go first, and end with it, however it ends."""
+    os.nice(_NICENESS)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    multiprocessing.connection.wait([parent.sentinel])
+    os._exit(1)
 
 
 def _submitted(pool: Executor, work: Callable[..., Any], *about: Any) -> Callable[[], Any]:
