@@ -201,7 +201,10 @@ def test_a_further_view_is_handed_over_for_the_fit_and_must_be_there(root: Path)
             HEADER + "pen,pen,inch,,,,",
             "row 2, mesh_units: must be one of cm, mm, m, in, got 'inch'",
         ),
-        (HEADER + "pen,pen,,,dev,,", "row 2, split: must be one of train, val, test, got 'dev'"),
+        (
+            HEADER + "pen,pen,,,dev,,",
+            "row 2, split: must be one of train, val, test, unseen, got 'dev'",
+        ),
         (
             HEADER + "pen,pen,,,,real,",
             "row 2, source: must be one of scan, phantom, ct, got 'real'",

@@ -14,7 +14,7 @@ from xden1k.errors import DataError
 from xden1k.folder import open_folder
 from xden_builder.pipeline.phantoms import make_phantoms, same_instructions
 
-SETTINGS: dict[str, Any] = {"count": 3, "seed": 2026, "size_px": 48, "unseen": ["hammer"]}
+SETTINGS: dict[str, Any] = {"count": 3, "seed": 2026, "size_px": 48, "unseen": ["water_bottle"]}
 MAKE = """
 import os, sys
 from pathlib import Path
