@@ -293,6 +293,20 @@ def test_an_error_that_has_nothing_to_do_with_the_sample_stands_alone(
     assert error in line
 
 
+def test_submit_says_the_rank_among_the_entries_of_its_table(
+    run: Callable[..., Result], submission: Submit
+) -> None:
+    assert "\nrank 1 of 1 in the track geometry\n" in run("submit", submission(worse)).stdout
+    better = run("submit", submission(lambda _, grid: 1.1 * grid, method="better")).stdout
+    assert "\nrank 1 of 2 in the track geometry\n" in better
+    run("baseline", "water")
+    assert "\nno rank: trivial\n" in run("submit", "water.npz").stdout
+
+
+def worse(_: str, grid: np.ndarray) -> np.ndarray:
+    return 3 * grid
+
+
 def test_submit_says_what_comes_next(
     run: Callable[..., Result], submission: Submit, tmp_path: Path
 ) -> None:

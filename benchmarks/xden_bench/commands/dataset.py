@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Sequence
@@ -82,11 +83,11 @@ def _chosen(objects: str) -> slice:
 
 
 def _ahead(recipe: Recipe, out: Path, count: int, workers: int) -> str:
-    gigabytes = recipe.gigabytes * count / recipe.objects
-    minutes = recipe.seconds_an_object * count / workers / 60
+    megabytes = 1000 * recipe.gigabytes * count / recipe.objects
+    minutes = math.ceil(recipe.seconds_an_object * count / workers / 60)
     return (
-        f"{recipe.name}: {count} objects, {gigabytes:.2g} GB in {out} (three times that while it "
-        f"is made), about {minutes:.0f} min with {workers} free cores; can be stopped and started "
+        f"{recipe.name}: {count} objects, {megabytes:.0f} MB in {out} (three times that while it "
+        f"is made), about {minutes} min with {workers} free cores; can be stopped and started "
         "again"
     )
 
