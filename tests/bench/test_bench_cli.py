@@ -200,9 +200,11 @@ def test_submit_says_which_rank_it_got_and_why_it_got_none(
     for name, factor in (("far", 3.0), ("near", 1.5)):
         file = submission(lambda _, grid, by=factor: np.float32(by) * grid, method=name)
         said = run("submit", file).stdout
-    assert "\nrank 1 of 2 in track geometry\n" in said
+    assert "\nrank 1= of 2 in track geometry\n" in said  # too few objects to tell
     said = run("submit", submission(method="copied")).stdout
     assert "\nno rank in track geometry: its values are those of the reference\n" in said
+    run("baseline", "water")
+    assert "\nno rank in track geometry: trivial\n" in run("submit", "water.npz").stdout
 
 
 def test_submit_tells_where(run: Callable[..., Result], submission: Submit, tmp_path: Path) -> None:
@@ -293,20 +295,6 @@ def test_an_error_that_has_nothing_to_do_with_the_sample_stands_alone(
     assert error in line
 
 
-def test_submit_says_the_rank_among_the_entries_of_its_table(
-    run: Callable[..., Result], submission: Submit
-) -> None:
-    assert "\nrank 1 of 1 in the track geometry\n" in run("submit", submission(worse)).stdout
-    better = run("submit", submission(lambda _, grid: 1.1 * grid, method="better")).stdout
-    assert "\nrank 1 of 2 in the track geometry\n" in better
-    run("baseline", "water")
-    assert "\nno rank: trivial\n" in run("submit", "water.npz").stdout
-
-
-def worse(_: str, grid: np.ndarray) -> np.ndarray:
-    return 3 * grid
-
-
 def test_submit_says_what_comes_next(
     run: Callable[..., Result], submission: Submit, tmp_path: Path
 ) -> None:
@@ -389,17 +377,16 @@ def test_what_looks_like_a_slip_is_refused_unless_it_is_meant(
     run("baseline", "water")
     with np.load(tmp_path / "water.npz") as found:
         arrays = {name: found[name] for name in found}
-    meta = json.loads(str(arrays.pop("__meta__"))) | {"method": "heavy"}
-    heavy = {name: 1000 * values for name, values in arrays.items()}
-    np.savez_compressed(tmp_path / "heavy.npz", __meta__=np.array(json.dumps(meta)), **heavy)
+    meta = json.loads(str(arrays.pop("__meta__"))) | {"method": "light", "units": "kg/m3"}
+    np.savez_compressed(tmp_path / "light.npz", __meta__=np.array(json.dumps(meta)), **arrays)
     out = ["--out", "out"] if command == "submit" else []
-    refused = run(command, "heavy.npz", *out)
+    refused = run(command, "light.npz", *out)
     assert refused.exit_code == 1
     (line,) = refused.stderr.splitlines()
-    assert line.startswith("Error: W501: highest value 1000 g/cm³, above 25: units?")
+    assert line.startswith("Error: W501: kg/m3 declared, but the highest value is 1")
     assert line.endswith("(if it is meant: --accept-warnings)")
     assert not (tmp_path / "out").exists()
-    meant = run(command, "heavy.npz", *out, "--accept-warnings")
+    meant = run(command, "light.npz", *out, "--accept-warnings")
     assert meant.exit_code == 0
     assert "W501" in meant.stdout
 

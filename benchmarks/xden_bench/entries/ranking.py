@@ -66,6 +66,8 @@ def worse_beyond_doubt(
     errors = np.array(
         [np.linalg.norm(influences - one[:, None], axis=0) for one in influences.T]
     ).reshape(apart.shape)
+    if not np.isfinite(critical):
+        return np.zeros_like(apart, dtype=bool)
     worse: Bool[np.ndarray, "rows rows"] = (apart > SAME) & (apart > critical * errors)
     return worse
 
@@ -83,7 +85,7 @@ def critical_distance(error: float, methods: int, categories: int) -> float:
     Examples
     --------
     >>> round(critical_distance(0.05, 2, 101), 3), round(critical_distance(0.05, 30, 101), 3)
-    (1.984, 4.123)
+    (1.984, 4.015)
     """
     if categories < 2:
         return np.inf
