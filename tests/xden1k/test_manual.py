@@ -15,7 +15,6 @@ from xden1k.documents.card import header, yaml_block
 from xden1k.folder import open_folder
 from xden1k.folder.verify import verify_folder
 from xden1k.format.manifest import Manifest
-from xden1k.values.types import SPLITS
 from xden_builder.phantoms import plan_objects
 
 MANUAL = SAMPLE.parent / "README.md"
@@ -72,8 +71,9 @@ def test_the_sample_is_what_make_sample_makes() -> None:
     (names,) = re.findall(r"^CATEGORIES := (.*)$", makefile, re.MULTILINE)
     count, seed = (int(re.search(rf"--{word} (\d+)", line)[1]) for word in ("count", "seed"))
     plans = plan_objects(count, seed, names.split(","))
+    folder = open_folder(SAMPLE)
     assert {(plan.object_id, plan.split) for plan in plans} == {
-        (object_id, split) for split in SPLITS for object_id in open_folder(SAMPLE).ids(split)
+        (object_id, split) for split in folder.manifest.splits for object_id in folder.ids(split)
     }
 
 

@@ -74,7 +74,7 @@ _TRANSMISSION_STEP = MAX_TRANSMISSION / 65535
 _LIGHT = (
     Column("object_id", _STRING, "Unique name"),
     Column("category", _STRING, "Class of the object"),
-    Column("split", _STRING, "train, val, test, or private (answers withheld)"),
+    Column("split", _STRING, "train, val, test, unseen, or private (answers withheld)"),
     Column(
         "source",
         _STRING,
