@@ -72,7 +72,9 @@ def read_npz(path: Path, names: tuple[str, ...]) -> Mapping[str, Array]:
                 if info := members.get(f"{name}.npy"):
                     _check_bytes(info.file_size, MAX_BYTES, f"{path}: {name}")
                     found[name] = _array(archive.read(info), f"{path}: {name}")
-    except (OSError, EOFError, zipfile.BadZipFile, zlib.error, struct.error) as err:
+    except OSError as err:
+        raise DataError(f"{path}: {err.strerror or err}") from err
+    except (EOFError, zipfile.BadZipFile, zlib.error, struct.error) as err:
         raise DataError(f"{path}: expected a readable .npz file: {err}") from err
     except (NotImplementedError, RuntimeError) as err:
         raise DataError(f"{path}: packed or encrypted in a way that is not read: {err}") from err
