@@ -16,7 +16,7 @@ from xden_baselines.views.cameras import Rig
 from xden_baselines.views.source import RenderedPhantoms
 
 RIG = RenderedPhantoms(Rig(elevations_deg=(-30.0, 30.0), per_ring=3, size_px=96))
-CORE = ((0.2, 0.2, 3.2), (0.8, 0.8, 3.8))
+CORE = ((0.2, 0.2, 3.4), (0.8, 0.8, 3.8))  # nearer to the sides of the head than to the handle
 HAMMER = (
     Box("handle", (0, 0, 0), (1, 1, 3), 0.6, material="wood_oak"),
     Box("head", (-0.5, 0, 3), (2, 1, 4), 7.7, CORE, material="steel"),
