@@ -263,11 +263,17 @@ def test_the_same_arrays_are_entered_once_whatever_they_are_called(
                 write_entry(entry, again, tmp_path / "results", submission=path)
 
 
-@pytest.mark.parametrize(
-    "name", ["pixie", "PIXIE", "Pixie (official)", "p1xie", "NeRF2Physics v2", "official builder"]
-)
-def test_names_of_built_in_and_published_methods_are_kept(made: dict[str, Any], name: str) -> None:
+@pytest.mark.parametrize("name", ["xray-unet", "X-Ray UNet", "xray-unet v2", "official builder"])
+def test_names_of_built_in_methods_are_kept(made: dict[str, Any], name: str) -> None:
     with pytest.raises(DataError, match="is kept for what `xden-bench baseline"):
+        check_admission(named(made, name), [])
+
+
+@pytest.mark.parametrize(
+    "name", ["pixie", "PIXIE", "Pixie (official)", "p1xie", "NeRF2Physics v2", "nerf2physics"]
+)
+def test_names_of_published_methods_are_nobodys(made: dict[str, Any], name: str) -> None:
+    with pytest.raises(DataError, match="is too near to one of the paper's"):
         check_admission(named(made, name), [])
 
 
@@ -277,8 +283,8 @@ def test_names_that_only_remind_of_them_are_free(made: dict[str, Any], name: str
 
 
 def test_a_built_in_method_keeps_its_name_by_its_command(made: dict[str, Any]) -> None:
-    own = named(made, "pixie")
-    own["method"]["command"] = "xden-bench baseline pixie --out p.npz"
+    own = named(made, "xray-unet")
+    own["method"]["command"] = "xden-bench baseline xray-unet --out p.npz"
     check_admission(own, [])
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from xden1k.errors import DataError
-from xden_bench.entries.entry_form import read_form
+from xden_bench.entries.entry_form import OF_FIRST_SCHEMA, read_form
 from xden_bench.methods.baseline import builtin_names
 from xden_bench.methods.rebuilt import NAMES as REBUILT
 from xden_bench.scoring.names import skeleton
@@ -23,6 +23,11 @@ __all__ = ["EnteredError", "Owners", "Quota", "check_admission", "light_entries"
 Entry = Mapping[str, Any]
 PAPER_NAMES: Final = ("NeRF2Physics", "GaussianProperty", "Pixie")
 """Methods of the table in the XDen-1K paper."""
+FORMER_NAMES: Final = (
+    *("nerf2physics", "nerf2physics-thickness", "pixie", "pixie-full"),
+    *("gaussian-property", "gaussian-property-weighted", "gaussian-property-parts"),
+)
+"""What methods of this package were called while v1 was the protocol: no row has them since."""
 ADDITIONS: Final = re.compile(
     r"\b(official|original|authors?|paper|reference|genuine|real|true|baseline|ours|by|the|of"
     r"|re-?implement\w*|implementation|final|v?\d[\d.]*)\b"
@@ -142,7 +147,11 @@ def _check_reserved(path: Path, entry: Entry) -> None:
     if name is None or is_trivial(method["name"], load_protocol(entry["protocol"])):
         return  # a trivial method's values are compared with its own
     asked = "root" if name in REBUILT else name
-    if method["name"] != name or _words(method["command"])[:3] != ["xden-bench", "baseline", asked]:
+    former = name in FORMER_NAMES and entry["protocol"] not in OF_FIRST_SCHEMA
+    made = _words(method["command"])[:3] == ["xden-bench", "baseline", asked]
+    if name in PAPER_NAMES or former:
+        raise DataError(f"{path}: the name {method['name']!r} is too near to one of the paper's")
+    if method["name"] != name or not made:
         expected = f"what `xden-bench baseline {asked}` made"
         raise DataError(f"{path}: the name {method['name']!r} is kept for {expected}")
 
@@ -150,7 +159,8 @@ def _check_reserved(path: Path, entry: Entry) -> None:
 @cache
 def _reserved() -> dict[str, str]:
     """Names by their skeleton; what the paper and this package call alike is this package's."""
-    return {skeleton(one): one for one in (*PAPER_NAMES, *REBUILT, *builtin_names())}
+    names = (*PAPER_NAMES, *FORMER_NAMES, *REBUILT, *builtin_names())
+    return {skeleton(one): one for one in names}
 
 
 def _words(command: str) -> list[str]:
