@@ -117,7 +117,7 @@ def test_scores_of_the_sample_are_no_entry(tmp_path: Path, monkeypatch: pytest.M
     assert [path.name for path in tmp_path.iterdir()] == ["zero.npz"]
     own = CliRunner().invoke(cli, ["submit", "zero.npz", "--out", "own"])
     assert own.exit_code == 0
-    assert f"scored on the split test of {SAMPLE}\nno rank: trivial\n" in own.stdout
+    assert f"split test of {SAMPLE}\nno rank in track geometry: trivial\n" in own.stdout
 
 
 @pytest.mark.slow
