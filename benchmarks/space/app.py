@@ -6,10 +6,11 @@ from pathlib import Path
 from xden1k.access.hub import data_root
 from xden1k.folder import open_folder
 from xden_bench.scoring.reference import Reference
-from xden_bench.serve.site import Site, run
+from xden_bench.serve.site import Site, run, take_address
 
 if __name__ == "__main__":
     kept = Path(os.environ.get("XDEN_DESK", "/data"))
     truth = Reference(open_folder(data_root()), "test")
     site = Site(truth, kept / "results", kept / "state", login=True)
-    run(site, host="0.0.0.0", port=7860, say=print)  # noqa: S104 - a Space is its own network
+    with take_address("0.0.0.0", 7860) as listener:  # noqa: S104 - a Space is its own network
+        run(site, listener, print)

@@ -30,7 +30,7 @@ def serve(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ser
 def started(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Every site that would have been served."""
     sites: list[Any] = []
-    monkeypatch.setattr(site, "run", lambda one, **_: sites.append(one))
+    monkeypatch.setattr(site, "run", lambda one, *_: sites.append(one))
     return sites
 
 
@@ -42,7 +42,7 @@ def test_a_port_that_is_taken_is_one_line_and_makes_nothing(
         done = serve("--port", port)
     assert done.exit_code == 1
     assert done.stderr == (
-        f"Error: cannot listen at 127.0.0.1:{port}: Address already in use: "
+        f"Error: cannot listen at 127.0.0.1, port {port}: Address already in use: "
         "choose another --host or --port\n"
     )
     assert not started

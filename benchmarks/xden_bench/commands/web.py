@@ -55,12 +55,13 @@ def serve(
     Needs the extras view and build.
     """
     from xden1k.access.hub import cache_folder
-    from xden_bench.serve.site import Site, run
+    from xden_bench.serve.site import Site, run, take_address
 
     state = state or cache_folder() / "desk"
     if results is None:
         results = RESULTS if (RESULTS / "README.md").is_file() else state / "results"
     reference = open_reference(root, "test")
     site = Site(reference, results, state, settings, trusted_proxies=trusted_proxies)
-    tell_notes()
-    run(site, host=host, port=port, say=partial(click.echo, err=True))
+    with take_address(host, port) as listener:
+        tell_notes()
+        run(site, listener, partial(click.echo, err=True))

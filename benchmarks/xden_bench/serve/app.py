@@ -89,7 +89,9 @@ def bind(host: str, port: int) -> socket.socket:
         found.bind((host, port))
     except OSError as err:
         found.close()
-        raise DataError(f"cannot listen at {host}, port {port}: {err.strerror}") from err
+        raise DataError(
+            f"cannot listen at {host}, port {port}: {err.strerror}: choose another --host or --port"
+        ) from err
     return found
 
 

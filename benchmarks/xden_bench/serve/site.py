@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from xden_bench.serve.desk import Desk
 from xden_bench.serve.limits import Limits
 from xden_bench.serve.standings import Standings
 
-__all__ = ["Site", "run"]
+__all__ = ["Site", "run", "take_address"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,33 +52,45 @@ class Site:
         return load_settings(Limits, self.settings) if self.settings else Limits()
 
 
-def run(site: Site, *, host: str, port: int, say: Callable[[str], object]) -> None:
-    """Serve until interrupted.
-
-    Parameters
-    ----------
-    site
-        What.
-    host, port
-        Where.
-    say
-        Is told the address as soon as the first page can be had, and what takes time before.
+def take_address(host: str, port: int) -> socket.socket:
+    """Take an address, before anything else is begun or said; close it in the end.
 
     Raises
     ------
     MissingExtraError
         If the extras ``view`` and ``build`` are not installed.
     DataError
-        If the settings, or the desk's folder, are not right, or the port is taken.
+        If the address cannot be had.
     """
     for module, extra in (("gradio", "view"), ("matplotlib", "view"), ("manifold3d", "build")):
         require(module, extra)
-    from xden_bench.serve.app import bind, build_app, serve
+    from xden_bench.serve.app import bind
+
+    return bind(host, port)
+
+
+def run(site: Site, listener: socket.socket, say: Callable[[str], object]) -> None:
+    """Serve until interrupted.
+
+    Parameters
+    ----------
+    site
+        What.
+    listener
+        From :func:`take_address`.
+    say
+        Is told the address as soon as the first page can be had, and what takes time before.
+
+    Raises
+    ------
+    DataError
+        If the settings, or the desk's folder, are not right.
+    """
+    from xden_bench.serve.app import build_app, serve
     from xden_bench.serve.explorer import Explorer
     from xden_bench.serve.page_explore import mount_explorer
 
     with (
-        bind(host, port) as listener,
         tempfile.TemporaryDirectory() as models,
         Desk(
             site.reference,
@@ -94,6 +107,7 @@ def run(site: Site, *, host: str, port: int, say: Callable[[str], object]) -> No
         explorer = Explorer(site.reference.folder, desk.upload_of, Path(models))
         mount_explorer(app, explorer, standings)
         listener.listen()
+        host, port = listener.getsockname()[:2]
         say(f"http://{host}:{port} (stop with Ctrl-C)")
         with standings:
             serve(app, listener, site.trusted_proxies)
