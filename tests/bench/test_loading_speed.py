@@ -89,7 +89,7 @@ def test_memory_of_a_process_that_is_not_there_is_one_line() -> None:
 def test_loading_takes_no_submission(tmp_path: Path) -> None:
     result = CliRunner().invoke(cli, ["speed", "preds.npz", "--loading"])
     assert result.exit_code == 2
-    assert "--loading takes no submission" in result.stderr
+    assert "--loading and --serving take no submission" in result.stderr
 
 
 @pytest.mark.slow

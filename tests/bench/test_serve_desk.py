@@ -169,7 +169,7 @@ def test_the_same_file_is_entered_once_whether_here_or_by_command(
     write_entry(entry, scored, desk.results)
     entries = len(read_entries(desk.results))
     for number, file in enumerate((here, there)):
-        with turned_away("entered", r"this very file is entered already: v1/.*\.json"):
+        with turned_away("entered", r"this very file is entered already: v2/.*\.json"):
             desk.submit(file, user=f"other {number}", filename="x")
     assert len(read_entries(desk.results)) == entries
     assert desk.upload_of(entry["submission_sha256"]) is None
