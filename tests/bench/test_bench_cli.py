@@ -207,6 +207,23 @@ def test_submit_says_which_rank_it_got_and_why_it_got_none(
     assert "\nno rank in track geometry: trivial\n" in run("submit", "water.npz").stdout
 
 
+def test_every_seed_of_a_method_is_told_the_rank_of_its_one_row(
+    run: Callable[..., Result], submission: Submit
+) -> None:
+    for seed in (2, 1, 0):
+        factor = 1.3 + 0.1 * seed
+        file = submission(lambda _, grid, by=factor: np.float32(by) * grid, seed=seed)
+        assert "\nrank 1 of 1 in track geometry\n" in run("submit", file).stdout
+
+
+def test_a_protocol_without_ranks_is_named_where_a_rank_is_missing(
+    run: Callable[..., Result], submission: Submit
+) -> None:
+    file = submission(lambda _, grid: np.float32(1.5) * grid)
+    said = run("submit", file, "--protocol", "v1").stdout
+    assert "\nno rank in track geometry: protocol v1 has no ranks\n" in said
+
+
 def test_submit_tells_where(run: Callable[..., Result], submission: Submit, tmp_path: Path) -> None:
     done = json.loads(run("submit", submission(), "--json", "--out", "results").stdout)
     assert (tmp_path / done["file"]).is_file()

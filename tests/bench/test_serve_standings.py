@@ -91,7 +91,8 @@ def test_ranks_and_rows_are_those_of_the_leaderboard(
     rows = [whole[place_of(row)] for row in table.rows]
     assert list(table.ranks) == ranks(rows)
     assert [row["method"]["name"] for row in rows] == ["times-1.1", "times-1.5", "times-3.0"]
-    assert standing(rows[2], rows, table.ranks) == "rank 2 of 3 in track geometry"
+    said = standing(rows[2], table.rank_of(table.rows[2]), table.ranks)
+    assert said == "rank 2 of 3 in track geometry"
 
 
 def test_a_changed_entry_is_verified_again_and_a_spoilt_one_is_left_out_and_named(

@@ -264,6 +264,7 @@ def _standing(entry: Mapping[str, Any], path: Path) -> str:
     """Say which rank an entry has among those beside it."""
     from xden1k.errors import DataError
     from xden_bench.entries.leaderboard import tables
+    from xden_bench.entries.merging import holds
     from xden_bench.entries.ranking import ranks
     from xden_bench.entries.result import entry_path, entry_paths, keep_best_of_teams, read_entry
     from xden_bench.entries.standing import standing
@@ -271,9 +272,10 @@ def _standing(entry: Mapping[str, Any], path: Path) -> str:
     try:
         entries = [read_entry(one) for one in entry_paths(path.parent)]
         keep_best_of_teams(entries)
-        found = tables(entries)
-        (rows,) = (rows for rows in found if entry_path(entry) in map(entry_path, rows))
-        return standing(entry, rows, ranks(rows))
+        own = entry_path(entry)
+        rows, row = next((rows, row) for rows in tables(entries) for row in rows if holds(row, own))
+        found = ranks(rows)
+        return standing(row, found[rows.index(row)], found)
     except DataError as err:
         return f"no rank: {err}"
 

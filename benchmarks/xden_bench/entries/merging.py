@@ -7,6 +7,7 @@ below the row that it belongs to, with the reason, and has no rank.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from statistics import fmean, stdev
 from typing import Any, Final
 
@@ -14,11 +15,11 @@ import numpy as np
 from jaxtyping import Float64
 
 from xden_bench.entries.ranking import MERGED, Entry
-from xden_bench.entries.result import figures, objects_of
+from xden_bench.entries.result import entry_path, figures, objects_of
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.protocol import load_protocol
 
-__all__ = ["entries_of", "merged_rows", "place", "seed_spread"]
+__all__ = ["entries_of", "holds", "merged_rows", "place", "seed_spread"]
 
 NEAR: Final = 0.05
 """Median over objects of the relative difference of two errors, below which they are a copy.
@@ -55,6 +56,11 @@ def entries_of(row: Entry) -> Sequence[Entry]:
     """Entries that a row is made of: those of its seeds, or itself."""
     seeds: Sequence[Entry] = row.get("seeds", (row,))
     return seeds
+
+
+def holds(row: Entry, path: Path) -> bool:
+    """Whether a row is made of the entry that lies at a place among the results."""
+    return any(entry_path(one) == path for one in entries_of(row))
 
 
 def place(row: Entry) -> tuple[Any, ...]:

@@ -23,6 +23,7 @@ __all__ = [
     "Entry",
     "critical_distance",
     "dense_ranks",
+    "rank_label",
     "rank_labels",
     "ranks",
     "trusted_interval",
@@ -149,8 +150,19 @@ def ranks(rows: Sequence[Entry]) -> list[int | None]:
     return found
 
 
+def rank_label(rank: int | None, ranks: Sequence[int | None]) -> str:
+    """Return a rank as it is printed: with ``=`` where rows share it, nothing where there is none.
+
+    Examples
+    --------
+    >>> rank_label(1, [1, 1, None]), rank_label(3, [1, 1, 3]), rank_label(None, [1, None])
+    ('1=', '3', '')
+    """
+    return "" if rank is None else f"{rank}{'=' if ranks.count(rank) > 1 else ''}"
+
+
 def rank_labels(rows: Sequence[Entry]) -> list[str]:
-    """Ranks as they are printed: ``1=`` where rows share one, nothing where there is none.
+    """Ranks of a table by :func:`rank_label`.
 
     Parameters
     ----------
@@ -158,9 +170,7 @@ def rank_labels(rows: Sequence[Entry]) -> list[str]:
         Of one table, in any order.
     """
     found = ranks(rows)
-    return [
-        "" if rank is None else f"{rank}{'=' if found.count(rank) > 1 else ''}" for rank in found
-    ]
+    return [rank_label(rank, found) for rank in found]
 
 
 def unranked_because(row: Entry) -> str | None:

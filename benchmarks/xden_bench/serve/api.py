@@ -9,7 +9,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from xden_bench.entries.ranking import Entry, unranked_because
+from xden_bench.entries.ranking import Entry
+from xden_bench.entries.standing import no_rank_because
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.serve.board import Asked, link
 from xden_bench.serve.standings import Snapshot, Table, place_of
@@ -85,7 +86,7 @@ def _rows(table: Table) -> Iterator[tuple[Entry, dict[str, Any]]]:
             row,
             {
                 "rank": rank,
-                "not_ranked": unranked_because(row),
+                "not_ranked": no_rank_because(row) if rank is None else None,
                 "link": link(Asked(row=place_of(row))),
                 **{key: row[key] for key in _KEPT},
             },

@@ -13,9 +13,9 @@ import numpy as np
 from xden1k.errors import MissingObjectError
 from xden1k.values.types import PRIVATE
 from xden_bench.entries.leaderboard import PRINTED, TRACK_TITLES
-from xden_bench.entries.ranking import Entry, unranked_because
+from xden_bench.entries.merging import entries_of
+from xden_bench.entries.ranking import Entry, rank_label, unranked_because
 from xden_bench.entries.result import entry_path
-from xden_bench.entries.standing import rank_label
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.serve.names import alphabets, is_link
@@ -159,16 +159,18 @@ def group_table(rows: Sequence[Entry], metric: str, by: str) -> tuple[list[str],
 
 def how_made(row: Entry) -> str:
     """Return the commands that make a row again, and those that check it."""
-    method = row["method"]
     commit = f", commit {_one_line(row['commit'])}" if row["commit"] else ""
     lines = [
         f"# xden1k {_one_line(row['xden_version'])}{commit}",
         f"# dataset {_one_line(row['dataset']['revision'])}, manifest sha256 "
         f"{row['dataset']['manifest_sha256']}",
-        *(_one_line(command) for command in (method["command"], row["command"]) if command),
+        *(_one_line(command) for one in entries_of(row) for command in _commands(one) if command),
         "",
         "# compare every number with the stored entry",
-        f"xden-bench verify {shlex.quote(f'{RESULTS}/{entry_path(row).as_posix()}')}",
+        *(
+            f"xden-bench verify {shlex.quote(f'{RESULTS}/{entry_path(one).as_posix()}')}"
+            for one in entries_of(row)
+        ),
     ]
     return "\n".join(lines)
 
@@ -199,10 +201,10 @@ def _chosen(snapshot: Snapshot, asked: Asked) -> tuple[Table, list[str]]:
     """Return the table asked for, and the tracks beside it."""
     address, track = asked.table, asked.track
     if asked.row is not None:
-        table = snapshot.table_of(asked.row)
-        if table is None:
+        if (found := snapshot.row_of(asked.row)) is None:
             raise MissingObjectError("there is no such row")
-        address, track = _address(table.rows[0]), table.rows[0]["track"]
+        _, row = found
+        address, track = _address(row), row["track"]
     address = address or _address(snapshot.tables[0].rows[0])
     beside = {
         one.rows[0]["track"]: one for one in snapshot.tables if _address(one.rows[0]) == address
@@ -246,10 +248,10 @@ def _groups(rows: Sequence[Entry], metric: str) -> Iterator[dict[str, Any]]:
 def _line(row: Entry, table: Table, names: Sequence[str], asked: Asked) -> dict[str, Any]:
     """Return a row of the table, for the template."""
     method, place = row["method"], place_of(row)
-    rank = table.ranks[table.rows.index(row)]
-    opened, team = place == asked.row, (row.get("team") or {}).get("name", "")
+    rank, team = table.rank_of(row), row.get("team", {}).get("name", "")
+    opened = asked.row in map(place_of, entries_of(row))
     return {
-        "rank": "" if rank is None else rank_label(rank, table.ranks),
+        "rank": rank_label(rank, table.ranks),
         "name": method["name"],
         "team": team,
         "alphabets": alphabets(team),
@@ -307,6 +309,11 @@ def _version(row: Entry) -> str:
     version = row["metric_version"]
     newest = load_protocol(row["protocol"]).metric_version
     return "" if version == newest else f", old metric version {version}"
+
+
+def _commands(entry: Entry) -> tuple[str, str]:
+    """Return what made a submission, and what scored it."""
+    return entry["method"]["command"], entry["command"]
 
 
 def _one_line(text: str) -> str:

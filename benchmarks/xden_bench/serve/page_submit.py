@@ -102,14 +102,14 @@ class _Page:
 
     def _values(self, status: Status) -> dict[str, Any]:
         place = self._place(status)
-        said = _standing(self.standings.now, place) if place else ""
+        said, href = _standing(self.standings.now, place) if place else ("", "")
         return {
             "status": status,
             "errors": sum(one.is_error for one in status.problems),
             "problems": problem_rows(status.problems)[1],
             "result": result_rows(status.metrics)[1],
             "standing": said,
-            "href": link(Asked(row=place)) if place else "",
+            "href": href,
             "waiting": not status.is_final or bool(place and not said),
         }
 
@@ -132,10 +132,11 @@ def submit_routes(
     ]
 
 
-def _standing(snapshot: Snapshot, place: str) -> str:
-    """Say where an entry stands; nothing while its rank is being computed."""
-    table = snapshot.table_of(place)
-    if table is None:
-        return ""
-    row = next(row for row in table.rows if place_of(row) == place)
-    return standing(row, table.rows, table.ranks)
+def _standing(snapshot: Snapshot, place: str) -> tuple[str, str]:
+    """Where an entry stands, and the address of its row; empty while its rank is being computed."""
+    found = snapshot.row_of(place)
+    if found is None:
+        return "", ""
+    table, row = found
+    said = standing(row, table.rank_of(row), table.ranks)
+    return said, link(Asked(row=place_of(row)))

@@ -22,7 +22,7 @@ from typing import Any, Final
 
 from xden1k.errors import DataError
 from xden_bench.entries.leaderboard import tables
-from xden_bench.entries.merging import entries_of
+from xden_bench.entries.merging import entries_of, holds
 from xden_bench.entries.ranking import Entry, ranks, trusted_interval
 from xden_bench.entries.result import (
     entry_path,
@@ -62,6 +62,10 @@ class Table:
     rows: tuple[Entry, ...]
     ranks: tuple[int | None, ...]
 
+    def rank_of(self, row: Entry) -> int | None:
+        """Rank of one of the rows."""
+        return self.ranks[self.rows.index(row)]
+
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
@@ -81,16 +85,11 @@ class Snapshot:
     tables: tuple[Table, ...] = ()
     is_current: bool = True
 
-    def table_of(self, place: str) -> Table | None:
-        """Return the table that has an entry, given its place among the results."""
-        return next(
-            (
-                table
-                for table in self.tables
-                if any(place == place_of(one) for row in table.rows for one in entries_of(row))
-            ),
-            None,
-        )
+    def row_of(self, place: str) -> tuple[Table, Entry] | None:
+        """Return the row that is made of an entry, given its place among the results."""
+        path = Path(f"{place}.json")
+        found = ((table, row) for table in self.tables for row in table.rows if holds(row, path))
+        return next(found, None)
 
 
 class Standings:
