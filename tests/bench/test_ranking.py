@@ -167,6 +167,14 @@ def test_seeds_of_a_method_are_one_row_with_their_mean_and_spread() -> None:
     assert [one["method"]["seed"] for one in found["seeds"]] == [0, 1, 2]
 
 
+def test_deviations_that_one_seed_does_not_state_are_not_in_the_mean_of_the_seeds() -> None:
+    bare, stating = (row("net", HARD * factor, seed=i) for i, factor in enumerate((1.0, 1.1)))
+    stating["object_scores"] |= dict.fromkeys(RULES.sd_metrics, HARD.tolist())
+    for seeds in ([bare, stating], [stating | {"date": "2025-01-01"}, bare]):
+        (found,) = merged_rows(seeds)
+        assert set(found["metrics"]) == set(RULES.metrics)
+
+
 def test_of_a_method_and_seed_that_came_again_the_better_counts() -> None:
     better, worse = honest(2)
     rows = merged_rows([row("net", worse), row("net", better, date="2026-03-01", arrays="0" * 64)])

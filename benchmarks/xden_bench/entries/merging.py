@@ -115,9 +115,10 @@ def _family(members: Sequence[Entry]) -> list[Entry]:
 def _mean_of_seeds(seeds: Sequence[Entry]) -> Entry:
     """Row whose objects have the means of their scores over seeds."""
     first, rules = seeds[0], load_protocol(seeds[0]["protocol"])
-    columns = dict(first["object_scores"])
-    for name in set(METRICS).intersection(*(one["object_scores"] for one in seeds)):
-        columns[name] = np.mean([one["object_scores"][name] for one in seeds], axis=0).tolist()
+    every = [one["object_scores"] for one in seeds]
+    columns = {name: values for name, values in every[0].items() if name not in METRICS}
+    for name in set(METRICS).intersection(*every):
+        columns[name] = np.mean([one[name] for one in every], axis=0).tolist()
     return {
         **first,
         **figures(objects_of(columns, rules), rules),
