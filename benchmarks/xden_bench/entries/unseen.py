@@ -12,10 +12,12 @@ from xden_bench.entries.ranking import MERGED, Entry
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.protocol import load_protocol
 
-__all__ = ["UNSEEN", "drop_table"]
+__all__ = ["DROP_HEADINGS", "UNSEEN", "drop_rows", "drop_table"]
 
 UNSEEN: Final = "unseen"
 """The split of the categories that are left out of training."""
+
+DROP_HEADINGS: Final = ("method", "test", "unseen", "drop", "unseen / test")
 
 
 def drop_table(rows: Sequence[Entry], tables: Iterable[Sequence[Entry]]) -> str:
@@ -28,24 +30,29 @@ def drop_table(rows: Sequence[Entry], tables: Iterable[Sequence[Entry]]) -> str:
     tables
         Among which is that of ``unseen``: the same but for the split.
     """
-    if rows[0]["dataset"]["split"] != "test":
-        return ""
-    other = next((one for one in tables if _is_counterpart(rows[0], one[0])), [])
-    unseen, metric = _by_method(other), load_protocol(rows[0]["protocol"]).rank_by
-    lines = [
-        _line(row, unseen[method], metric)
-        for method, row in _by_method(rows).items()
-        if method in unseen
-    ]
+    lines = [[plain(method), *figures] for method, *figures in drop_rows(rows, tables)]
     if not lines:
         return ""
-    headings = ["method", "test", "unseen", "drop", "unseen / test"]
+    metric = load_protocol(rows[0]["protocol"]).rank_by
     return (
         f"## Track `{rows[0]['track']}`: from seen to unseen categories\n\n"
         f"{METRICS[metric].title}, means over objects. `unseen` has categories that no training "
         "object is of. The objects differ too: a method without training shows by how much.\n\n"
-        f"{tabulate(lines, headings, tablefmt='pipe', disable_numparse=True)}"
+        f"{tabulate(lines, DROP_HEADINGS, tablefmt='pipe', disable_numparse=True)}"
     )
+
+
+def drop_rows(rows: Sequence[Entry], tables: Iterable[Sequence[Entry]]) -> list[list[str]]:
+    """Rows of :func:`drop_table` under :data:`DROP_HEADINGS`, the names as they are."""
+    if rows[0]["dataset"]["split"] != "test":
+        return []
+    other = next((one for one in tables if _is_counterpart(rows[0], one[0])), [])
+    unseen, metric = _by_method(other), load_protocol(rows[0]["protocol"]).rank_by
+    return [
+        _line(row, unseen[method], metric)
+        for method, row in _by_method(rows).items()
+        if method in unseen
+    ]
 
 
 def _is_counterpart(row: Entry, other: Entry) -> bool:
@@ -70,4 +77,4 @@ def _line(row: Entry, unseen: Entry, metric: str) -> list[str]:
     """Return method, both means, and how much worse the second is."""
     seen, new = (one["metrics"][metric]["mean"] for one in (row, unseen))
     ratio = f"{new / seen:.2f}" if seen > 0 else ""
-    return [plain(row["method"]["name"]), f"{seen:.3f}", f"{new:.3f}", f"{new - seen:+.3f}", ratio]
+    return [row["method"]["name"], f"{seen:.3f}", f"{new:.3f}", f"{new - seen:+.3f}", ratio]
