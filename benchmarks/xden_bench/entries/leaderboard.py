@@ -274,7 +274,7 @@ def _title(row: Entry) -> str:
     choices = load_protocol(row["protocol"]).open_choices
     said = "; ".join(f"{name.replace('_', ' ')}: {text}" for name, text in choices.items())
     return (
-        f"## Track `{row['track']}`, split `{_code(data['split'])}`: {TRACK_TITLES[row['track']]}\n\n"
+        f"## Track `{row['track']}`, split {code(data['split'])}: {TRACK_TITLES[row['track']]}\n\n"
         f"Source of the objects: **{plain(data['source'])}**. Target `{row['target']}`, "
         f"split {code(data['split'])}, {row['n_objects']} objects, dataset "
         f"{plain(data['revision'])} (manifest {code(data['manifest_sha256'][:12])}), "
