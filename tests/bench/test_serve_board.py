@@ -25,6 +25,7 @@ from xden_bench.serve.explorer import best_and_worst
 from xden_bench.serve.standings import Snapshot, Table, place_of
 
 Entry = dict[str, Any]
+METRIC = load_protocol().rank_by
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +41,7 @@ def results(tmp_path_factory: pytest.TempPathFactory, reference: Reference) -> P
             entry_of(found, reference, command=f"xden-bench submit {name}.npz", date=day),
             found,
             place / "results",
+            submission=out,
         )
     return place / "results"
 
@@ -49,9 +51,18 @@ def rows(results: Path) -> list[Entry]:
     return list(read_entries(results))
 
 
-def renamed(row: Entry, name: str, **rest: Any) -> Entry:
-    method = {**row["method"], "name": name}
-    return {**row, "method": method, "submission_sha256": name.ljust(64, "0"), **rest}
+def renamed(row: Entry, name: str, by: float = 1.0, **rest: Any) -> Entry:
+    """An entry of another method, whose density errors are so many times as large."""
+    scores = row["object_scores"]
+    changed = {
+        "method": {**row["method"], "name": name},
+        "submission_sha256": name.ljust(64, "0"),
+        "arrays_sha256": name.ljust(64, "0"),
+        "object_scores": {**scores, METRIC: [by * one for one in scores[METRIC]]},
+        "metrics": {**row["metrics"], METRIC: {**row["metrics"][METRIC]}},
+    }
+    changed["metrics"][METRIC]["mean"] *= by
+    return {**row, **changed, **rest}
 
 
 def snapshot(*rows: Entry) -> Snapshot:
@@ -67,7 +78,7 @@ def test_the_title_of_a_table_names_source_split_target_dataset_and_protocol(
 ) -> None:
     ((title,), (track,)) = (shown(*rows)[key] for key in ("titles", "tracks"))
     manifest = reference.manifest_sha256[:8]
-    assert title["title"] == f"phantom · test · density · dataset 0.1.0 ({manifest}) · protocol v1"
+    assert title["title"] == f"phantom · test · density · dataset 0.1.0 ({manifest}) · protocol v2"
     assert track["name"] == "geometry"
 
 
@@ -90,7 +101,7 @@ def test_trivial_rows_and_oracles_stand_apart_without_a_rank_and_say_why(
 ) -> None:
     sees_truth = {**rows[0]["method"], "name": "seer", "inputs": ["truth"]}
     oracle = {**rows[0], "method": sees_truth, "submission_sha256": "f" * 64}
-    found = shown(renamed(rows[0], "own"), rows[1], oracle)
+    found = shown(renamed(rows[0], "own", by=1.5), rows[1], oracle)
     assert [(one["rank"], one["kind"]) for one in found["rows"]] == [("1", "")]
     reasons = {one["name"]: one["kind"] for one in found["unranked"]}
     assert reasons.pop(rows[1]["method"]["name"]) == "trivial"
@@ -99,7 +110,7 @@ def test_trivial_rows_and_oracles_stand_apart_without_a_rank_and_say_why(
 
 
 def test_rows_that_cannot_be_told_apart_share_a_rank_and_are_marked(rows: list[Entry]) -> None:
-    found = shown(renamed(rows[0], "one"), renamed(rows[0], "two"))
+    found = shown(renamed(rows[0], "one"), renamed(rows[0], "two", by=1.2))
     assert [one["rank"] for one in found["rows"]] == ["1=", "1="]
 
 
@@ -129,16 +140,62 @@ def test_every_figure_has_three_decimals_and_the_chosen_metric_comes_first(
     first = board.best_first(rows, "com_l1_cm")[0]["metrics"]["com_l1_cm"]
     value = found["unranked"][0]["figures"][0]
     assert value["mean"] == f"{first['mean']:.3f}"
-    assert value["interval"] == "[{:.3f}, {:.3f}]".format(*first["ci95"])
+    assert found["headings"][1]["heading"] == "by category"
+    assert found["unranked"][0]["figures"][1]["mean"] == f"{first['macro_mean']:.3f}"
     printed = [one["mean"] for row in found["unranked"] for one in row["figures"]]
     assert {len(text.partition(".")[2]) for text in printed} == {3}
 
 
 def test_a_figure_without_an_interval_is_shown_without_one(rows: list[Entry]) -> None:
-    bare = renamed(rows[0], "bare", metrics={"density_mae_g_cm3": {"mean": 0.5, "ci95": None}})
-    (line,) = shown(bare)["rows"]
-    assert line["figures"][0] == {"mean": "0.500", "interval": ""}
+    bare = renamed(rows[0], "bare", metrics={METRIC: {"mean": 0.5, "ci95": None}})
+    found = shown(bare)
+    assert found["rows"][0]["figures"][0] == {"mean": "0.500", "spread": "", "interval": ""}
+    assert not found["has_intervals"]
     assert ",0.5,," in api.board_csv(snapshot(bare))
+
+
+def test_an_interval_has_three_decimals_too(rows: list[Entry]) -> None:
+    known = renamed(rows[0], "known", metrics={METRIC: {"mean": 0.5, "ci95": [0.4, 0.61]}})
+    found = shown(known)
+    assert found["rows"][0]["figures"][0]["interval"] == "[0.400, 0.610]"
+    assert found["has_intervals"]
+
+
+def test_rows_of_an_older_protocol_are_shown_without_ranks_and_categories(
+    rows: list[Entry],
+) -> None:
+    found = shown(*(row | {"protocol": "v1"} for row in rows))
+    assert not found["is_ranked"]
+    assert found["rows"] == []
+    assert len(found["unranked"]) == 2
+    assert "by category" not in [one["heading"] for one in found["headings"]]
+
+
+def test_seeds_are_one_row_with_their_spread_that_every_seeds_link_opens(
+    rows: list[Entry],
+) -> None:
+    seeds = [renamed(rows[0], f"{seed}", by=1 + 0.2 * seed) for seed in range(2)]
+    for seed, one in enumerate(seeds):
+        one["method"] |= {"name": "net", "seed": seed}
+    mean = seeds[0]["metrics"][METRIC]["mean"]
+    for one in seeds:
+        (line,) = shown(*seeds, row=place_of(one))["rows"]
+        value = line["figures"][0]
+        assert value["mean"] == f"{1.1 * mean:.3f}"
+        assert value["spread"] == f"± {0.2 * mean / 2**0.5:.3f}"
+        found = {name: text for name, text, _ in line["facts"]}
+        assert found["seed 0"] == f"density MAE, g/cm³ ↓ {mean:.3f}, submission sha256 {'0' * 64}"
+        assert found["seeds"].startswith("trained, with fewer than 3 seeds")
+        assert line["how"].count("xden-bench verify") == 2
+
+
+def test_a_table_of_unseen_categories_is_beside_that_of_seen_ones(rows: list[Entry]) -> None:
+    seen = renamed(rows[0], "own")
+    unseen = renamed(rows[0], "own", by=2) | {"dataset": {**seen["dataset"], "split": "unseen"}}
+    group, *_ = shown(seen, unseen)["groups"]
+    assert group["title"].startswith("From seen to unseen categories")
+    ((name, *_, ratio),) = group["rows"]
+    assert (name, ratio) == ("own", "2.00")
 
 
 def test_a_link_to_a_row_opens_its_table_and_nothing_else_does(rows: list[Entry]) -> None:
@@ -195,7 +252,7 @@ def test_footnotes_a_missing_rank_and_look_alike_links_are_among_the_facts(
 
 
 def test_programs_get_every_row_with_its_rank_and_no_object(rows: list[Entry]) -> None:
-    now = snapshot(renamed(rows[0], "own"), *rows)
+    now = snapshot(renamed(rows[0], "own", by=1.5), *rows)
     (table,) = api.board_json(now)["tables"]
     lines = list(csv.DictReader(io.StringIO(api.board_csv(now))))
     assert [line["method"] for line in lines] == [one["method"]["name"] for one in table]

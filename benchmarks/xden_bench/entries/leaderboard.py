@@ -12,7 +12,7 @@ from xden1k.errors import DataError
 from xden1k.values.modality import TRACKS
 from xden_bench.entries.durable import write_text
 from xden_bench.entries.markdown import code, link, plain
-from xden_bench.entries.merging import merged_rows, seed_spread
+from xden_bench.entries.merging import few_seeds, merged_rows, seed_spread
 from xden_bench.entries.ranking import (
     TRIVIAL,
     Entry,
@@ -355,10 +355,7 @@ def _seed_notes(row: Entry) -> list[str]:
         f"submission {code(one['submission_sha256'][:12])}"
         for one in seeds
     ]
-    trained = row["method"]["training_data"] and unranked_because(row) is None
-    if trained and max(len(seeds), 1) < rules.min_seeds:
-        notes.append(f"trained, with fewer than {rules.min_seeds} seeds: its spread is not known")
-    return notes
+    return [*notes, *filter(None, [few_seeds(row)])]
 
 
 def _dirty(commit: str) -> str:

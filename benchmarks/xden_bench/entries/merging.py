@@ -14,12 +14,12 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Float64
 
-from xden_bench.entries.ranking import MERGED, Entry
+from xden_bench.entries.ranking import MERGED, Entry, unranked_because
 from xden_bench.entries.result import entry_path, figures, objects_of
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.protocol import load_protocol
 
-__all__ = ["entries_of", "holds", "merged_rows", "place", "seed_spread"]
+__all__ = ["entries_of", "few_seeds", "holds", "merged_rows", "place", "seed_spread"]
 
 NEAR: Final = 0.05
 """Median over objects of the relative difference of two errors, below which they are a copy.
@@ -73,6 +73,18 @@ def seed_spread(row: Entry, metric: str) -> float | None:
     """Return the standard deviation of a mean over seeds; None for a single one."""
     means = [one["metrics"][metric]["mean"] for one in row.get("seeds", ())]
     return stdev(means) if means else None
+
+
+def few_seeds(row: Entry) -> str:
+    """Say that a trained row with a rank is of fewer seeds than its protocol asks for; else "".
+
+    The spread of such a row is not known.
+    """
+    least = load_protocol(row["protocol"]).min_seeds
+    trained = row["method"]["training_data"] and unranked_because(row) is None
+    if not trained or len(entries_of(row)) >= least:
+        return ""
+    return f"trained, with fewer than {least} seeds: its spread is not known"
 
 
 def _loss(row: Entry) -> float:

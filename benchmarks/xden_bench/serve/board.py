@@ -13,9 +13,10 @@ import numpy as np
 from xden1k.errors import MissingObjectError
 from xden1k.values.types import PRIVATE
 from xden_bench.entries.leaderboard import PRINTED, TRACK_TITLES
-from xden_bench.entries.merging import entries_of
+from xden_bench.entries.merging import entries_of, few_seeds, seed_spread
 from xden_bench.entries.ranking import Entry, rank_label, unranked_because
 from xden_bench.entries.result import entry_path
+from xden_bench.entries.unseen import DROP_HEADINGS, drop_rows
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.serve.names import alphabets, is_link
@@ -75,6 +76,7 @@ def board_values(snapshot: Snapshot, asked: Asked) -> dict[str, Any]:
         return {"is_current": snapshot.is_current, "rows": [], "unranked": []}
     table, tracks = _chosen(snapshot, asked)
     first = table.rows[0]
+    rules = load_protocol(first["protocol"])
     asked = replace(asked, table=_address(first), track=first["track"])
     names = metric_choices(table.rows)
     metric = asked.metric or names[0]
@@ -83,6 +85,9 @@ def board_values(snapshot: Snapshot, asked: Asked) -> dict[str, Any]:
     columns = [metric, *(name for name in names if name in PRINTED and name != metric)]
     ordered = best_first(table.rows, metric)
     shown = [_line(row, table, columns, asked) for row in ordered]
+    headings = [_heading(name, metric, asked) for name in columns]
+    if rules.is_ranked:
+        headings.insert(1, {"heading": "by category"})
     return {
         "is_current": snapshot.is_current,
         "title": _title(first),
@@ -104,11 +109,16 @@ def board_values(snapshot: Snapshot, asked: Asked) -> dict[str, Any]:
             for name in names
         ],
         "address": asked.table,
-        "headings": [_heading(name, metric, asked) for name in columns],
-        "ranked_by": METRICS[load_protocol(first["protocol"]).rank_by].title,
+        "headings": headings,
+        "is_ranked": rules.is_ranked,
+        "protocol": rules.name,
+        "ranked_by": METRICS[rules.rank_by].title,
+        "has_intervals": any(_ends(row, metric) for row in table.rows),
+        "interval_objects": rules.min_interval_objects,
+        "interval_categories": rules.min_interval_categories,
         "rows": [one for one in shown if one["rank"]],
         "unranked": [one for one in shown if not one["rank"]],
-        "groups": list(_groups(ordered, metric)),
+        "groups": [*_drop(table, snapshot), *_groups(ordered, metric)],
     }
 
 
@@ -185,8 +195,12 @@ def facts(row: Entry) -> list[tuple[str, str, bool]]:
         **links,
         "external data": "yes" if method["external_data"] else "no",
         "seconds per object": method["seconds_per_object"],
+        "hardware": method.get("hardware"),
         "objects": row["n_objects"],
         "submission sha256": row["submission_sha256"],
+        **_seed_facts(row),
+        "erratum": row.get("erratum", {}).get("text"),
+        **{f"remark {place}": text for place, text in enumerate(row.get("remarks", ()), start=1)},
         **{f"footnote {place}": text for place, text in enumerate(row["warnings"], start=1)},
         **{f"letters in {key}": alphabets(text or "") for key, text in links.items()},
     }
@@ -195,6 +209,17 @@ def facts(row: Entry) -> list[tuple[str, str, bool]]:
         for name, text in pairs.items()
         if text not in (None, "")
     ]
+
+
+def _seed_facts(row: Entry) -> dict[str, str]:
+    """Return what a row says of the seeds that it is the mean of, or should be."""
+    metric = load_protocol(row["protocol"]).rank_by
+    told = {
+        f"seed {one['method']['seed']}": f"{METRICS[metric].heading} "
+        f"{one['metrics'][metric]['mean']:.3f}, submission sha256 {one['submission_sha256']}"
+        for one in row.get("seeds", ())
+    }
+    return told | {"seeds": few_seeds(row)}
 
 
 def _chosen(snapshot: Snapshot, asked: Asked) -> tuple[Table, list[str]]:
@@ -233,6 +258,14 @@ def _heading(name: str, metric: str, asked: Asked) -> dict[str, Any]:
     }
 
 
+def _drop(table: Table, snapshot: Snapshot) -> Iterator[dict[str, Any]]:
+    """Give the table from seen to unseen categories, where both splits have a method."""
+    if cells := drop_rows(table.rows, [one.rows for one in snapshot.tables]):
+        metric = METRICS[load_protocol(table.rows[0]["protocol"]).rank_by]
+        title = f"From seen to unseen categories: {metric.heading}"
+        yield {"title": title, "headings": DROP_HEADINGS, "rows": cells}
+
+
 def _groups(rows: Sequence[Entry], metric: str) -> Iterator[dict[str, Any]]:
     titles = {"category": "By category", "size": "By size of the object"}
     for by, title in titles.items():
@@ -258,7 +291,7 @@ def _line(row: Entry, table: Table, names: Sequence[str], asked: Asked) -> dict[
         "kind": kind(row),
         "href": link(Asked(row=place)),
         "anchor": place.rpartition("/")[2],
-        "figures": [_value(row["metrics"].get(name)) for name in names],
+        "figures": _figures(row, names),
         "inputs": ", ".join(method["inputs"]) or "nothing",
         "trained_on": ", ".join(method["training_data"]) or "nothing",
         "status": row["status"],
@@ -268,18 +301,30 @@ def _line(row: Entry, table: Table, names: Sequence[str], asked: Asked) -> dict[
     }
 
 
-def _value(found: Mapping[str, Any] | None) -> dict[str, str]:
-    if found is None:
-        return {"mean": "", "interval": ""}
-    return {"mean": f"{found['mean']:.3f}", "interval": _interval(found)}
+def _figures(row: Entry, names: Sequence[str]) -> list[dict[str, str]]:
+    """Cells of the metrics; after the first, where the protocol has it, its mean by category."""
+    cells = [_value(row, name) for name in names]
+    if load_protocol(row["protocol"]).is_ranked:
+        macro = row["metrics"].get(names[0], {}).get("macro_mean")
+        cells.insert(1, {"mean": "" if macro is None else f"{macro:.3f}"})
+    return cells
 
 
-def _interval(found: Mapping[str, Any]) -> str:
-    """Return an interval as it is printed; nothing where there is none."""
-    if not found.get("ci95"):
-        return ""
-    low, high = found["ci95"]
-    return f"[{low:.3f}, {high:.3f}]"
+def _value(row: Entry, name: str) -> dict[str, str]:
+    """Mean, spread over seeds and interval as they are printed; nothing where there is none."""
+    if name not in row["metrics"]:
+        return {}
+    spread, ends = seed_spread(row, name), _ends(row, name)
+    return {
+        "mean": f"{row['metrics'][name]['mean']:.3f}",
+        "spread": "" if spread is None else f"± {spread:.3f}",
+        "interval": "[{:.3f}, {:.3f}]".format(*ends) if ends else "",
+    }
+
+
+def _ends(row: Entry, name: str) -> Sequence[float] | None:
+    ends: Sequence[float] | None = row["metrics"].get(name, {}).get("ci95")
+    return ends
 
 
 def _group_cell(group: Mapping[str, Any] | None, metric: str) -> str:

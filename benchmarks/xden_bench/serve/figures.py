@@ -162,7 +162,7 @@ def bar_picture(scale: ScalarMappable, label: str) -> Picture:
 def interval_picture(
     rows: Sequence[Entry], metric: str, heading: str, apart: Sequence[str]
 ) -> Picture:
-    """Draw mean and 95 % interval of each ranked entry, best on top, then of the others in grey.
+    """Draw mean and 95 % interval, if any, of each row, best on top, then those apart in grey.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ def interval_picture(
     metric, heading
         Which, and its title with the unit.
     apart
-        Why a row is not ranked; empty where it is. An oracle is a dashed line through all rows.
+        Why a row stands apart; empty where it does not. An oracle is a dashed line through all.
     """
     figure, axes = _sheet(4.6, 0.7 + 0.26 * len(rows))
     pairs = sorted(zip(rows, apart, strict=True), key=lambda pair: bool(pair[1]))
