@@ -22,6 +22,7 @@ from xden_bench.scoring.score import score
 from xden_bench.serve import api, board
 from xden_bench.serve.board import Asked
 from xden_bench.serve.explorer import best_and_worst
+from xden_bench.serve.render import render
 from xden_bench.serve.standings import Snapshot, Table, place_of
 
 Entry = dict[str, Any]
@@ -71,6 +72,10 @@ def snapshot(*rows: Entry) -> Snapshot:
 
 def shown(*rows: Entry, **asked: str) -> dict[str, Any]:
     return board.board_values(snapshot(*rows), Asked(**asked))
+
+
+def page_of(*rows: Entry, **asked: str) -> str:
+    return render("board", page="/board", chart="", **shown(*rows, **asked))
 
 
 def test_the_title_of_a_table_names_source_split_target_dataset_and_protocol(
@@ -169,6 +174,20 @@ def test_rows_of_an_older_protocol_are_shown_without_ranks_and_categories(
     assert found["rows"] == []
     assert len(found["unranked"]) == 2
     assert "by category" not in [one["heading"] for one in found["headings"]]
+
+
+@pytest.mark.parametrize(
+    ("protocol", "said", "missing"),
+    [("v2", "takes 300 objects of 100 categories", "older one"), ("v1", "older one", "takes 300")],
+)
+def test_a_page_says_why_there_is_no_interval_and_has_empty_cells_for_missing_metrics(
+    rows: list[Entry], protocol: str, said: str, missing: str
+) -> None:
+    bare = renamed(rows[0], "bare", metrics={METRIC: rows[0]["metrics"][METRIC]})
+    page = page_of(*(row | {"protocol": protocol} for row in (bare, *rows)))
+    assert said in page
+    assert missing not in page
+    assert page.count('data-label="mass MAPE ↓"></td>') == 1
 
 
 def test_seeds_are_one_row_with_their_spread_that_every_seeds_link_opens(

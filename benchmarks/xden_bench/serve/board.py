@@ -39,6 +39,8 @@ RESULTS: Final = "benchmarks/results"
 """Where entries lie in a checkout, for the commands that are shown."""
 ORACLE: Final = "oracle"
 """What the reason of a row begins with that is told what only the truth tells."""
+BY_CATEGORY: Final = {"heading": "by category", "href": "", "chosen": False, "sort": ""}
+"""Heading of the mean over categories, which sorts no table."""
 _KEY_DIGITS: Final = 8
 
 
@@ -87,7 +89,7 @@ def board_values(snapshot: Snapshot, asked: Asked) -> dict[str, Any]:
     shown = [_line(row, table, columns, asked) for row in ordered]
     headings = [_heading(name, metric, asked) for name in columns]
     if rules.is_ranked:
-        headings.insert(1, {"heading": "by category"})
+        headings.insert(1, BY_CATEGORY)
     return {
         "is_current": snapshot.is_current,
         "title": _title(first),
@@ -306,20 +308,24 @@ def _figures(row: Entry, names: Sequence[str]) -> list[dict[str, str]]:
     cells = [_value(row, name) for name in names]
     if load_protocol(row["protocol"]).is_ranked:
         macro = row["metrics"].get(names[0], {}).get("macro_mean")
-        cells.insert(1, {"mean": "" if macro is None else f"{macro:.3f}"})
+        cells.insert(1, _cell("" if macro is None else f"{macro:.3f}"))
     return cells
 
 
 def _value(row: Entry, name: str) -> dict[str, str]:
     """Mean, spread over seeds and interval as they are printed; nothing where there is none."""
     if name not in row["metrics"]:
-        return {}
+        return _cell("")
     spread, ends = seed_spread(row, name), _ends(row, name)
-    return {
-        "mean": f"{row['metrics'][name]['mean']:.3f}",
-        "spread": "" if spread is None else f"± {spread:.3f}",
-        "interval": "[{:.3f}, {:.3f}]".format(*ends) if ends else "",
-    }
+    return _cell(
+        f"{row['metrics'][name]['mean']:.3f}",
+        "" if spread is None else f"± {spread:.3f}",
+        "[{:.3f}, {:.3f}]".format(*ends) if ends else "",
+    )
+
+
+def _cell(mean: str, spread: str = "", interval: str = "") -> dict[str, str]:
+    return {"mean": mean, "spread": spread, "interval": interval}
 
 
 def _ends(row: Entry, name: str) -> Sequence[float] | None:
