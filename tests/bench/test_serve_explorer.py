@@ -301,9 +301,13 @@ def test_problems_are_listed_with_code_object_and_meaning() -> None:
     ]
 
 
-def test_a_result_has_its_intervals() -> None:
-    found = {"mass_mape": {"mean": 0.25, "ci95": [0.125, 0.5]}}
-    assert words.result_rows(found)[1] == [["mass MAPE ↓", "0.2500", "0.1250 to 0.5000"]]
+def test_a_result_has_its_mean_by_category_and_its_interval_or_a_dash() -> None:
+    known = {"mean": 0.25, "macro_mean": 0.3, "ci95": [0.125, 0.5]}
+    found = {"mass_mape": known, "mass_alde": {"mean": 0.5, "ci95": None}}
+    assert words.result_rows(found)[1] == [
+        ["mass MAPE ↓", "0.2500", "0.3000", "0.1250 to 0.5000"],
+        ["mass ALDE ↓", "0.5000", "–", "–"],
+    ]
 
 
 def test_the_line_of_an_object_says_that_it_was_never_on_a_scanner(bar: DensityObject) -> None:

@@ -107,7 +107,7 @@ class _Page:
             "status": status,
             "errors": sum(one.is_error for one in status.problems),
             "problems": problem_rows(status.problems)[1],
-            "result": result_rows(status.metrics)[1],
+            "result": result_rows(status.metrics),
             "standing": said,
             "href": href,
             "waiting": not status.is_final or bool(place and not said),

@@ -57,16 +57,22 @@ def problem_rows(problems: tuple[Problem, ...]) -> tuple[list[str], Rows]:
 
 
 def result_rows(metrics: Mapping[str, Mapping[str, Any]]) -> tuple[list[str], Rows]:
-    """Headings and rows of a result: metric, mean, 95 % interval."""
+    """Headings and rows of a result: metric, mean, mean by category, 95 % interval."""
     rows = [
-        [METRICS[name].heading, f"{one['mean']:.4f}", _interval(one.get("ci95"))]
+        [
+            METRICS[name].heading,
+            f"{one['mean']:.4f}",
+            _printed([one["macro_mean"]] if "macro_mean" in one else None),
+            _printed(one["ci95"]),
+        ]
         for name, one in metrics.items()
     ]
-    return ["metric", "mean", "95 % interval"], rows
+    return ["metric", "mean", "by category", "95 % interval"], rows
 
 
-def _interval(ends: Sequence[float] | None) -> str:
-    return "{:.4f} to {:.4f}".format(*ends) if ends else ""
+def _printed(values: Sequence[float] | None) -> str:
+    """Return a mean, or both ends of an interval; a dash where there is none."""
+    return " to ".join(f"{one:.4f}" for one in values) if values else "–"
 
 
 def object_line(obj: DensityObject) -> str:
