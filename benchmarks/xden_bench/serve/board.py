@@ -284,7 +284,7 @@ def _line(row: Entry, table: Table, names: Sequence[str], asked: Asked) -> dict[
     """Return a row of the table, for the template."""
     method, place = row["method"], place_of(row)
     rank, team = table.rank_of(row), row.get("team", {}).get("name", "")
-    opened = asked.row in map(place_of, entries_of(row))
+    opened = any(place_of(one) == asked.row for one in entries_of(row))
     return {
         "rank": rank_label(rank, table.ranks),
         "name": method["name"],
