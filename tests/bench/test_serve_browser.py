@@ -175,7 +175,7 @@ def test_from_upload_to_the_object(
     assert send(page, halved, "Check only") == "sound"
     assert send(page, halved) == "scored"
     result = page.locator("#result").inner_text()
-    assert re.search(r"mass MAPE ↓\s+0\.5000\s+0\.5000\s+–", result)  # no interval of four objects
+    assert re.search(r"mass MAPE ↓\s+0\.5000\s+0\.5000\s+-", result)  # no interval of four objects
     page.reload()
     page.locator("#standing").get_by_text("rank 1 of 1 in track geometry").wait_for()
 

@@ -306,7 +306,7 @@ def test_a_result_has_its_mean_by_category_and_its_interval_or_a_dash() -> None:
     found = {"mass_mape": known, "mass_alde": {"mean": 0.5, "ci95": None}}
     assert words.result_rows(found)[1] == [
         ["mass MAPE ↓", "0.2500", "0.3000", "0.1250 to 0.5000"],
-        ["mass ALDE ↓", "0.5000", "–", "–"],
+        ["mass ALDE ↓", "0.5000", "-", "-"],
     ]
 
 

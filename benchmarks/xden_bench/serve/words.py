@@ -72,7 +72,7 @@ def result_rows(metrics: Mapping[str, Mapping[str, Any]]) -> tuple[list[str], Ro
 
 def _printed(values: Sequence[float] | None) -> str:
     """Return a mean, or both ends of an interval; a dash where there is none."""
-    return " to ".join(f"{one:.4f}" for one in values) if values else "–"
+    return " to ".join(f"{one:.4f}" for one in values) if values else "-"
 
 
 def object_line(obj: DensityObject) -> str:
