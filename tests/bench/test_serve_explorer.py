@@ -8,7 +8,6 @@ import os
 import re
 import runpy
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -332,14 +331,11 @@ def test_the_space_starts_the_same_app_behind_a_login(
     dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     started: list[Any] = []
-    asked: list[tuple[str, int]] = []
-    monkeypatch.setattr(site, "run", lambda *args: started.append(args))
-    monkeypatch.setattr(site, "take_address", lambda *at: asked.append(at) or nullcontext("taken"))
+    monkeypatch.setattr(site, "run", lambda *args, **how: started.append((*args, how)))
     monkeypatch.setenv("XDEN1K_ROOT", str(dataset))
     monkeypatch.setenv("XDEN_DESK", str(tmp_path))
     runpy.run_path(str(ROOT / "benchmarks" / "space" / "app.py"), run_name="__main__")
-    ((made, *how),) = started
+    ((made, how),) = started
     assert made.login
     assert made.results == tmp_path / "results"
-    assert how == ["taken", print]
-    assert asked == [("0.0.0.0", 7860)]  # noqa: S104
+    assert how == {"host": "0.0.0.0", "port": 7860, "say": print}  # noqa: S104
