@@ -58,7 +58,9 @@ def address(
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
+    (place / "limits.toml").write_text("jobs_per_user_hour = 100\n")
     words = ["serve", "--root", dataset, "--results", place / "results", "--state", place / "state"]
+    words += ["--settings", place / "limits.toml"]
     program = "from xden_bench.cli import cli; cli()"
     with (place / "log").open("wb") as log:
         server = subprocess.Popen(  # noqa: S603 - our own program
@@ -121,8 +123,9 @@ def send(page: Any, file: Path, button: str = "Submit") -> str:
     to(page, "Submit").click()
     page.locator("#file").set_input_files(file)
     page.get_by_role("button", name=button, exact=True).click()
-    page.locator("#status[data-waiting=no]").wait_for()
-    return str(page.locator("#status").get_attribute("data-state"))
+    ended = page.locator("#status[data-waiting=no], [data-state=turned_away]")
+    ended.wait_for()
+    return str(ended.get_attribute("data-state"))
 
 
 def mass_alde(file: Path, reference: Reference) -> float:

@@ -8,6 +8,7 @@ import os
 import re
 import runpy
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -331,11 +332,12 @@ def test_the_space_starts_the_same_app_behind_a_login(
     dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     started: list[Any] = []
-    monkeypatch.setattr(site, "run", lambda *args, **how: started.append((*args, how)))
+    monkeypatch.setattr(site, "take_address", lambda *where: nullcontext(where))
+    monkeypatch.setattr(site, "run", lambda *args: started.append(args))
     monkeypatch.setenv("XDEN1K_ROOT", str(dataset))
     monkeypatch.setenv("XDEN_DESK", str(tmp_path))
     runpy.run_path(str(ROOT / "benchmarks" / "space" / "app.py"), run_name="__main__")
-    ((made, how),) = started
+    ((made, *how),) = started
     assert made.login
     assert made.results == tmp_path / "results"
-    assert how == {"host": "0.0.0.0", "port": 7860, "say": print}  # noqa: S104
+    assert how == [("0.0.0.0", 7860), print]  # noqa: S104
