@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from tests.waiting import until
+from xden_bench.entries.archive import ARCHIVE
 from xden_bench.entries.result import read_entries
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.scoring.reference import Reference
@@ -138,8 +139,10 @@ class Uploads:
         good = sorted(sums[name] for name, is_good in self.files.items() if is_good)
         assert sorted(entry["submission_sha256"] for entry in read_entries(self.results)) == good
         suffixes = Counter(path.suffix for path in self.results.rglob("*") if path.is_file())
-        assert suffixes == {"": 1, ".json": len(good), ".parquet": len(good)}  # "" is .lock
-        assert sorted(map(sha256, (self.state / "uploads").iterdir())) == good
+        each = dict.fromkeys((".json", ".parquet", ".npz"), len(good))
+        assert suffixes == {"": 1, **each}  # "" is .lock
+        for kept in (self.state / "uploads", self.results / ARCHIVE):
+            assert sorted(map(sha256, kept.iterdir())) == good
 
         lines = (self.state / "audit.jsonl").read_text().splitlines()
         events = [json.loads(line) for line in lines]
