@@ -23,15 +23,9 @@ from xden_bench.entries.amendments import amend
 from xden_bench.entries.archive import archived
 from xden_bench.entries.identities import contradictions
 from xden_bench.entries.ranking import unranked_because
+from xden_bench.entries.reading import read_entries, read_entry, read_sound_entries
 from xden_bench.entries.recomputed import write_recomputed
-from xden_bench.entries.result import (
-    entry_of,
-    entry_path,
-    read_entries,
-    read_entry,
-    read_sound_entries,
-    write_entry,
-)
+from xden_bench.entries.result import entry_of, entry_path, write_entry
 from xden_bench.entries.signing import (
     MAINTAINERS,
     SigningKey,
@@ -158,7 +152,7 @@ def believed(
 def shallow(monkeypatch: pytest.MonkeyPatch) -> None:
     """Intervals of few resamples: the same code, in no time."""
     quick = replace(RULES, bootstrap_resamples=20)
-    for module in ("entries.result", "entries.entry_form"):
+    for module in ("entries.reading", "entries.entry_form"):
         monkeypatch.setattr(f"xden_bench.{module}.load_protocol", lambda _: quick)
 
 

@@ -16,7 +16,7 @@ from tests.bench.watched import judge_apart
 from xden1k.folder import open_folder
 from xden_bench.entries.durable import LOCK_NAME
 from xden_bench.entries.leaderboard import render
-from xden_bench.entries.result import read_entries
+from xden_bench.entries.reading import read_entries
 from xden_bench.scoring.reference import Reference
 
 NAMES = [

@@ -16,7 +16,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from xden1k.errors import DataError
-from xden_bench.entries.result import entry_of, read_entries, write_entry
+from xden_bench.entries.reading import read_entries
+from xden_bench.entries.result import entry_of, write_entry
 from xden_bench.entries.untrusted import read_json, read_table
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.scoring.reference import Reference

@@ -30,14 +30,9 @@ from xden_bench.entries.leaderboard import (
 )
 from xden_bench.entries.provenance import code_commit
 from xden_bench.entries.ranking import rank_labels, ranks
+from xden_bench.entries.reading import read_entries
 from xden_bench.entries.recomputed import write_recomputed
-from xden_bench.entries.result import (
-    entry_of,
-    entry_path,
-    object_columns,
-    read_entries,
-    write_entry,
-)
+from xden_bench.entries.result import entry_of, entry_path, object_columns, write_entry
 from xden_bench.entries.signing import MAINTAINERS, SigningKey
 from xden_bench.entries.verification import Verification
 from xden_bench.scoring.metrics import METRICS

@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 from tests.bench.sealing import Sealed
 from xden1k.folder import open_folder
 from xden_bench.cli import cli
-from xden_bench.entries.result import read_entry
+from xden_bench.entries.reading import read_entry
 from xden_bench.serve.explorer import Explorer
 
 Run = Callable[..., Result]

@@ -18,7 +18,7 @@ import uvicorn
 from tests.bench.desks import turned_away
 from tests.waiting import until
 from xden1k.errors import DataError
-from xden_bench.entries.result import read_entries
+from xden_bench.entries.reading import read_entries
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.scoring.reference import Reference
 from xden_bench.serve import app as web

@@ -14,7 +14,8 @@ import pytest
 from xden1k.errors import MissingObjectError
 from xden_bench.entries.leaderboard import tables
 from xden_bench.entries.ranking import ranks
-from xden_bench.entries.result import entry_of, read_entries, write_entry
+from xden_bench.entries.reading import read_entries
+from xden_bench.entries.result import entry_of, write_entry
 from xden_bench.methods.baseline import find_predictor, run_predictor
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.scoring.reference import Reference

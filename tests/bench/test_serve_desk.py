@@ -22,7 +22,8 @@ from tests.bench.desks import turned_away
 from tests.disks import full_disk
 from tests.waiting import until
 from xden1k.errors import DataError
-from xden_bench.entries.result import entry_of, read_entries, write_entry
+from xden_bench.entries.reading import read_entries
+from xden_bench.entries.result import entry_of, write_entry
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.scoring.reference import Reference
 from xden_bench.scoring.score import score

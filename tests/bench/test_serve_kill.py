@@ -18,7 +18,7 @@ import pytest
 
 from tests.waiting import until
 from xden_bench.entries.archive import ARCHIVE
-from xden_bench.entries.result import read_entries
+from xden_bench.entries.reading import read_entries
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.scoring.reference import Reference
 from xden_bench.serve.desk import Desk

@@ -17,7 +17,8 @@ import pytest
 
 from tests.waiting import until
 from xden_bench.entries.ranking import ranks
-from xden_bench.entries.result import entry_of, read_entries, write_entry
+from xden_bench.entries.reading import read_entries
+from xden_bench.entries.result import entry_of, write_entry
 from xden_bench.entries.standing import standing
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.scoring.reference import Reference

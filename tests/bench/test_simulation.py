@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from xden_bench.entries.leaderboard import tables
-from xden_bench.entries.result import read_entries
+from xden_bench.entries.reading import read_entries
 from xden_bench.entries.simulation import (
     DESIGNS,
     Design,

@@ -47,7 +47,7 @@ def leaderboard(
     A file that is no sound entry is left out and named; with --check it is an error.
     """
     from xden_bench.entries.leaderboard import check_leaderboard, render, write_leaderboard
-    from xden_bench.entries.result import read_entries, read_sound_entries
+    from xden_bench.entries.reading import read_entries, read_sound_entries
 
     if check + (by is not None) + (hub_folder is not None) > 1:
         raise click.UsageError("Of --check, --by and --eval-results give one.")

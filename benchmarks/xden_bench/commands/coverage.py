@@ -39,7 +39,7 @@ def coverage(results: Path, trials: int, as_json: bool) -> None:
     entries, with and without categories. Lowest and highest share are over the populations.
     """
     from xden_bench.entries.leaderboard import tables
-    from xden_bench.entries.result import read_entries
+    from xden_bench.entries.reading import read_entries
     from xden_bench.entries.simulation import (
         DESIGNS,
         drawn_populations,

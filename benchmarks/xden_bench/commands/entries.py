@@ -123,8 +123,8 @@ def verify(
     if a maintainer signs it.
     """
     from xden_bench.entries.archive import archived
+    from xden_bench.entries.reading import read_entry, results_of
     from xden_bench.entries.recomputed import write_recomputed
-    from xden_bench.entries.result import read_entry, results_of
     from xden_bench.entries.signing import read_maintainers, read_signing_key
 
     if remake and submission is not None:
@@ -166,7 +166,7 @@ def withdraw(entry: Path, reason: str, erratum: bool, signing_key: Path, as_json
     A signed note is written beside it. The row stays in the table, struck out and without a rank.
     """
     from xden_bench.entries.amendments import amend
-    from xden_bench.entries.result import read_entry, results_of
+    from xden_bench.entries.reading import read_entry, results_of
     from xden_bench.entries.signing import read_maintainers, read_signing_key
 
     key, values = read_signing_key(signing_key), read_entry(entry)
@@ -193,7 +193,8 @@ def _scored(
     protocol: str,
 ) -> Scored:
     """Scores of a submission or of an entry, by what the file is called."""
-    from xden_bench.entries.result import entry_of, object_columns, read_entry
+    from xden_bench.entries.reading import read_entry
+    from xden_bench.entries.result import entry_of, object_columns
     from xden_bench.scoring.comparison import Scored
     from xden_bench.scoring.protocol import load_protocol
     from xden_bench.scoring.score import score

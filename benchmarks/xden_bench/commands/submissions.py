@@ -266,7 +266,8 @@ def _standing(entry: Mapping[str, Any], path: Path) -> str:
     from xden_bench.entries.leaderboard import tables
     from xden_bench.entries.merging import holds
     from xden_bench.entries.ranking import ranks
-    from xden_bench.entries.result import entry_path, entry_paths, keep_best_of_teams, read_entry
+    from xden_bench.entries.reading import keep_best_of_teams, read_entry
+    from xden_bench.entries.result import entry_path, entry_paths
     from xden_bench.entries.standing import standing
 
     try:

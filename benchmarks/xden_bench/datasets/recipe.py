@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from xden1k.errors import DataError, did_you_mean
-from xden1k.values.settings import load_settings, read_toml
+from xden1k.values.settings import load_settings
+from xden_bench.scoring.protocol import load_protocol
 
 __all__ = ["DATASETS", "Recipe", "draw_unseen", "load_recipe"]
 
@@ -62,9 +63,7 @@ class Recipe:
     @property
     def unseen(self) -> tuple[str, ...]:
         """Categories that are in no split but ``unseen``."""
-        file = resources.files("xden_bench.scoring") / f"protocol-{self.protocol}.toml"
-        with resources.as_file(file) as path:
-            return tuple(read_toml(Path(path))["unseen_categories"])
+        return tuple(load_protocol(self.protocol).unseen_categories)
 
 
 def load_recipe(name: str) -> Recipe:

@@ -39,7 +39,7 @@ def left_out_because(entry: Entry) -> str | None:
     Parameters
     ----------
     entry
-        From :func:`xden_bench.entries.result.read_entries`.
+        From :func:`xden_bench.entries.reading.read_entries`.
     """
     if reason := unranked_because(entry):
         return f"not ranked: {reason}"
@@ -62,7 +62,7 @@ def eval_results(entry: Entry, repo_id: str) -> list[EvalResultEntry]:
     Parameters
     ----------
     entry
-        From :func:`xden_bench.entries.result.read_entries`.
+        From :func:`xden_bench.entries.reading.read_entries`.
     repo_id
         Of the dataset on the Hub.
 

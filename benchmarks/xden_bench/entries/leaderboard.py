@@ -114,7 +114,7 @@ def render(entries: Iterable[Entry]) -> str:
     Parameters
     ----------
     entries
-        From :func:`xden_bench.entries.result.read_entries`.
+        From :func:`xden_bench.entries.reading.read_entries`.
     """
     every = tables(entries)
     ranked = [rows for rows in every if load_protocol(rows[0]["protocol"]).is_ranked]
@@ -147,7 +147,7 @@ def tables(entries: Iterable[Entry]) -> list[list[Entry]]:
     Parameters
     ----------
     entries
-        From :func:`xden_bench.entries.result.read_entries`, in any order.
+        From :func:`xden_bench.entries.reading.read_entries`, in any order.
     """
     found: dict[tuple[Any, ...], list[Entry]] = {}
     for entry in entries:
@@ -161,7 +161,7 @@ def group_tables(entries: Iterable[Entry], by: str, metric: str | None = None) -
     Parameters
     ----------
     entries
-        From :func:`xden_bench.entries.result.read_entries`.
+        From :func:`xden_bench.entries.reading.read_entries`.
     by
         ``category`` or ``size``.
     metric

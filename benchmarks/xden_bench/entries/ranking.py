@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 Entry = Mapping[str, Any]
-"""As :func:`xden_bench.entries.result.read_entries` gives it."""
+"""As :func:`xden_bench.entries.reading.read_entries` gives it."""
 
 TRIVIAL: Final = "trivial"
 MERGED: Final = "merged"

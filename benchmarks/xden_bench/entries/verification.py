@@ -102,7 +102,7 @@ def verify(
     Parameters
     ----------
     entry
-        From :func:`xden_bench.entries.result.read_entry`.
+        From :func:`xden_bench.entries.reading.read_entry`.
     score
         From :func:`xden_bench.methods.trivial.score_told`, of its submission or of one made anew.
     reference

@@ -24,12 +24,8 @@ from xden1k.errors import DataError
 from xden_bench.entries.leaderboard import tables
 from xden_bench.entries.merging import entries_of, holds
 from xden_bench.entries.ranking import Entry, ranks, trusted_interval
-from xden_bench.entries.result import (
-    entry_path,
-    entry_paths,
-    read_entry,
-    read_sound_entries,
-)
+from xden_bench.entries.reading import read_entry, read_sound_entries
+from xden_bench.entries.result import entry_path, entry_paths
 from xden_bench.entries.untrusted import read_table
 from xden_bench.serve.kept import Kept, entry_key, key_of
 

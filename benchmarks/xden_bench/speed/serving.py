@@ -24,7 +24,7 @@ import numpy as np
 
 from xden1k.folder import DatasetFolder, open_folder
 from xden1k.predictions import SubmissionMeta, write_predictions
-from xden_bench.entries.result import read_entries
+from xden_bench.entries.reading import read_entries
 from xden_bench.speed.memory import anonymous_mb
 
 __all__ = ["measure_serving"]
