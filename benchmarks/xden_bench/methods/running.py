@@ -273,7 +273,7 @@ class _Run:
         """Write every object: first those that are kept, then the others."""
         ids, done = self.scope.task.ids, partial.count
         if isinstance(self.predictor, AsksAhead) and done < len(ids):
-            self.predictor.ask_ahead(map(self.scope.sample, progress(ids[done:])))
+            self.predictor.ask_ahead(self._samples(ids[done:], progress))
         for place, object_id in enumerate(ids[:done]):
             kept = partial.read(place)
             writer.add(object_id, kept.values, kept.sd)
@@ -285,6 +285,11 @@ class _Run:
             _check_parts(sample, kept.values, self.predictor.reads)
             partial.keep(place, kept)
             yield object_id, kept.facts
+
+    def _samples(self, ids: Sequence[str], progress: Progress) -> Iterator[SampleView]:
+        """Make samples as they are taken: who takes none draws no bar."""
+        for object_id in progress(ids):
+            yield self.scope.sample(object_id)
 
     def _predict(self, sample: SampleView) -> Kept:
         start = time.perf_counter()
