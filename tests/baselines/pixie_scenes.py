@@ -14,7 +14,7 @@ from xden1k.access.samples import Examples, SampleView
 from xden1k.folder import DatasetFolder, open_folder, write_folder
 from xden1k.values.modality import Modality
 from xden1k.values.types import DensityObject
-from xden_baselines.pixie.categories import Categories
+from xden_baselines.pixie.categories import Peers
 from xden_baselines.pixie.channels import channels
 from xden_baselines.pixie.losses import Batch, gathered
 from xden_baselines.pixie.store import Stored, stored
@@ -90,8 +90,9 @@ def prepared(folder: DatasetFolder, reads: Modality, resolution: int) -> list[St
 
 
 def together(objects: Sequence[Stored], resolution: int) -> Batch:
-    """All objects as one batch, each told of the others of its category."""
-    return gathered(objects, Categories.of(objects)[1], resolution)
+    """All objects as one batch, each told of its category."""
+    categories = Peers.of(objects).categories
+    return gathered(objects, [categories.kind(one.category) for one in objects], resolution)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import pytest
 
 from tests.baselines.pixie_scenes import dataset, prepared
 from xden1k.values.modality import Modality
-from xden_baselines.pixie.categories import PRIOR_OBJECTS, USUAL, Categories
+from xden_baselines.pixie.categories import PRIOR_OBJECTS, USUAL, Kind, Peers
 from xden_baselines.pixie.store import Stored
 
 
@@ -24,7 +24,7 @@ def told(usual: np.ndarray, name: str) -> float:
 
 
 def test_what_is_told_of_a_category_is_the_mean_of_its_objects(objects: list[Stored]) -> None:
-    categories, _ = Categories.of(objects)
+    categories = Peers.of(objects).categories
     assert categories.names == ("bar", "cube", "mug")
     bar, mug = (categories.kind(name).usual for name in ("bar", "mug"))
     overall = np.mean([np.log10(one.overall_g_cm3) for one in objects])
@@ -36,32 +36,50 @@ def test_what_is_told_of_a_category_is_the_mean_of_its_objects(objects: list[Sto
     assert told(bar, "log10_overall_deviation") == pytest.approx(0, abs=1e-6)
 
 
-def test_an_object_is_never_told_of_itself(objects: list[Stored]) -> None:
-    _, kinds = Categories.of(objects)
+def drawn(objects: list[Stored], number: int, times: int = 40) -> list[Kind]:
+    peers, rng = Peers.of(objects), np.random.default_rng(0)
+    return [peers.drawn(number, rng) for _ in range(times)]
+
+
+def test_an_object_alone_in_its_category_is_told_what_a_stranger_is(objects: list[Stored]) -> None:
     alone = objects.index(next(one for one in objects if one.category == "cube"))
-    assert told(kinds[alone].usual, "known") == 0
-    unknown = Categories.of(objects)[0].kind("zeppelin")
-    assert np.array_equal(kinds[alone].usual, unknown.usual)
-    assert kinds[alone].index != unknown.index
+    unknown = Peers.of(objects).categories.kind("zeppelin")
+    for kind in drawn(objects, alone):
+        assert told(kind.usual, "known") == 0
+        assert np.array_equal(kind.usual, unknown.usual)
+        assert kind.index != unknown.index
+
+
+def test_an_object_is_told_of_some_of_the_others_drawn_anew_each_time(
+    objects: list[Stored],
+) -> None:
+    many = [replace(objects[0], object_id=f"bar-{number}") for number in range(6)]
+    known = [round(10 * told(kind.usual, "known")) for kind in drawn([*many, objects[-1]], 0)]
+    assert set(known) == {0, 1, 2, 3, 4, 5}
 
 
 def test_what_an_object_is_told_does_not_follow_its_own_density(objects: list[Stored]) -> None:
     first = objects[0]
     heavy = replace(first, mean_g_cm3=first.mean_g_cm3 * np.float16(10))
-    _, kinds = Categories.of(objects)
-    _, changed = Categories.of([heavy, *objects[1:]])
+    changed = [heavy, *objects[1:]]
     own, other = (
-        told(changed[number].usual, "log10_overall") - told(kinds[number].usual, "log10_overall")
+        [
+            told(now.usual, "log10_overall") - told(before.usual, "log10_overall")
+            for before, now in zip(drawn(objects, number), drawn(changed, number), strict=True)
+            if told(now.usual, "known") > 0
+        ]
         for number in (0, 1)
     )
     # ten times as dense: 1 in log10, of which the mean over four objects has a quarter
     share = PRIOR_OBJECTS / (1 + PRIOR_OBJECTS)
-    assert own == pytest.approx(share / 4, abs=1e-3)
-    assert other == pytest.approx(1 - share + share / 4, abs=1e-3)
+    assert own == pytest.approx([share / 4] * len(own), abs=1e-3)
+    assert other == pytest.approx([1 - share + share / 4] * len(other), abs=1e-3)
+    assert own
+    assert other
 
 
 def test_an_unheard_category_is_told_the_mean_of_all(objects: list[Stored]) -> None:
-    categories, _ = Categories.of(objects)
+    categories = Peers.of(objects).categories
     kind = categories.kind("zeppelin")
     assert kind.index == 3
     assert told(kind.usual, "known") == 0

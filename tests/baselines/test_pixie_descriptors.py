@@ -154,7 +154,7 @@ def test_pixie_with_clip_looks_through_it_and_says_so(
     fresh.load(tmp_path)
     assert np.array_equal(fresh.predict(view(folder)).density_g_cm3, seen)
     assert len(fresh._names) == len(ColourUNet()._names) + FEATURES
-    with pytest.raises(DataError, match="channels"):
+    with pytest.raises(DataError, match="its network sees"):
         ColourUNet().load(tmp_path)
     with pytest.raises(DataError, match="no checkpoint there"):
         PixieStyle(clip=weights).load(tmp_path / "nobody")

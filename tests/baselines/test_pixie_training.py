@@ -16,7 +16,7 @@ from xden1k.folder import DatasetFolder
 from xden1k.predictor import Budget
 from xden1k.values.modality import Modality
 from xden_baselines.pixie import XRayUNet, model, training
-from xden_baselines.pixie.categories import USUAL, Categories
+from xden_baselines.pixie.categories import USUAL, Peers
 from xden_baselines.pixie.channels import VECTORS, channel_names
 from xden_baselines.pixie.losses import loss, turned
 from xden_baselines.pixie.model import EMPTY_SHARES, Outputs, VoxelModel
@@ -37,7 +37,7 @@ def objects(tmp_path_factory: pytest.TempPathFactory) -> list[Stored]:
 
 
 def fresh_model(objects: list[Stored]) -> VoxelModel:
-    return training._fresh(objects, NAMES, Categories.of(objects)[0], Settings(**TINY))
+    return training._fresh(objects, NAMES, Peers.of(objects).categories, Settings(**TINY))
 
 
 def weights(model: torch.nn.Module) -> dict[str, np.ndarray]:
@@ -226,12 +226,10 @@ def test_radiographs_keep_their_directions() -> None:
 
 @pytest.mark.slow
 def test_one_object_in_twenty_is_told_no_category(objects: list[Stored]) -> None:
-    categories, kinds = Categories.of(objects)
-    rng = np.random.default_rng(0)
-    school = training._School(fresh_model(objects), Settings(**TINY), categories.kinds[-1], rng)
-    lessons = list(zip(objects, kinds, strict=True))
-    drawn = torch.cat([school.varied(lessons).category for _ in range(250)])
-    hidden = (drawn == len(categories.names)).float().mean()
+    peers, rng = Peers.of(objects), np.random.default_rng(0)
+    school = training._School(fresh_model(objects), Settings(**TINY), objects, peers, rng)
+    drawn = torch.cat([school.varied(range(len(objects))).category for _ in range(250)])
+    hidden = (drawn == len(peers.categories.names)).float().mean()
     assert hidden == pytest.approx(training.UNNAMED_SHARE, abs=0.025)
 
 

@@ -1,22 +1,22 @@
 """What objects of a category usually are, as far as those that were learned from tell.
 
-A training object is told of the others of its category only (and, as half of one more, the mean
-over all objects): else a network would come to trust what it is told more than it may when it
-predicts.
+A training object is told of some of the others of its category (and, as half of one more, of the
+mean over all objects), drawn anew each time. Told of itself, or always of all others, a network
+would learn to trust what it is told more than it may when it predicts: what all others lack of the
+category's sum is the object itself.
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float32, Float64, Int64
 
 from xden_baselines.pixie.store import Stored
 
-__all__ = ["USUAL", "Categories", "Kind"]
+__all__ = ["USUAL", "Categories", "Kind", "Peers"]
 
 _TRAITS = ("log10_material", "log10_material_spread", "empty_share", "log10_overall")
 USUAL = (*_TRAITS, *(f"{name}_deviation" for name in _TRAITS), "known")
@@ -60,34 +60,6 @@ class Categories:
     names: tuple[str, ...]
     kinds: tuple[Kind, ...]
 
-    @classmethod
-    def of(cls, objects: Sequence[Stored]) -> tuple[Categories, list[Kind]]:
-        """Sum up training objects.
-
-        Returns
-        -------
-        Categories
-            For whatever is predicted later.
-        list of Kind
-            For each of these objects, what the others of its category tell.
-        """
-        by_category: dict[str, list[int]] = defaultdict(list)
-        for index, one in enumerate(objects):
-            by_category[one.category].append(index)
-        traits = np.array([_traits(one) for one in objects])
-        overall = traits.mean(axis=0)
-        names = sorted(by_category)
-        others = []
-        for index, one in enumerate(objects):
-            rest = [each for each in by_category[one.category] if each != index]
-            others.append(Kind(names.index(one.category), _usual(traits[rest], overall)))
-        known = [
-            Kind(place, _usual(traits[by_category[name]], overall))
-            for place, name in enumerate(names)
-        ]
-        unknown = Kind(len(names), _usual(traits[:0], overall))
-        return cls(tuple(names), (*known, unknown)), others
-
     def kind(self, category: str) -> Kind:
         """Look up what is told of a category."""
         known = category in self.names
@@ -97,6 +69,47 @@ class Categories:
     def table(self) -> Float32[np.ndarray, "categories told"]:
         """All that is told, a row for each category and one for all others."""
         return np.array([kind.usual for kind in self.kinds])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Peers:
+    """Training objects, and what each can be told of the others of its category.
+
+    Parameters
+    ----------
+    categories
+        For whatever is predicted later: what all of a category tell.
+    traits
+        Shape (objects, 4): of each object.
+    of_category
+        The numbers of the objects of each category, in its order.
+    place
+        Of each object's category.
+    """
+
+    categories: Categories
+    traits: Float64[np.ndarray, "objects traits"]
+    of_category: tuple[Int64[np.ndarray, "peers"], ...]
+    place: Int64[np.ndarray, "objects"]
+
+    @classmethod
+    def of(cls, objects: Sequence[Stored]) -> Peers:
+        """Sum up training objects."""
+        names, place = np.unique([one.category for one in objects], return_inverse=True)
+        traits = np.array([_traits(one) for one in objects])
+        of_category = tuple(np.flatnonzero(place == index) for index in range(len(names)))
+        overall = traits.mean(axis=0)
+        told = [traits[numbers] for numbers in of_category] + [traits[:0]]
+        kinds = tuple(Kind(index, _usual(each, overall)) for index, each in enumerate(told))
+        return cls(Categories(tuple(names.tolist()), kinds), traits, of_category, place)
+
+    def drawn(self, number: int, rng: np.random.Generator) -> Kind:
+        """Tell an object of some others of its category: any number of them, none included."""
+        place = int(self.place[number])
+        others = self.of_category[place]
+        others = rng.permutation(others[others != number])
+        some = others[: rng.integers(len(others), endpoint=True)]
+        return Kind(place, _usual(self.traits[some], self.traits.mean(axis=0)))
 
 
 def _traits(one: Stored) -> Float64[np.ndarray, "traits"]:

@@ -52,7 +52,7 @@ class _Trained:
         If a setting is out of its range.
     """
 
-    version = "2"
+    version = "3"
     trainable = True
     external_data = False
     reads = Modality.GEOMETRY | Modality.CATEGORY

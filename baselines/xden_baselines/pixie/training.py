@@ -19,7 +19,7 @@ from torch import Tensor
 from xden1k.errors import DataError
 from xden1k.predictor import Budget
 from xden1k.values.materials import families
-from xden_baselines.pixie.categories import Categories, Kind
+from xden_baselines.pixie.categories import Categories, Kind, Peers
 from xden_baselines.pixie.channels import ENVELOPE
 from xden_baselines.pixie.losses import Batch, density_mae_g_cm3, gathered, loss, turned
 from xden_baselines.pixie.model import VoxelModel
@@ -43,7 +43,7 @@ LAC_PREFIX = "log10_lac"
 UNNAMED_SHARE = 0.05
 """Of the objects of a step: their category is hidden, so that a new one can be met."""
 
-Lesson = tuple[Stored, Kind]
+Told = tuple[Stored, Kind]
 """An object, and what is told of its category."""
 
 
@@ -165,7 +165,8 @@ def train(
     settings
         How.
     seed
-        Of the held-out objects, the first weights, the order, the turns and the hidden names.
+        Of the held-out objects, the first weights, the order, the turns, the hidden names, and of
+        which others an object is told.
     budget
         When to stop; seconds are those of the loop. None = the epochs of the settings.
 
@@ -186,12 +187,11 @@ def train(
     learned, held_out = split_off(objects, settings.held_out, rng)
     with torch_threads(settings.threads), torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        categories, kinds = Categories.of(learned)
+        peers = Peers.of(learned)
+        categories = peers.categories
         model = _fresh(learned, names, categories, settings).to(settings.device)
-        lessons = list(zip(learned, kinds, strict=True))
         exam = [(one, categories.kind(one.category)) for one in held_out]
-        school = _School(model, settings, categories.kinds[-1], rng)
-        curve, best, seconds = _loop(school, lessons, exam, budget)
+        curve, best, seconds = _loop(_School(model, settings, learned, peers, rng), exam, budget)
     median_mae, category_mae = _constants(learned, held_out)
     report = FitReport(
         learned_from=len(learned),
@@ -257,27 +257,29 @@ def _line(known: Float[np.ndarray, "n"], wanted: Float[np.ndarray, "n"]) -> tupl
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _School:
-    """Who learns, and how."""
+    """Who learns, from what, and how."""
 
     model: VoxelModel
     settings: Settings
-    unknown: Kind
+    objects: Sequence[Stored]
+    peers: Peers
     rng: np.random.Generator
 
-    def batch(self, lessons: Sequence[Lesson]) -> Batch:
+    def batch(self, told: Sequence[Told]) -> Batch:
         """Gather objects as they are."""
-        objects, kinds = zip(*lessons, strict=True)
+        objects, kinds = zip(*told, strict=True)
         return gathered(objects, kinds, self.settings.resolution).to(self.settings.device)
 
-    def varied(self, lessons: Sequence[Lesson]) -> Batch:
-        """Gather objects, turned at random, and some without the name of their category."""
-        hidden = self.rng.random(len(lessons)) < UNNAMED_SHARE
-        told = [
-            (one, self.unknown if hide else kind)
-            for (one, kind), hide in zip(lessons, hidden, strict=True)
-        ]
+    def varied(self, numbers: Sequence[int]) -> Batch:
+        """Gather objects to learn from, turned at random, some without their category's name."""
+        told = [(self.objects[number], self._kind(number)) for number in numbers]
         order, signs = _turn(self.settings.turned, self.rng)
         return turned(self.batch(told), self.model.channels, order, signs)
+
+    def _kind(self, number: int) -> Kind:
+        if self.rng.random() < UNNAMED_SHARE:
+            return self.peers.categories.kinds[-1]
+        return self.peers.drawn(number, self.rng)
 
 
 def _turn(how: str, rng: np.random.Generator) -> tuple[list[int], list[int]]:
@@ -291,7 +293,7 @@ def _turn(how: str, rng: np.random.Generator) -> tuple[list[int], list[int]]:
 
 
 def _loop(
-    school: _School, lessons: Sequence[Lesson], exam: Sequence[Lesson], budget: Budget | None
+    school: _School, exam: Sequence[Told], budget: Budget | None
 ) -> tuple[list[float], int, float]:
     """Train until the budget or the patience ends; keep the best epoch's weights."""
     model, settings = school.model, school.settings
@@ -302,7 +304,7 @@ def _loop(
     while clock.left(len(curve)) and len(curve) - best < settings.patience:
         for group in optimiser.param_groups:
             group["lr"] = settings.learning_rate * clock.rate(len(curve))
-        _epoch(school, optimiser, lessons)
+        _epoch(school, optimiser)
         curve.append(_error(school, exam))
         logger.info("epoch %d: %.4f g/cm³ after %.0f s", len(curve), curve[-1], clock.seconds)
         if len(curve) == 1 or curve[-1] < curve[best - 1]:
@@ -335,11 +337,11 @@ class _Clock:
         return (1 + math.cos(math.pi * min(1.0, max(timed, epochs / self._epochs)))) / 2
 
 
-def _epoch(school: _School, optimiser: torch.optim.Optimizer, lessons: Sequence[Lesson]) -> None:
+def _epoch(school: _School, optimiser: torch.optim.Optimizer) -> None:
     model, step = school.model.train(), school.settings.batch
-    order = school.rng.permutation(len(lessons))
+    order = school.rng.permutation(len(school.objects)).tolist()
     for start in range(0, len(order), step):
-        batch = school.varied([lessons[index] for index in order[start : start + step]])
+        batch = school.varied(order[start : start + step])
         optimiser.zero_grad(set_to_none=True)
         torch.autograd.backward(_loss(model, batch, school.settings.device))
         torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
@@ -352,13 +354,13 @@ def _loss(model: VoxelModel, batch: Batch, device: str) -> Float[Tensor, ""]:
     return loss(outputs, batch, model.scale)
 
 
-def _error(school: _School, exam: Sequence[Lesson]) -> float:
+def _error(school: _School, exam: Sequence[Told]) -> float:
     """Mean density error over objects."""
     model = school.model.eval()
     errors: list[float] = []
     with torch.inference_mode():
-        for lesson in exam:
-            batch = school.batch([lesson])
+        for one in exam:
+            batch = school.batch([one])
             errors += density_mae_g_cm3(model(*batch.inputs).density_g_cm3, batch).tolist()
     return float(np.mean(errors))
 
