@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import t as student_t
 
-from xden_bench.scoring.clusters import category_sums, studentised_intervals
+from xden_bench.scoring.clusters import category_sums
+from xden_bench.scoring.studentised import studentised_intervals
 
 
 def kinds(count: int, size: int) -> list[str]:

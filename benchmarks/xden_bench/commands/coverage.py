@@ -51,7 +51,12 @@ def coverage(results: Path, trials: int, as_json: bool) -> None:
 
     rules, entries = load_protocol(), read_entries(results)
     populations = [*drawn_populations(), *stored_populations(entries, rules)]
-    found = [simulate(one, design, rules, trials) for design in DESIGNS for one in populations]
+    found = [
+        simulate(one, design, rules, trials)
+        for design in DESIGNS
+        for one in populations
+        if one.fits(design)
+    ]
     equal = [
         (rows[0]["track"], count, told_apart(rows, rules, count, trials))
         for rows in tables(entries)
@@ -72,11 +77,12 @@ def _echo_coverage(found: Iterable[Coverage]) -> None:
 
     from xden_bench.scoring.metrics import METRICS
 
-    groups: dict[tuple[int, int, bool, str], list[float]] = defaultdict(list)
+    groups: dict[tuple[int, str, bool, str], list[float]] = defaultdict(list)
     for one in found:
         kind = METRICS[one.metric].title if one.metric else one.population
         design = one.design
-        groups[design.objects, design.categories, one.is_printed, kind].append(one.share)
+        categories = f"{design.categories}{' given' if design.is_fixed else ''}"
+        groups[design.objects, categories, one.is_printed, kind].append(one.share)
     rows = [
         (*key[:2], "yes" if key[2] else "no", key[3], f"{min(shares):.1%}", f"{max(shares):.1%}")
         for key, shares in groups.items()

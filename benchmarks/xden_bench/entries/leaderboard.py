@@ -46,8 +46,9 @@ The rules, and how to enter a method: [benchmarks/README.md](benchmarks/README.m
 How to read the tables:
 
 - A value is the mean over objects; ↓ lower is better, ↑ higher is better. *By category* is the mean
-  over categories. Brackets are 95 % intervals over categories, which hang together; they stand only
-  where simulations show that they cover: at least 300 objects of 100 categories, and no heavy tail.
+  over categories. Brackets are 95 % intervals over categories, which hang together; of `unseen`
+  over the objects of its thirty categories. They stand only where simulations show that they cover:
+  at least 300 objects of 100 categories, or 10 of each unseen one, and no heavy tail.
 - Density MAE is over the volume inside the outer surface, enclosed cavities included; the relative
   density error is the same over the density there. MAPE, ALDE and MnRE are three errors of the
   mass; MAPE alone would favour methods that predict too little.

@@ -15,9 +15,11 @@ from jaxtyping import Float64
 
 from xden_bench.entries.ranking import Entry, dense_ranks, worse_beyond_doubt
 from xden_bench.scoring.bootstrap import SAME
-from xden_bench.scoring.clusters import category_sums, studentised_intervals
+from xden_bench.scoring.clusters import category_sums
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.protocol import Protocol
+from xden_bench.scoring.strata import strata
+from xden_bench.scoring.studentised import studentised_intervals
 
 __all__ = [
     "DESIGNS",
@@ -46,10 +48,13 @@ class Design:
         How many are drawn.
     size
         Objects of each.
+    is_fixed
+        Whether the categories are given, and their objects alone are drawn.
     """
 
     categories: int
     size: int
+    is_fixed: bool = False
 
     @property
     def objects(self) -> int:
@@ -58,14 +63,19 @@ class Design:
 
     def is_printed(self, protocol: Protocol) -> bool:
         """Whether the protocol gives an interval to so many."""
-        enough = self.objects >= protocol.min_interval_objects
-        return enough and self.categories >= protocol.min_interval_categories
+        if self.objects < protocol.min_interval_objects:
+            return False
+        if self.is_fixed:
+            return self.size >= protocol.min_interval_stratum
+        return self.categories >= protocol.min_interval_categories
 
 
 DESIGNS: Final = (
     *(Design(objects, 1) for objects in (6, 20, 100, 400)),
     *(Design(categories, 3) for categories in (2, 7, 34, 134)),
     Design(30, 14),
+    Design(30, 5, is_fixed=True),
+    Design(30, 14, is_fixed=True),
 )
 """Objects one by one, three to a category as in ``test``, and many as in ``unseen``."""
 
@@ -82,22 +92,31 @@ class Population:
         Name of the metric; empty for a distribution.
     scores
         Shape (categories, objects): each category of as many objects.
+    is_fixed
+        Whether these are all categories that matter: the unseen ones.
     """
 
     name: str
     metric: str
     scores: Float64[np.ndarray, "categories objects"]
+    is_fixed: bool = False
+
+    def fits(self, design: Design) -> bool:
+        """Whether objects are drawn so; those of a distribution may be in either way."""
+        return self.is_fixed == design.is_fixed or not self.metric
 
     def sample(
         self, design: Design, trials: int, rng: np.random.Generator
     ) -> Float64[np.ndarray, "objects trials"]:
-        """Draw categories with replacement for many trials at once.
+        """Draw for many trials at once.
 
-        Each gives all its objects if as many are asked for, else some with replacement.
+        Categories with replacement, each of which gives all its objects if as many are asked for,
+        else some with replacement. Of given categories, which are the first, always some.
         """
-        shape = (trials, design.categories)
-        chosen = self.scores[rng.integers(len(self.scores), size=shape)]
-        if design.size != (count := self.scores.shape[1]):
+        shape, count = (trials, design.categories), self.scores.shape[1]
+        drawn = rng.integers(len(self.scores), size=shape)
+        chosen = self.scores[np.arange(design.categories) + 0 * drawn if design.is_fixed else drawn]
+        if design.is_fixed or design.size != count:
             places = rng.integers(count, size=(*shape, design.size))
             chosen = np.take_along_axis(chosen, places, axis=2)
         scores: Float64[np.ndarray, "objects trials"] = chosen.reshape(trials, -1).T
@@ -134,23 +153,25 @@ def drawn_populations(seed: int = 0) -> tuple[Population, ...]:
     exact method on easy and hard objects.
     """
     rng = np.random.default_rng(seed)
-    scores = rng.normal(size=(DRAWN_CATEGORIES, 1)) + rng.normal(size=(DRAWN_CATEGORIES, 3))
+    scores = rng.normal(size=(DRAWN_CATEGORIES, 1)) + rng.normal(size=(DRAWN_CATEGORIES, 60))
     scores /= np.sqrt(2)
     return Population("normal", "", 5 + scores), Population("log-normal", "", np.exp(scores))
 
 
 def stored_populations(entries: Iterable[Entry], protocol: Protocol) -> Iterator[Population]:
-    """Every metric of every entry that could have an interval, in categories of three objects.
+    """Every metric of every entry that could have an interval, in categories of one size.
 
-    Oracles have none, nor what is the same for every object.
+    Of three objects where categories are drawn, of all where they are given. Oracles have none, nor
+    what is the same for every object.
     """
     for entry in entries:
         columns = entry["object_scores"]
         names = [name for name in protocol.interval_metrics if name in columns]
         for name in names if "truth" not in entry["method"]["inputs"] else []:
-            scores = _in_threes(np.array(columns[name]), columns["category"])
+            is_fixed = {*columns["category"]} == {*protocol.unseen_categories}
+            scores = _even(np.array(columns[name]), columns["category"], is_fixed)
             if scores.size and np.ptp(scores) > SAME:
-                yield Population(entry["method"]["name"], name, scores)
+                yield Population(entry["method"]["name"], name, scores, is_fixed)
 
 
 def coverage(
@@ -171,8 +192,9 @@ def coverage(
     """
     scores = population.sample(design, trials, np.random.default_rng(seed))
     categories = np.repeat(np.arange(design.categories), design.size).astype(str).tolist()
-    low, high = studentised_intervals(category_sums(scores, categories), RESAMPLES, seed)
-    mean = population.scores.mean()
+    drawn = (strata if design.is_fixed else category_sums)(scores, categories)
+    low, high = studentised_intervals(drawn, RESAMPLES, seed)
+    mean = population.scores[: design.categories if design.is_fixed else None].mean()
     share = float(((low <= mean) & (mean <= high)).mean())
     printed = design.is_printed(protocol)
     return Coverage(population.name, population.metric, design, printed, share)
@@ -214,10 +236,14 @@ def told_apart(
     return found / trials
 
 
-def _in_threes(
-    scores: Float64[np.ndarray, "objects"], categories: Sequence[str]
-) -> Float64[np.ndarray, "categories 3"]:
-    """Scores of the categories that have three objects, the first three of each."""
+def _even(
+    scores: Float64[np.ndarray, "objects"], categories: Sequence[str], is_fixed: bool
+) -> Float64[np.ndarray, "categories size"]:
+    """Scores of the first objects of each category: as many as the least has, or three.
+
+    Where categories are not given, those with fewer than three are left out.
+    """
     places = [np.flatnonzero(np.array(categories) == name) for name in sorted(set(categories))]
-    chosen = [scores[place[:3]] for place in places if len(place) >= 3]
-    return np.array(chosen, dtype=np.float64).reshape(-1, 3)
+    size = min(map(len, places)) if is_fixed else 3
+    chosen = [scores[place[:size]] for place in places if len(place) >= size]
+    return np.array(chosen, dtype=np.float64).reshape(-1, size)

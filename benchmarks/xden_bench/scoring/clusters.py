@@ -1,8 +1,8 @@
-"""Means over objects that come in categories, and intervals that cover what they say.
+"""Means over objects whose categories were drawn, for the mean over a population of categories.
 
 The estimand is the mean over objects of a population of categories and of objects within them,
-sampled as the benchmark is: categories at random, then objects of each. Objects of one category
-hang together, so that the independent draws are the categories, not the objects.
+sampled as the split ``test`` is: categories at random, then objects of each. Objects of one
+category hang together, so that the independent draws are the categories, not the objects.
 """
 
 from __future__ import annotations
@@ -10,16 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64
 
 from xden_bench.scoring.bootstrap import CHUNK
 
-__all__ = ["CategorySums", "category_sums", "studentised_intervals"]
-
-LEVEL: Final = 0.95
+__all__ = ["CategorySums", "category_sums"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,6 +64,22 @@ class CategorySums:
         errors: Float64[np.ndarray, "columns"] = np.linalg.norm(self.influences, axis=0)
         return errors
 
+    @property
+    def is_positive(self) -> Bool[np.ndarray, "columns"]:
+        """Which columns are positive in every category."""
+        return np.asarray(np.all(self.sums > 0, axis=0))
+
+    def resampled(
+        self, resamples: int, seed: int
+    ) -> tuple[Float64[np.ndarray, "resamples columns"], Float64[np.ndarray, "resamples columns"]]:
+        """Mean and standard error of resamples: categories with replacement, each whole.
+
+        The same seed and number of categories give the same draws, whatever the column.
+        """
+        parts = [_drawn(self, counts) for counts in _counts(len(self.sizes), resamples, seed)]
+        means, errors = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return means, errors
+
 
 def category_sums(
     values: Float[np.ndarray, "objects columns"], categories: Sequence[str]
@@ -91,62 +104,6 @@ def category_sums(
     first = np.concatenate([[0], np.cumsum(sizes)[:-1]])
     sums = np.add.reduceat(np.asarray(values, dtype=np.float64)[order], first, axis=0)
     return CategorySums(sums, sizes.astype(np.float64))
-
-
-def studentised_intervals(
-    sums: CategorySums, resamples: int, seed: int
-) -> Float64[np.ndarray, "2 columns"]:
-    """Both ends of the 95 % interval of each mean: the symmetric studentised cluster bootstrap.
-
-    Categories are drawn with replacement, each with all its objects. Of every resample the
-    distance of its mean from the mean is taken in units of the resample's own standard error; the
-    95 % quantile of the distances times the standard error is the half width (bootstrap-t with a
-    symmetric interval: Hall, 1992, *The Bootstrap and Edgeworth Expansion*, 3.5 and 3.6; with
-    clusters: Cameron, Gelbach & Miller, 2008, doi:10.1162/rest.90.3.414). Columns that are positive
-    in every category are treated so on the scale of the logarithm.
-
-    Parameters
-    ----------
-    sums
-        At least two categories. How many it takes until the intervals cover is in
-        docs/method/scoring.md.
-    resamples
-        How many times to draw.
-    seed
-        The same seed and number of categories give the same draws, whatever the column.
-    """
-    positive: Bool[np.ndarray, "columns"] = np.all(sums.sums > 0, axis=0)
-    centre, error = _on_scale(sums.means, sums.errors, positive)
-    drawn, errors = _on_scale(*_resampled(sums, resamples, seed), positive)
-    apart = np.abs(drawn - centre)
-    away = np.full_like(apart, np.inf)  # a resample of no spread beside the mean
-    distances = np.divide(apart, errors, out=np.where(apart > 0, away, 0.0), where=errors > 0)
-    half = error * np.quantile(distances, LEVEL, axis=0, method="higher")
-    ends: Float64[np.ndarray, "2 columns"] = np.stack([centre - half, centre + half])
-    with np.errstate(over="ignore"):  # of few categories an end may be infinite
-        ends[:, positive] = np.exp(ends[:, positive])
-    return ends
-
-
-def _on_scale(
-    means: Float64[np.ndarray, "*draws columns"],
-    errors: Float64[np.ndarray, "*draws columns"],
-    positive: Bool[np.ndarray, "columns"],
-) -> tuple[Float64[np.ndarray, "*draws columns"], Float64[np.ndarray, "*draws columns"]]:
-    """Logarithms of the positive columns' means, and their errors by the delta method."""
-    centres, scaled = means.copy(), errors.copy()
-    centres[..., positive] = np.log(means[..., positive])
-    scaled[..., positive] /= means[..., positive]
-    return centres, scaled
-
-
-def _resampled(
-    sums: CategorySums, resamples: int, seed: int
-) -> tuple[Float64[np.ndarray, "resamples columns"], Float64[np.ndarray, "resamples columns"]]:
-    """Mean and standard error of every resample."""
-    parts = [_drawn(sums, counts) for counts in _counts(len(sums.sizes), resamples, seed)]
-    means, errors = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return means, errors
 
 
 def _drawn(

@@ -13,9 +13,9 @@ from scipy.stats import binomtest
 from xden1k.errors import DataError
 from xden_bench.scoring.bootstrap import SAME, Estimate
 from xden_bench.scoring.clusters import CategorySums, category_sums
+from xden_bench.scoring.intervals import protocol_intervals
 from xden_bench.scoring.metrics import METRICS, Metric
 from xden_bench.scoring.protocol import Protocol
-from xden_bench.scoring.score import protocol_intervals
 
 __all__ = ["Comparison", "ObjectPair", "Scored", "compare"]
 
@@ -127,14 +127,14 @@ def compare(a: Scored, b: Scored, protocol: Protocol, largest: int = 5) -> Mappi
     names = [name for name in names if name in b.columns]
     values = np.array([[one.columns[name] for name in names] for one in (a, b)], dtype=np.float64)
     categories = a.columns["category"]
-    sums = category_sums((values[0] - values[1]).T, categories)
-    intervals = protocol_intervals(sums, names, protocol)
+    differences = (values[0] - values[1]).T
+    intervals = protocol_intervals(differences, categories, names, protocol)
     return {
         name: _compared(
             METRICS[name],
             ids,
             values[:, place],
-            Estimate(float(sums.means[place]), intervals.get(name)),
+            Estimate(float(differences[:, place].mean()), intervals.get(name)),
             categories,
             largest,
         )

@@ -67,10 +67,12 @@ class Protocol:
     unseen_categories
         Left out of training altogether: the objects of the split ``unseen``.
     interval_metrics
-        Whose means get an interval by :mod:`xden_bench.scoring.clusters`, and a macro mean beside
+        Whose means get an interval by :mod:`xden_bench.scoring.intervals`, and a macro mean beside
         every mean; empty where intervals are percentiles over objects.
     min_interval_objects, min_interval_categories
         With fewer of either no interval is given.
+    min_interval_stratum
+        On the unseen categories, in place of their number: objects that each of them has.
     rank_error
         Probability that anywhere in a table of equal methods one is ranked below another.
     rank_methods
@@ -111,6 +113,7 @@ class Protocol:
     interval_metrics: Sequence[str] = ()
     min_interval_objects: int = 0
     min_interval_categories: int = 0
+    min_interval_stratum: int = 2
     rank_error: float = 0.0
     rank_methods: int = 0
     rank_scale: float = 1.0

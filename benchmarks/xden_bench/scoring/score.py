@@ -16,7 +16,8 @@ from xden1k.values.arrays import Grid
 from xden1k.values.modality import Track
 from xden_bench.scoring.bootstrap import Estimate, estimate
 from xden_bench.scoring.calibration import score_sd
-from xden_bench.scoring.clusters import CategorySums, category_sums, studentised_intervals
+from xden_bench.scoring.clusters import category_sums
+from xden_bench.scoring.intervals import protocol_intervals
 from xden_bench.scoring.metrics import score_object
 from xden_bench.scoring.protocol import Protocol
 from xden_bench.scoring.reference import Reference, Truth
@@ -27,7 +28,6 @@ __all__ = [
     "Score",
     "by_category",
     "by_size",
-    "protocol_intervals",
     "score",
     "summary",
 ]
@@ -112,35 +112,11 @@ def summary(objects: Sequence[ObjectScore], protocol: Protocol) -> Mapping[str, 
     if not protocol.interval_metrics:
         estimates = estimate(values, protocol.bootstrap_resamples, protocol.bootstrap_seed)
         return dict(zip(names, estimates, strict=True))
-    sums = category_sums(values, [one.category for one in objects])
-    intervals = protocol_intervals(sums, names, protocol)
+    categories = [one.category for one in objects]
+    sums = category_sums(values, categories)
+    intervals = protocol_intervals(values, categories, names, protocol)
     means = zip(names, sums.means.tolist(), sums.macro_means.tolist(), strict=True)
     return {name: Estimate(micro, intervals.get(name), macro) for name, micro, macro in means}
-
-
-def protocol_intervals(
-    sums: CategorySums, names: Sequence[str], protocol: Protocol
-) -> Mapping[str, tuple[float, float]]:
-    """Intervals of the means that a protocol trusts, by metric; of others there is none.
-
-    Parameters
-    ----------
-    sums
-        A column for each name.
-    names
-        Metrics.
-    protocol
-        Which metrics have one, and from how many objects and categories on.
-    """
-    kept = [place for place, name in enumerate(names) if name in protocol.interval_metrics]
-    few_objects = sums.sizes.sum() < protocol.min_interval_objects
-    if not kept or few_objects or len(sums.sizes) < protocol.min_interval_categories:
-        return {}
-    chosen = CategorySums(sums.sums[:, kept], sums.sizes)
-    ends = studentised_intervals(chosen, protocol.bootstrap_resamples, protocol.bootstrap_seed)
-    return {
-        names[place]: (low, high) for place, (low, high) in zip(kept, ends.T.tolist(), strict=True)
-    }
 
 
 def by_category(
