@@ -20,7 +20,7 @@ from xden_bench.methods.baseline import find_predictor, run_predictor
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.scoring.reference import Reference
 from xden_bench.scoring.score import score
-from xden_bench.serve import api, board
+from xden_bench.serve import api, board, page_board
 from xden_bench.serve.board import Asked
 from xden_bench.serve.explorer import best_and_worst
 from xden_bench.serve.render import render
@@ -316,3 +316,13 @@ def test_best_and_worst_objects_are_disjoint_and_sorted(rows: list[Entry], resul
     assert values == sorted(values)
     only, none = best_and_worst(rows[0], "density_mae_g_cm3", results, most=1)
     assert (len(only), len(none)) == (1, 1)
+
+
+def test_the_chart_of_many_methods_has_the_best_and_every_oracle(rows: list[Entry]) -> None:
+    method = next(row for row in rows if row["method"]["name"] == "water")
+    methods = [renamed(method, f"method-{number}") for number in range(60)]
+    oracle = renamed(method, "part-oracle")
+    oracle["method"]["inputs"] = ["mesh", "parts", "truth"]
+    drawn = page_board._charted([*methods, oracle])
+    assert drawn == [*methods[: page_board.CHARTED], oracle]
+    assert page_board._charted([oracle, *methods[:3]]) == [oracle, *methods[:3]]

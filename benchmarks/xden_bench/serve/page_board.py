@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from threading import Lock
 from typing import Any, Final
@@ -13,9 +13,10 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.routing import Route
 
+from xden_bench.entries.ranking import Entry
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.serve import api
-from xden_bench.serve.board import Asked, best_first, board_values, kind
+from xden_bench.serve.board import ORACLE, Asked, best_first, board_values, kind
 from xden_bench.serve.figures import interval_picture
 from xden_bench.serve.render import render
 from xden_bench.serve.standings import Snapshot, Standings, Table
@@ -23,6 +24,8 @@ from xden_bench.serve.standings import Snapshot, Standings, Table
 __all__ = ["Once", "board_routes"]
 
 PAGES_KEPT: Final = 256
+CHARTED: Final = 25
+"""Methods that are drawn, beside the oracles: more make a chart that no screen holds."""
 HISTORY_S: Final = 60
 """For which the history is not looked up again."""
 _QUESTIONS: Final = ("table", "track", "metric", "row")
@@ -102,6 +105,16 @@ def _page(snapshot: Snapshot, asked: Asked, chart: Once) -> str:
 
 
 def _chart(_: Snapshot, table: Table, metric: str) -> Markup:
-    rows = best_first(table.rows, metric)
-    picture = interval_picture(rows, metric, METRICS[metric].heading, [kind(row) for row in rows])
+    rows = _charted(best_first(table.rows, metric))
+    heading = METRICS[metric].heading
+    if len(rows) < len(table.rows):
+        heading += f", the best {CHARTED}"
+    picture = interval_picture(rows, metric, heading, [kind(row) for row in rows])
     return Markup(picture)  # noqa: S704 - drawn by matplotlib, which escapes
+
+
+def _charted(rows: Sequence[Entry]) -> list[Entry]:
+    """Keep the first of the methods, and every oracle."""
+    methods = [row for row in rows if not kind(row).startswith(ORACLE)]
+    left_out = {id(row) for row in methods[CHARTED:]}
+    return [row for row in rows if id(row) not in left_out]
