@@ -81,16 +81,16 @@ sample: setup  # remake the packaged sample, then: make leaderboard
 ROWS := build/rows
 # Of the same objects as the dataset XDen-P2000.
 PHANTOMS := --count 2000 --seed 2026 --size 256 --unseen benchmarks/protocol-v2.toml
-METHODS := zero water train-median category-median \
-  nerf2physics-style nerf2physics-style-thickness \
-  gaussian-property-style gaussian-property-style-weighted gaussian-property-style-parts \
-  xray-uniform xray-mean \
+METHODS := zero water train-median category-median xray-uniform xray-mean \
   true-mass-uniform label-nominal part-oracle seen-materials seen-materials-hollow
+# What is learned from pictures in minutes, or by a network once for each seed.
+FITTED := nerf2physics-style nerf2physics-style-thickness \
+  gaussian-property-style gaussian-property-style-weighted gaussian-property-style-parts
 TRAINED := geometry-unet colour-unet xray-unet
 SEEDS := 0 1 2
 # The builder without the captures' labels and, unranked, with them.
 BUILT := blind labels
-ROWS_OF = $(METHODS:%=$(ROWS)/$(1)/%.npz) $(BUILT:%=$(ROWS)/$(1)/%.npz) \
+ROWS_OF = $(foreach row,$(METHODS) $(FITTED) $(BUILT),$(ROWS)/$(1)/$(row).npz) \
   $(foreach seed,$(SEEDS),$(TRAINED:%=$(ROWS)/$(1)/%-$(seed).npz))
 
 leaderboard: rows-test rows-unseen  # all rows, use -j2; what is entered already is passed over
@@ -112,20 +112,21 @@ $(ROWS)/%.npz: $(ROWS)/data/manifest.json
 	mkdir -p $(@D)
 	$(BIN)/xden-bench baseline $(*F) --split $(*D) --root $(ROWS)/data --out $@
 
-# Learned once for each seed, when the rows of `test` are made.
-define TRAINED_ROWS
-$(ROWS)/test/$(1)-$(2).npz: $(ROWS)/data/manifest.json
+# Learned once, when the row of `test` is made. File, method, seed, budget.
+define LEARNED_ROWS
+$(ROWS)/test/$(1).npz: $(ROWS)/data/manifest.json
 	mkdir -p $$(@D) $(ROWS)/fits
-	$(BIN)/xden-bench baseline $(1) --seed $(2) --budget 20epochs --save $(ROWS)/fits/$(1)-$(2) \
-	  --root $(ROWS)/data --out $$@
+	$(BIN)/xden-bench baseline $(2) $(3) $(4) --save $(ROWS)/fits/$(1) --root $(ROWS)/data --out $$@
 
-$(ROWS)/unseen/$(1)-$(2).npz: $(ROWS)/test/$(1)-$(2).npz
+$(ROWS)/unseen/$(1).npz: $(ROWS)/test/$(1).npz
 	mkdir -p $$(@D)
-	$(BIN)/xden-bench baseline $(1) --split unseen --seed $(2) --model $(ROWS)/fits/$(1)-$(2) \
+	$(BIN)/xden-bench baseline $(2) --split unseen $(3) --model $(ROWS)/fits/$(1) \
 	  --root $(ROWS)/data --out $$@
 
 endef
-$(foreach method,$(TRAINED),$(foreach seed,$(SEEDS),$(eval $(call TRAINED_ROWS,$(method),$(seed)))))
+$(foreach method,$(FITTED),$(eval $(call LEARNED_ROWS,$(method),$(method))))
+$(foreach method,$(TRAINED),$(foreach seed,$(SEEDS),$(eval \
+  $(call LEARNED_ROWS,$(method)-$(seed),$(method),--seed $(seed),--budget 20epochs))))
 
 $(foreach split,test unseen,$(BUILT:%=$(ROWS)/$(split)/%.npz)): \
   $(ROWS)/%.npz: $(ROWS)/rebuilt/%/manifest.json $(ROWS)/data/manifest.json
