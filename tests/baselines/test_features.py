@@ -19,11 +19,11 @@ from xden1k.folder import DatasetFolder, open_folder, write_folder
 from xden1k.predictor import Examples
 from xden1k.values.materials import load_materials
 from xden1k.values.modality import Modality
-from xden_baselines.features.encoder import PATCH_PX, PatchEncoder, cosines
+from xden_baselines.features.encoder import PatchEncoder, cosines, half_px
 from xden_baselines.features.fitted import FittedEncoder, fit_encoder
 from xden_baselines.features.fusion import fused_features
 from xden_baselines.features.names import embed_names
-from xden_baselines.features.statistics import WINDOWS_PX, patch_statistics
+from xden_baselines.features.statistics import WINDOW_SHARES, patch_statistics
 from xden_baselines.views.cameras import Rig
 from xden_baselines.views.rendering import render
 from xden_baselines.views.source import RenderedPhantoms
@@ -62,30 +62,38 @@ def encoder(folder: DatasetFolder) -> FittedEncoder:
     return fit_encoder(examples(folder), seed=3)
 
 
+@given(edge=st.integers(32, 4096), longer=st.integers(0, 4096))
+def test_a_patch_covers_the_same_share_of_every_picture(edge: int, longer: int) -> None:
+    """56 pixels of 512, to the nearest even number of pixels."""
+    half = half_px((edge + longer, edge))
+    assert half == half_px((edge, edge + longer))
+    assert abs(2 * half - 56 / 512 * edge) <= 1
+
+
 @settings(deadline=None, max_examples=20)
 @given(seed=st.integers(0, 10**6), filled=st.floats(0, 1))
 def test_statistics_are_those_of_the_objects_pixels(seed: int, filled: float) -> None:
     """Against a loop over the pixels of each window."""
     rng = np.random.default_rng(seed)
-    picture = rng.integers(0, 256, (70, 80, 3), dtype=np.uint8)
-    mask = rng.random((70, 80)) < filled
-    pixels = np.array([[28, 28], [42, 52], [35, 40]])
+    picture = rng.integers(0, 256, (120, 140, 3), dtype=np.uint8)
+    mask = rng.random((120, 140)) < filled
+    pixels = np.array([[7, 7], [113, 133], [35, 40]])
     found = patch_statistics(picture, mask, pixels)
     for (row, column), values in zip(pixels, found, strict=True):
-        for which, window in enumerate(WINDOWS_PX):
-            half = window // 2
+        for which, share in enumerate(WINDOW_SHARES):
+            half = half_px(mask.shape, share)
             at = np.s_[row - half : row + half, column - half : column + half]
             colors = picture[at][mask[at]] / 255
-            share, mean, deviation = np.split(values[7 * which : 7 * which + 7], [1, 4])
-            assert share == pytest.approx(len(colors) / window**2, abs=1e-6)
+            filled, mean, deviation = np.split(values[7 * which : 7 * which + 7], [1, 4])
+            assert filled == pytest.approx(len(colors) / (2 * half) ** 2, abs=1e-6)
             if len(colors):
                 np.testing.assert_allclose(mean, colors.mean(axis=0), atol=1e-5)
                 np.testing.assert_allclose(deviation, colors.std(axis=0), atol=1e-4)
 
 
 def test_a_window_without_object_takes_the_wider_ones_values() -> None:
-    picture = np.full((56, 56, 3), 255, dtype=np.uint8)
-    mask = np.zeros((56, 56), dtype=bool)
+    picture = np.full((512, 512, 3), 255, dtype=np.uint8)
+    mask = np.zeros((512, 512), dtype=bool)
     mask[:4], picture[:4] = True, [51, 102, 0]
     (values,) = patch_statistics(picture, mask, np.array([[28, 28]]))
     assert values[14] == 0  # share of the smallest window
@@ -127,7 +135,7 @@ def test_the_fitted_encoder_tells_materials_it_was_shown(
     (example, *_) = examples(folder)
     pictures = example.sample.pictures
     texts = encoder.texts(["steel", "wood oak", "glass soda lime"])
-    margin = PATCH_PX // 2
+    margin = half_px(pictures.masks.shape[1:])
     right = total = 0
     for colors, mask in zip(pictures.colors, pictures.masks, strict=True):
         pixels = np.argwhere(mask[margin:-margin, margin:-margin])[::7] + margin
@@ -219,7 +227,7 @@ def test_patches_of_one_stride_are_encoded_once() -> None:
         asked = 0
 
         def patches(self, picture: np.ndarray, mask: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-            half = PATCH_PX // 2
+            half = half_px(mask.shape)
             assert (pixels >= half).all()
             assert (pixels <= np.array(mask.shape) - half).all()
             self.asked += len(pixels)

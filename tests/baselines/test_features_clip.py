@@ -11,7 +11,7 @@ import torch
 from tests.baselines.tiny_clip import FEATURES, tiny_clip
 from xden1k.errors import DataError
 from xden_baselines.features.clip import ClipEncoder
-from xden_baselines.features.encoder import PATCH_PX, PatchEncoder
+from xden_baselines.features.encoder import PatchEncoder, half_px
 
 
 @pytest.fixture(scope="module")
@@ -40,10 +40,10 @@ def test_patches_are_encoded_one_row_each(encoder: ClipEncoder) -> None:
     assert np.abs(found[0] - found[2]).max() > 1e-4
 
 
-def test_a_patch_is_its_56_pixels_and_nothing_else(encoder: ClipEncoder) -> None:
+def test_a_patch_is_its_pixels_and_nothing_else(encoder: ClipEncoder) -> None:
     at = np.array([[60, 50]])
     one, other = picture(0), picture(1)
-    half = PATCH_PX // 2
+    half = half_px(MASK.shape)
     inside = np.s_[60 - half : 60 + half, 50 - half : 50 + half]
     mixed = other.copy()
     mixed[inside] = one[inside]

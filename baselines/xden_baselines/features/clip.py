@@ -17,7 +17,7 @@ import torch
 from jaxtyping import Bool, Float32, Int64, UInt8
 
 from xden1k.errors import DataError, require
-from xden_baselines.features.encoder import PATCH_PX
+from xden_baselines.features.encoder import half_px
 
 __all__ = ["ClipEncoder", "weights_sha256"]
 
@@ -74,7 +74,7 @@ class ClipEncoder:
         pixels: Int64[np.ndarray, "patches 2"],
     ) -> Float32[np.ndarray, "patches features"]:
         """Encode patches, enlarged to the size that the model takes."""
-        half = PATCH_PX // 2
+        half = half_px(mask.shape)
         channels = torch.from_numpy(np.ascontiguousarray(picture.transpose(2, 0, 1)))
         crops = [
             channels[:, row - half : row + half, column - half : column + half]

@@ -8,10 +8,24 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float32, Int64, UInt8
 
-__all__ = ["PATCH_PX", "PatchEncoder", "cosines"]
+__all__ = ["PATCH_SHARE", "PatchEncoder", "cosines", "half_px"]
 
-PATCH_PX = 56
-"""Edge of a patch, as in NeRF2Physics: pixels [r - 28, r + 28) around pixel r."""
+PATCH_SHARE = 56 / 512
+"""Edge of a patch over the shorter edge of its picture: NeRF2Physics takes 56 pixels of ABO's
+pictures, which have 512 (Collins et al., CVPR 2022)."""
+
+
+def half_px(shape: tuple[int, ...], share: float = PATCH_SHARE) -> int:
+    """Half the edge of a window that is a share of a picture's shorter edge, at least one pixel.
+
+    The window around pixel r holds the pixels [r - half, r + half).
+
+    Examples
+    --------
+    >>> half_px((512, 512)), half_px((320, 320)), half_px((256, 384))
+    (28, 18, 14)
+    """
+    return max(1, round(share * min(shape) / 2))
 
 
 @runtime_checkable

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float32, Int64, UInt8
 from xden1k.errors import DataError
 from xden1k.predictor import Example, Examples
 from xden1k.values.types import Part
-from xden_baselines.features.encoder import PATCH_PX
+from xden_baselines.features.encoder import half_px
 from xden_baselines.features.names import NAME_FEATURES, embed_names
 from xden_baselines.features.statistics import STATISTICS, patch_statistics
 from xden_baselines.views.pictures import Pictures
@@ -149,7 +149,7 @@ def _training_patches(
     parts = example.truth.parts
     surface = Surface(np.concatenate([np.asarray(part.mesh.triangles) for part in parts]))
     part_of_face = np.repeat(np.arange(len(parts)), [len(part.mesh.faces) for part in parts])
-    margin, wanted = PATCH_PX // 2, -(-PATCHES_PER_OBJECT // len(pictures))
+    margin, wanted = half_px(pictures.masks.shape[1:]), -(-PATCHES_PER_OBJECT // len(pictures))
     for view, camera in enumerate(pictures.cameras):
         mask = pictures.masks[view]
         pixels = np.argwhere(mask[margin:-margin, margin:-margin]) + margin

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float32, Int64
 
 from xden1k.values.arrays import Points
-from xden_baselines.features.encoder import PATCH_PX, PatchEncoder
+from xden_baselines.features.encoder import PatchEncoder, half_px
 from xden_baselines.views.pictures import Pictures, visible
 
 __all__ = ["fused_features"]
@@ -34,10 +34,11 @@ def fused_features(
         How many views see each point.
     """
     views = np.zeros(len(points_cm), dtype=np.int64)
+    margin_px = half_px(pictures.masks.shape[1:])
     total = np.zeros((len(points_cm), encoder.width))
     for view in range(len(pictures)):
         seen, pixels = visible(
-            points_cm, pictures, view, tolerance_cm=tolerance_cm, margin_px=PATCH_PX // 2
+            points_cm, pictures, view, tolerance_cm=tolerance_cm, margin_px=margin_px
         )
         if seen.any():
             total[seen] += _encoded(pictures, view, pixels, encoder)
@@ -49,8 +50,9 @@ def _encoded(
     pictures: Pictures, view: int, pixels: Int64[np.ndarray, "seen 2"], encoder: PatchEncoder
 ) -> Float32[np.ndarray, "seen features"]:
     """Encode the patch of each pixel; pixels of one stride share theirs."""
-    half, stride = PATCH_PX // 2, encoder.stride_px
-    last = np.array(pictures.masks.shape[1:]) - half
+    shape = pictures.masks.shape[1:]
+    half, stride = half_px(shape), encoder.stride_px
+    last = np.array(shape) - half
     snapped = (pixels // stride * stride + stride // 2).clip(half, last)
     flat = snapped[:, 0] * pictures.masks.shape[2] + snapped[:, 1]
     _, first, which = np.unique(flat, return_index=True, return_inverse=True)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64, UInt8
 
-from xden_baselines.features.encoder import PATCH_PX
+from xden_baselines.features.encoder import PATCH_SHARE, half_px
 
 __all__ = ["STATISTICS", "patch_statistics"]
 
-WINDOWS_PX = (PATCH_PX, 16, 6)
-"""Edges of the windows around a patch's centre, widest first."""
-STATISTICS = 2 + 7 * len(WINDOWS_PX)
+WINDOW_SHARES = (PATCH_SHARE, 0.05, 0.02)
+"""Edges of the windows around a patch's centre over the picture's, the widest the patch itself."""
+STATISTICS = 2 + 7 * len(WINDOW_SHARES)
 """Values for each patch."""
 
 
@@ -27,16 +27,17 @@ def patch_statistics(
     no light changes. A window without object takes the values of the next wider one, the widest
     then 0.
     """
-    top, left = (pixels.min(axis=0) - PATCH_PX // 2).clip(min=0)
-    bottom, right = pixels.max(axis=0) + PATCH_PX // 2
+    halves = [half_px(mask.shape, share) for share in WINDOW_SHARES]
+    top, left = (pixels.min(axis=0) - halves[0]).clip(min=0)
+    bottom, right = pixels.max(axis=0) + halves[0]
     sums = _summed_areas(picture[top:bottom, left:right], mask[top:bottom, left:right])
     pixels = pixels - [top, left]
     found = np.zeros((len(pixels), STATISTICS), dtype=np.float64)
     mean = deviation = np.zeros((len(pixels), 3))
-    for which, window in enumerate(WINDOWS_PX):
-        total = _window_sums(sums, pixels, window)
+    for which, half in enumerate(halves):
+        total = _window_sums(sums, pixels, half)
         count = total[:, :1]
-        some, share = count > 0, count / window**2
+        some, share = count > 0, count / (2 * half) ** 2
         inside = total / np.where(some, count, 1)
         spread = np.sqrt((inside[:, 4:] - inside[:, 1:4] ** 2).clip(min=0))
         mean, deviation = np.where(some, inside[:, 1:4], mean), np.where(some, spread, deviation)
@@ -58,10 +59,10 @@ def _summed_areas(
 
 
 def _window_sums(
-    sums: Float64[np.ndarray, "down across 7"], pixels: Int64[np.ndarray, "patches 2"], window: int
+    sums: Float64[np.ndarray, "down across 7"], pixels: Int64[np.ndarray, "patches 2"], half: int
 ) -> Float64[np.ndarray, "patches 7"]:
-    """Sum over [r - window / 2, r + window / 2), as far as it lies inside the picture."""
+    """Sum over [r - half, r + half), as far as it lies inside the picture."""
     last = np.array(sums.shape[:2]) - 1
-    top, left = (pixels - window // 2).clip(0, last).T
-    bottom, right = (pixels + window // 2).clip(0, last).T
+    top, left = (pixels - half).clip(0, last).T
+    bottom, right = (pixels + half).clip(0, last).T
     return np.asarray(sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left])

@@ -50,7 +50,7 @@ class NeRF2Physics:
     """
 
     name = "nerf2physics-style"
-    version = "1"
+    version = "2"
     reads = Modality.GEOMETRY | Modality.RGB | Modality.CATEGORY
     trainable = True
     notes = ""
