@@ -185,9 +185,9 @@ def test_an_object_twice_as_large_has_the_same_density_and_eight_times_the_mass(
     folder: DatasetFolder, solid: Any
 ) -> None:
     small, large = (solid.predict(sample(folder, f"mallet-000{number}")) for number in (3, 4))
-    # equal up to points and pixels that rounding moves over an edge
+    # equal up to points and pixels that rounding moves over an edge of a patch of 18 pixels
     difference = np.abs(small.density_g_cm3 - large.density_g_cm3)
-    assert difference.mean() < 1e-3 * small.density_g_cm3.mean()
+    assert difference.mean() < 5e-3 * small.density_g_cm3.mean()
     assert large.mass_native_g == pytest.approx(8 * small.mass_native_g, rel=1e-3)
 
 
