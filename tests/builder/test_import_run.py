@@ -27,6 +27,7 @@ from tests.builder.folders import contents
 from tests.builder.releases import TWIN, VOLUME, copied
 from tests.hub_server import HubServer
 from xden1k.cli import cli as xden
+from xden1k.errors import DataError
 from xden1k.folder import open_folder
 from xden1k.folder.verify import verify_folder
 from xden1k.values.types import DensityObject, Split
@@ -116,6 +117,17 @@ def test_one_bad_object_is_told_and_the_others_are_written(
     report = json.loads(result.stdout)
     assert (report["built"], report["failed"]) == (1, 1)
     assert "xden1k-0003" not in open_folder(tmp_path / "out").ids()
+
+
+def test_what_sound_files_do_not_show_names_their_folder(
+    release: Path, tmp_path: Path, quick: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def survey(_: PublishedObject) -> Survey:
+        raise DataError("volume: no part is left")
+
+    monkeypatch.setattr(run, "survey_object", survey)
+    said = refusal(imported(release, tmp_path / "out", "--objects", "1"))
+    assert f"xden1k-0001: {release / 'dataset' / '1'}: volume: no part is left" in said
 
 
 @pytest.mark.slow

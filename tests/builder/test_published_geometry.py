@@ -164,6 +164,17 @@ def test_without_a_table_the_levels_come_from_the_volume():
     assert volume.lac_per_cm == pytest.approx([0.2, 2.0], rel=1e-3)
 
 
+def test_a_thing_so_thin_that_no_level_shows_is_one_part_of_its_largest_value():
+    volume = np.zeros((20, 20, 20), dtype=np.float32)
+    volume[4:16, 9, 9] = np.linspace(3.0, 5.0, 12)
+    found = label_volume(volume, {})
+    assert found.lac_per_cm.tolist() == [5.0]
+    assert found.filled_voxels[0] == pytest.approx(float(volume.sum()) / 5.0)
+    volume[4] = 0
+    with pytest.raises(DataError, match=r"expected 12 voxels above 0.001 1/cm, got 11"):
+        label_volume(volume, {})
+
+
 def test_parts_that_the_volume_cannot_show_are_merged_or_lost():
     volume = label_volume(body_volume(0), {**TABLE, "cap": 2.0, "string": 0.0})
     assert volume.names == ("head+cap", "handle")

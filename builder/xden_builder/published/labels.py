@@ -226,18 +226,22 @@ def _from_volume(volume: Float32[np.ndarray, "x y z"], air: float) -> _Levels:
     """Look for values that many voxels share, and for what is stronger than all of these.
 
     Voxels never hold more than their strongest part: where many hold more than the strongest value
-    that is shared, a part is too thin to fill enough of them, and the largest value is its own.
+    that is shared, or none is, a part is too thin to fill enough of them, and the largest value is
+    its own.
     """
     kinds = _plateaus(volume, air)
     inner, sheets = (_shared_values(volume[kinds == kind], FEWEST[kind]) for kind in (1, 2))
     known = np.array(inner)
     new = [value for value in sheets if not (np.abs(known - value) <= LIKE * value).any()]
     levels = sorted([*inner, *new])[:MAX_PARTS]
-    if not levels:
-        raise DataError(f"volume: expected a value that {FEWEST[1]} voxels share, got none")
-    beyond = volume[volume > levels[-1] * (1 + LIKE)]
+    strongest = levels[-1] if levels else air
+    beyond = volume[volume > strongest * (1 + LIKE)]
     if len(beyond) >= FEWEST[1] and len(levels) < MAX_PARTS:
         levels.append(float(beyond.max()))
+    if not levels:
+        raise DataError(
+            f"volume: expected {FEWEST[1]} voxels above {air:.2g} 1/cm, got {len(beyond)}"
+        )
     names = tuple(f"region_{number:02d}" for number in range(1, len(levels) + 1))
     return _Levels(names, tuple(levels))
 

@@ -12,13 +12,14 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from xden1k.documents.maintainer import ANSWERS_NAME
+from xden1k.errors import DataError
 from xden1k.format.records import object_row
 from xden1k.values.types import Split
 from xden_builder.pipeline.cluster import run_on_cluster
@@ -198,7 +199,9 @@ def _survey(task: _Task, item: Item) -> Survey:
     digest = task.digest(item)
     if (kept := _kept(read_bytes(file), digest)) is not None:
         return kept
-    survey = survey_object(_read(item))
+    given = _read(item)
+    with _naming(item):
+        survey = survey_object(given)
     text = json.dumps({"digest": digest, "survey": survey.to_json()})
     write_bytes(file, text.encode())
     return survey
@@ -230,7 +233,8 @@ def _make(task: _Task, fit: ReleaseFit, splits: Mapping[str, Split], item: Item)
     status: Status = "kept" if row is not None else "built"
     if row is None:
         given = _read(item)
-        made = import_object(given, fit, split)
+        with _naming(item):
+            made = import_object(given, fit, split)
         made = replace(made, flags=(*made.flags, *given.meta["flags"]))
         if task.settings.scanner is not None:
             made = with_radiographs(made, item, task.settings.scanner)
@@ -248,6 +252,15 @@ def _read(item: Item) -> PublishedObject:
     """
     gc.collect()
     return read_item(item)
+
+
+@contextmanager
+def _naming(item: Item) -> Generator[None, None, None]:
+    """Name the folder of an object where its files are sound, but not what they show."""
+    try:
+        yield
+    except DataError as err:
+        raise DataError(f"{item.root / item.folder.path}: {err}") from err
 
 
 def _clear(work: Path, items: Sequence[Item]) -> None:
