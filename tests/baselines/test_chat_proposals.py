@@ -17,7 +17,13 @@ from xden1k.errors import DataError
 from xden1k.folder import open_folder, write_folder
 from xden1k.predictor import Examples
 from xden1k.values.modality import Modality
-from xden_baselines.chat.answers import paired, parse_densities, parse_json, parse_thicknesses
+from xden_baselines.chat.answers import (
+    paired,
+    parse_caption,
+    parse_densities,
+    parse_json,
+    parse_thicknesses,
+)
 from xden_baselines.chat.candidates import Candidate, MaterialProposer
 from xden_baselines.chat.prior import PriorProposer
 from xden_baselines.chat.proposer import ChatProposer
@@ -177,7 +183,7 @@ class Fixed:
 
 
 def asked_in_lists(request: ChatRequest) -> str:
-    return LIST if request.prompt == "materials/1" else THICKNESS
+    return LIST if request.prompt == "materials/2" else THICKNESS
 
 
 def test_the_lists_take_two_questions_and_the_second_names_what_the_first_gave() -> None:
@@ -185,10 +191,66 @@ def test_the_lists_take_two_questions_and_the_second_names_what_the_first_gave()
     proposer = ChatProposer(model, Fixed())
     assert isinstance(proposer, MaterialProposer)
     assert proposer.propose("pot-0001", "pot") == (STEEL, OAK, WATER)
-    assert [request.prompt for request in model.asked] == ["materials/1", "thickness/1"]
-    assert "described as: pot." in model.asked[0].text
+    assert [request.prompt for request in model.asked] == ["materials/2", "thickness/2"]
+    assert '"pot"' in model.asked[0].text
     assert "steel, oak wood, water" in model.asked[1].text
     assert proposer.fallbacks == 0
+
+
+def test_a_caption_takes_the_place_of_the_category_and_of_the_picture() -> None:
+    def answer(request: ChatRequest) -> str:
+        return "A pot with two ears." if request.images else asked_in_lists(request)
+
+    model = Parrot(answer)
+    proposer = ChatProposer(model, None, form="caption")
+    picture = np.zeros((4, 4, 3), dtype=np.uint8)
+    assert proposer.propose("pot-0001", "secret", picture) == (STEEL, OAK, WATER)
+    prompts = [request.prompt for request in model.asked]
+    assert prompts == ["caption/1", "materials/2", "thickness/2"]
+    assert [len(request.images) for request in model.asked] == [1, 0, 0]
+    assert all('"A pot with two ears"' in request.text for request in model.asked[1:])
+    assert "secret" not in repr(model.asked)
+
+
+def test_four_worked_examples_go_before_a_question_about_thicknesses_and_can_be_read() -> None:
+    model = Parrot(asked_in_lists)
+    ChatProposer(model, None).propose("pot-0001", "pot")
+    before = model.asked[1].messages()[:-1]
+    assert [one["role"] for one in before] == ["system", *["user", "assistant"] * 4]
+    for question, answer in zip(before[1::2], before[2::2], strict=True):
+        names = question["content"].partition("Materials: ")[2].split(", ")
+        assert list(parse_thicknesses(answer["content"])) == names
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "I'm sorry, but I can't help with that.",
+        "I\u2019m unable to see pictures",
+        "As an AI model, I have no eyes.",
+        "Sorry, no.",
+        "a pot " * 100,
+        "Here it is:",
+    ],
+)
+def test_what_is_no_caption_is_refused(text: str) -> None:
+    with pytest.raises(DataError, match="expected a sentence about the object"):
+        parse_caption(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "A pot.",
+        "<think>a pan?</think>A pot.",
+        "```\nA pot.\n```",
+        "Sure, a description:\n**A pot.**",
+        '"A pot."',
+    ],
+)
+def test_a_caption_is_read_out_of_what_stands_around_it(text: str) -> None:
+    assert parse_caption(text) == "A pot"
 
 
 def test_json_takes_one_question_and_shows_the_picture() -> None:
@@ -219,7 +281,7 @@ def test_rubbish_to_the_end_is_a_fallback_that_is_counted_and_named(form: str) -
 
 
 def test_thicknesses_of_other_materials_to_the_end_are_a_fallback() -> None:
-    model = Parrot(lambda request: LIST if request.prompt == "materials/1" else "(tin: 1 cm)")
+    model = Parrot(lambda request: LIST if request.prompt == "materials/2" else "(tin: 1 cm)")
     proposer = ChatProposer(model, Fixed(), retries=1)
     assert proposer.propose("pot-0001", "pot") == (WATER,)
     assert proposer.fallbacks == 1

@@ -1,4 +1,4 @@
-"""Reading what a chat model says of materials: semicolon lists, and JSON.
+"""Reading what a chat model says of objects and materials: captions, semicolon lists, and JSON.
 
 Densities are asked in kg/m³, as the originals do, and become g/cm³ here, once. What is given in
 another unit is converted, what makes no sense raises a DataError: then the question is asked again.
@@ -16,7 +16,7 @@ from xden1k.errors import DataError
 from xden_baselines.chat.candidates import MAX_CANDIDATES, Candidate, Range
 from xden_baselines.chat.wording import answer_lines, bare, said
 
-__all__ = ["paired", "parse_densities", "parse_json", "parse_thicknesses"]
+__all__ = ["paired", "parse_caption", "parse_densities", "parse_json", "parse_thicknesses"]
 
 G_CM3 = {"kg/m3": 1e-3, "g/cm3": 1.0, "g/cc": 1.0}
 """By unit, to g/cm³; the first is meant where none is written."""
@@ -30,6 +30,34 @@ _TEMPLATE = re.compile(r"material(\s*\d*)|name|[<\[{.].*", re.IGNORECASE)
 """Names a model leaves in when it repeats the template."""
 _REMARK = re.compile(r"[^:;()]*:?|[^:;()\d]*:[^:;()\d]*", re.IGNORECASE)
 """A line that is no item: a lead-in or a remark after the list."""
+_REFUSAL = re.compile(
+    r"(i['\u2019]m|i am) (sorry|unable|not able)|sorry\b|as an ai\b"
+    r"|i (can['\u2019]?t|cannot|could not)\b",
+    re.IGNORECASE,
+)
+"""How a model begins that does not answer."""
+LONGEST_CAPTION = 400
+"""Characters: a sentence of 30 words has some 200."""
+
+
+def parse_caption(text: str) -> str:
+    r"""Read a sentence about an object, without lead-in lines, quotes around it and its full stop.
+
+    Raises
+    ------
+    DataError
+        If there is none, it is too long for one, or the model says that it does not answer.
+
+    Examples
+    --------
+    >>> parse_caption('Here it is:\n"A red mug with a handle."')
+    'A red mug with a handle'
+    """
+    lines = [line for line in answer_lines(text) if not line.endswith(":")]
+    caption = bare(" ".join(lines)).rstrip(".").replace('"', "'")
+    if not caption or len(caption) > LONGEST_CAPTION or _REFUSAL.match(caption):
+        raise DataError(f"expected a sentence about the object, got {text.strip()[:60]!r}")
+    return caption
 
 
 def parse_densities(text: str) -> dict[str, Range]:

@@ -6,7 +6,7 @@ import base64
 import hashlib
 import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,7 +24,7 @@ Content = list[dict[str, Any]]
 
 @dataclass(frozen=True, slots=True)
 class ChatRequest:
-    """One question: a text and the pictures it is about.
+    """One question: a text, the pictures it is about, and what is said before it.
 
     Parameters
     ----------
@@ -38,6 +38,10 @@ class ChatRequest:
         PNG files, sent after the text in this order.
     seed, temperature
         Sent along; a temperature of None leaves it to the server.
+    system
+        What holds for all questions of this kind, sent first; empty = nothing.
+    examples
+        Questions and their right answers, sent before the text.
     """
 
     prompt: str
@@ -46,9 +50,11 @@ class ChatRequest:
     images: tuple[bytes, ...] = ()
     seed: int = 100
     temperature: float | None = None
+    system: str = ""
+    examples: tuple[tuple[str, str], ...] = ()
 
     def messages(self) -> list[dict[str, Any]]:
-        """Return what is sent: one message of the user, pictures as data URLs."""
+        """Return what is sent: the user's message last, pictures as data URLs."""
         return self._messages(_data_url)
 
     def key(self, model: str, max_tokens: int) -> str:
@@ -68,7 +74,16 @@ class ChatRequest:
         pictures: Content = [
             {"type": "image_url", "image_url": {"url": show(image)}} for image in self.images
         ]
-        return [{"role": "user", "content": [{"type": "text", "text": self.text}, *pictures]}]
+        content: Content = [{"type": "text", "text": self.text}, *pictures]
+        return [*self._before(), {"role": "user", "content": content}]
+
+    def _before(self) -> Iterator[dict[str, Any]]:
+        """Messages before the question."""
+        if self.system:
+            yield {"role": "system", "content": self.system}
+        for question, answer in self.examples:
+            yield {"role": "user", "content": question}
+            yield {"role": "assistant", "content": answer}
 
 
 def png(picture: Picture) -> bytes:
