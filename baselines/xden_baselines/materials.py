@@ -20,7 +20,7 @@ GAS_G_CM3 = 0.005
 """Nothing solid or liquid is lighter."""
 
 
-def check_target(train: Examples) -> None:
+def check_target(of: Examples | SampleView) -> None:
     """Refuse targets other than true densities, which the material library's are.
 
     Raises
@@ -28,10 +28,10 @@ def check_target(train: Examples) -> None:
     DataError
         If the target is another.
     """
-    if train.target != "density":
+    if of.target != "density":
         raise DataError(
             "the densities of the material library are true ones: expected the target "
-            f"'density', got {train.target!r}"
+            f"'density', got {of.target!r}"
         )
 
 

@@ -49,18 +49,18 @@ class Stub:
 
 
 @contextmanager
-def stub_endpoint(script: Sequence[Reply]) -> Iterator[Stub]:
-    """Serve the replies one by one, the last again and again."""
-    stub = Stub("")
-    replies, enough = iter(script), threading.Event()
-    last = [script[-1]]
+def stub_endpoint(script: Sequence[Reply] | Callable[[dict[str, Any]], Reply]) -> Iterator[Stub]:
+    """Serve the replies one by one, the last again and again, or what each request calls for."""
+    stub, enough = Stub(""), threading.Event()
+    answer = script if callable(script) else _one_by_one(script)
 
     class Handler(BaseHTTPRequestHandler):
         def do_POST(self) -> None:
             size = int(self.headers["Content-Length"])
-            stub.requests.append(json.loads(self.rfile.read(size)))
+            request = json.loads(self.rfile.read(size))
+            stub.requests.append(request)
             stub.authorization.append(self.headers.get("Authorization"))
-            reply = next(replies, last[0])
+            reply = answer(request)
             enough.wait(reply.after_s)
             try:
                 self.send_response(reply.status)
@@ -87,6 +87,11 @@ def stub_endpoint(script: Sequence[Reply]) -> Iterator[Stub]:
         server.shutdown()
         thread.join()
         server.server_close()
+
+
+def _one_by_one(script: Sequence[Reply]) -> Callable[[dict[str, Any]], Reply]:
+    replies = iter(script)
+    return lambda request: next(replies, script[-1])
 
 
 @dataclass

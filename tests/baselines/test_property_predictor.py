@@ -352,7 +352,7 @@ def test_without_a_fallback_a_run_ends_where_no_answer_makes_sense(
         chat(monkeypatch, "record", tmp_path / "answers.jsonl", stub.base_url)
         monkeypatch.setenv("XDEN_VLM_FALLBACK", "none")
         method = fitted(folder)
-        with pytest.raises(ChatError, match=r"hammer-0003: part-material/1: no answer of 4 made"):
+        with pytest.raises(ChatError, match=r"hammer-0003: part-material/2: no answer of 4 made"):
             method.predict(sample(folder))
         method._model.close()
     assert "if it fails" not in method.notes

@@ -14,10 +14,11 @@ from hypothesis import strategies as st
 from tests.baselines.chat_stub import Parrot
 from xden1k.errors import DataError
 from xden_baselines.gaussian_property.appearance import Centroids, looks
-from xden_baselines.gaussian_property.library import ClosedList
+from xden_baselines.gaussian_property.library import ClosedList, published_list
 from xden_baselines.gaussian_property.regions import color_regions, kept_regions
 from xden_baselines.gaussian_property.tiles import TILE_PX, three_tiles
 from xden_baselines.gaussian_property.voters import Answer, ChatVoter, LooksVoter, parse_answer
+from xden_baselines.materials import density_range_g_cm3
 
 ORANGE, GREY, RED = (200, 110, 30), (150, 150, 160), (180, 20, 20)
 MATERIALS = ClosedList(("steel", "wood_oak", "abs"), (3, 2, 1))
@@ -198,6 +199,34 @@ def test_an_answer_is_read_from_the_right(text: str, expected: Answer) -> None:
 def test_what_is_no_answer_is_refused(text: str, message: str) -> None:
     with pytest.raises(DataError, match=message):
         parse_answer(text, MATERIALS)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("Stainless Steel", "steel"), ("soft plastic", "plastic"), ("aluminum", "aluminium")],
+)
+def test_a_list_of_families_takes_a_name_that_says_more(name: str, expected: str) -> None:
+    materials = published_list()
+    found = parse_answer(f"a part, {name}, 0.5", materials)
+    assert materials.names[found.material] == expected
+
+
+def test_a_name_that_holds_two_of_the_list_is_refused() -> None:
+    with pytest.raises(DataError, match="got 'glass filled plastic'"):
+        parse_answer("a part, glass filled plastic, 0.5", published_list())
+
+
+def test_the_published_list_has_the_densities_of_the_text_and_of_the_library() -> None:
+    materials = published_list()
+    ranges = dict(zip(materials.names, materials.ranges_g_cm3.tolist(), strict=True))
+    assert len(ranges) == 12
+    assert ranges["steel"] == [7.75, 8.05]
+    assert ranges["leather"] == list(density_range_g_cm3("leather"))
+    assert ranges["wood"] == list(density_range_g_cm3("wood_generic"))
+    assert ranges["marble"] == [2.3, density_range_g_cm3("limestone")[1]]
+    assert materials.shares == pytest.approx(1 / 12)
+    with pytest.raises(DataError, match="a range for each of"):
+        ClosedList(("steel", "tin"), (1, 1), ((7.0, 8.0),))
 
 
 def test_the_chat_model_is_shown_each_region_and_the_list() -> None:

@@ -257,7 +257,10 @@ def test_the_same_arrays_are_entered_once_whatever_they_are_called(
                 write_entry(entry, again, tmp_path / "results", submission=path)
 
 
-@pytest.mark.parametrize("name", ["xray-unet", "X-Ray UNet", "xray-unet v2", "official builder"])
+@pytest.mark.parametrize(
+    "name",
+    ["xray-unet", "X-Ray UNet", "xray-unet v2", "official builder", "NeRF2Physics zero-shot"],
+)
 def test_names_of_built_in_methods_are_kept(made: dict[str, Any], name: str) -> None:
     with pytest.raises(DataError, match="is kept for what `xden-bench baseline"):
         check_admission(named(made, name), [])

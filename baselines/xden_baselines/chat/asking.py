@@ -66,8 +66,8 @@ def ask(
 def unanswered(request: ChatRequest, retries: int) -> ChatError:
     """Say that no answer made sense where nobody may answer in the model's place."""
     return ChatError(
-        f"{request.about}: {request.prompt}: no answer of {retries + 1} made sense, and "
-        "XDEN_VLM_FALLBACK=none allows no other"
+        f"{request.about}: {request.prompt}: no answer of {retries + 1} made sense, and nobody "
+        "may answer in the model's place (XDEN_VLM_FALLBACK=none, or zero-shot)"
     )
 
 

@@ -87,6 +87,19 @@ class ChatSettings:
             )
 
     @property
+    def source(self) -> str:
+        """Which model answers and how, as a row says it; nobody is asked, nothing locked.
+
+        Raises
+        ------
+        DataError
+            If recorded answers cannot be read.
+        """
+        if self.mode == "replay":
+            return Replayer(self.model, Path(self.cassette), self.max_tokens).source
+        return Endpoint(self.base_url, self.model).source
+
+    @property
     def fingerprint(self) -> str:
         """What answers depend on: mode, model, and host or recorded answers; no secrets.
 
@@ -95,9 +108,8 @@ class ChatSettings:
         DataError
             If recorded answers cannot be read.
         """
-        model = open_chat(self) if self.mode == "replay" else None
         host = Endpoint(self.base_url, self.model).host if self.base_url else ""
-        said = [self.mode, model.source if model else self.model, host]
+        said = [self.mode, self.source if self.mode == "replay" else self.model, host]
         if self.fallback != "train":
             said.append(f"fallback {self.fallback}")
         if self.mode != "off" and self.max_tokens != MAX_TOKENS:

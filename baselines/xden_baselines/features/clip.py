@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float32, Int64, UInt8
 
 from xden1k.errors import DataError, require
 from xden_baselines.features.encoder import half_px
+from xden_baselines.features.settings import clip_source
 
 __all__ = ["ClipEncoder", "weights_sha256"]
 
@@ -64,7 +65,7 @@ class ClipEncoder:
         self._model = model.eval().to(device)
         self.width: int = model.config.projection_dim
         self._device, self._batch, self.stride_px = device, batch, stride_px
-        self.source = f"CLIP {folder.name} {weights_sha256(folder)[:12]}"
+        self.source = clip_source(str(folder))
         self._norm = torch.tensor([CLIP_MEAN, CLIP_DEVIATION], device=device)[..., None, None]
 
     def patches(

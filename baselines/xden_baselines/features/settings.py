@@ -7,10 +7,18 @@ from pathlib import Path
 
 from xden_baselines.features.encoder import PatchEncoder
 
-__all__ = ["CLIP_VARIABLE", "clip_folder", "clip_sha256", "open_clip"]
+__all__ = [
+    "CLIP_VARIABLE",
+    "HOW_TO_NAME_CLIP",
+    "clip_folder",
+    "clip_sha256",
+    "clip_source",
+    "open_clip",
+]
 
 CLIP_VARIABLE = "XDEN_CLIP"
 """Environment variable that names a folder with CLIP's weights."""
+HOW_TO_NAME_CLIP = f"name their folder by {CLIP_VARIABLE} or by --set clip=FOLDER"
 
 
 def clip_folder(given: str | None) -> str:
@@ -46,3 +54,14 @@ def clip_sha256(folder: str) -> str:
     from xden_baselines.features.clip import weights_sha256
 
     return weights_sha256(Path(folder))
+
+
+def clip_source(folder: str) -> str:
+    """Return what a row calls the weights in a folder.
+
+    Raises
+    ------
+    DataError
+        If the folder holds none.
+    """
+    return f"CLIP {Path(folder).name} {clip_sha256(folder)[:12]}"

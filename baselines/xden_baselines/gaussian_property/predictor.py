@@ -24,8 +24,9 @@ from xden_baselines.chat.asking import at_once
 from xden_baselines.chat.endpoint import ChatModel
 from xden_baselines.chat.request import ChatRequest
 from xden_baselines.chat.settings import chat_settings, open_chat
+from xden_baselines.chat.zero_shot import is_zero_shot, zero_shot_chat, zero_shot_name
 from xden_baselines.gaussian_property.appearance import Centroids, fit_centroids
-from xden_baselines.gaussian_property.library import ClosedList, closed_list
+from xden_baselines.gaussian_property.library import ClosedList, closed_list, published_list
 from xden_baselines.gaussian_property.lifting import (
     Judged,
     chosen_views,
@@ -48,6 +49,7 @@ from xden_baselines.gaussian_property.voting import (
     winners,
 )
 from xden_baselines.geometry import SKIN, near_surface, nearest_filled, voxel_centres_cm
+from xden_baselines.materials import check_target
 from xden_baselines.views.pictures import Pictures
 
 __all__ = ["GaussianProperty", "GaussianPropertyParts", "GaussianPropertyWeighted"]
@@ -56,16 +58,41 @@ FILE = "materials.json"
 
 
 class _Voting(ABC):
-    """What the three have in common: a closed list, centroids of looks, and who answers."""
+    """What the three have in common: a closed list, centroids of looks, and who answers.
 
-    version = "1"
+    Parameters
+    ----------
+    zero_shot
+        Whether it runs as the original does: a chat model chooses from the original's own list;
+        nothing is learned, and nobody answers in the model's place.
+
+    Raises
+    ------
+    DataError
+        If zero-shot lacks a chat model.
+    """
+
+    name: str
+    version = "2"
     trainable = True
     masks: str
+    _notes = ""
 
-    def __init__(self) -> None:
+    def __init__(self, *, zero_shot: bool = False) -> None:
         self._chat = chat_settings()
+        if is_zero_shot(zero_shot):
+            self._chat = zero_shot_chat(self.name, self._chat)
+            self.name = zero_shot_name(self.name)
+            self.trainable = False
         self.external_data = self._chat.mode != "off"
-        self.notes = ""
+
+    @property
+    def notes(self) -> str:
+        """Who answers, about what, and from how long a list."""
+        if self.trainable:
+            return self._notes
+        how = f"zero-shot; {self._chat.source}"
+        return f"{how}; {self.masks}; the {len(self._materials)} materials of the original's paper"
 
     @property
     def fingerprint(self) -> str:
@@ -122,11 +149,23 @@ class _Voting(ABC):
     def _take_up(self, materials: ClosedList, centroids: Centroids) -> None:
         self._materials, self._centroids = materials, centroids
         own = LooksVoter(centroids)
-        self._voter: Voter = own
-        if self._model:
-            other = own if self._chat.fallback == "train" else None
-            self._voter = ChatVoter(self._model, materials, other, in_flight=self._chat.in_flight)
-        self.notes = f"{self._voter.source}; {self.masks}; {len(materials)} materials"
+        other = own if self._chat.fallback == "train" else None
+        self._voter = self._chat_voter(self._model, other) if self._model else own
+        self._notes = f"{self._voter.source}; {self.masks}; {len(materials)} materials"
+
+    def _chat_voter(self, model: ChatModel, fallback: Voter | None) -> ChatVoter:
+        return ChatVoter(model, self._materials, fallback, in_flight=self._chat.in_flight)
+
+    @cached_property
+    def _materials(self) -> ClosedList:
+        """The original's list, unless one was learned: zero-shot."""
+        return published_list()
+
+    @cached_property
+    def _voter(self) -> Voter:
+        """The chat model alone, unless a classifier was fitted: zero-shot."""
+        assert self._model is not None
+        return self._chat_voter(self._model, None)
 
     @cached_property
     def _model(self) -> ChatModel | None:
@@ -178,8 +217,11 @@ class GaussianProperty(_Voting):
         Raises
         ------
         DataError
-            If no view shows any of the object.
+            If no view shows any of the object, or targets are no true densities.
+        ChatError
+            If a chat model is asked and does not answer.
         """
+        check_target(sample)
         pictures, cuts = self._cut(sample)
         judged = judge(sample.object_id, pictures, cuts, self._voter)
         surface, ballots = self._ballots(sample, pictures, judged)
@@ -247,8 +289,11 @@ class GaussianPropertyParts(_Voting):
         Raises
         ------
         DataError
-            If no view shows any of the object.
+            If no view shows any of the object, or targets are no true densities.
+        ChatError
+            If a chat model is asked and does not answer.
         """
+        check_target(sample)
         pictures, found = self._found(sample)
         meshes = sample.part_meshes
         judged = judge(sample.object_id, pictures, [cut for cut, _ in found], self._voter)

@@ -21,11 +21,13 @@ from xden_baselines.gaussian_property.tiles import three_tiles
 
 __all__ = ["Answer", "ChatVoter", "LooksVoter", "Voter", "parse_answer"]
 
-_PROMPT = """The picture has three tiles. Left: an object. Middle: the same picture with one part \
-of the object painted red. Right: that part alone, enlarged.
-Step by step, decide what the part is, and which one material of this list it mainly consists of: \
-{names}.
-Answer with nothing but one line in this form, the last figure from 0 to 1:
+_PROMPT = """The picture has three tiles. Left: an object. Middle: the same picture, with one part \
+of the object under a red mask. Right: that part alone, enlarged.
+Go step by step. First say in a few words what the part is. Then decide what it is made of: where \
+it is several things, what most of it is. Last, find that material in this list, and take no other \
+word for it: {names}.
+A program reads your answer: give nothing but one line in this form, without brackets, the last \
+figure from 0 to 1:
 short caption of the part, material, how sure you are"""
 
 _CONFIDENCE = re.compile(r"(?:confidence:?\s*)?(\d+(?:\.\d+)?|\.\d+)\s*(%?)", re.IGNORECASE)
@@ -145,7 +147,7 @@ class ChatVoter:
         text = _PROMPT.format(names=", ".join(map(_spoken, self.materials.names)))
         for number in range(1, int(segmentation.max()) + 1):
             tiles = three_tiles(picture, segmentation == number)
-            yield ChatRequest("part-material/1", object_id, text, (png(tiles),))
+            yield ChatRequest("part-material/2", object_id, text, (png(tiles),))
 
     def ask(self, request: ChatRequest) -> Answer | None:
         """Ask about a region; None if no answer makes sense and the fallback stands in.
@@ -170,7 +172,8 @@ def parse_answer(text: str, materials: ClosedList) -> Answer:
 
     The line may stand amid others, in brackets or a code fence, after thoughts. The words of a name
     may come in another order or be a part of it (``stainless steel``: the first of the list that
-    has both), and it may be one that the material library also knows it by.
+    has both), and it may be one that the material library also knows it by. It may say more than
+    the only name of the list in it (``stainless steel`` where there is but ``steel``).
 
     Raises
     ------
@@ -213,6 +216,9 @@ def _place(name: str, materials: ClosedList) -> int:
     for place, words in enumerate(names):
         if wanted and wanted <= words:
             return place
+    within = [place for place, words in enumerate(names) if words <= wanted]
+    if len(within) == 1:
+        return within[0]
     raise DataError(
         f"expected a material of {[_spoken(one) for one in materials.names]}, got {name[:60]!r}"
     )

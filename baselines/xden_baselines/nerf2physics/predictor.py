@@ -7,6 +7,7 @@ After Zhai et al., Physical Property Understanding from Language-Embedded Featur
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +21,18 @@ from xden_baselines.chat.candidates import Candidate, MaterialProposer, Picture
 from xden_baselines.chat.prior import PriorProposer
 from xden_baselines.chat.proposer import ChatProposer
 from xden_baselines.chat.settings import chat_settings, open_chat
+from xden_baselines.chat.zero_shot import is_zero_shot, zero_shot_chat, zero_shot_name
 from xden_baselines.features.encoder import PatchEncoder, cosines
 from xden_baselines.features.fitted import FittedEncoder, fit_encoder
 from xden_baselines.features.fusion import fused_features
-from xden_baselines.features.settings import clip_folder, clip_sha256, open_clip
+from xden_baselines.features.settings import (
+    HOW_TO_NAME_CLIP,
+    clip_folder,
+    clip_sha256,
+    clip_source,
+    open_clip,
+)
+from xden_baselines.materials import check_target
 from xden_baselines.nerf2physics.kernel import mixture
 from xden_baselines.nerf2physics.prior import Proposals, tabulate
 from xden_baselines.nerf2physics.surface import SurfaceCloud, surface_cloud
@@ -35,6 +44,8 @@ __all__ = ["NeRF2Physics", "NeRF2PhysicsThickness", "described"]
 PRIOR_FILE, SEED_FILE = "proposals.json", "seed.txt"
 CAPTION_QUANTILE = 0.75
 """Of the mask areas, at the view that is described."""
+ZERO_SHOT_RETRIES = 10
+"""As often as the original asks again."""
 
 
 class NeRF2Physics:
@@ -47,19 +58,41 @@ class NeRF2Physics:
     ----------
     clip
         Folder with CLIP's weights; by default that of ``XDEN_CLIP``, empty if none.
+    zero_shot
+        Whether it runs as the original does: with CLIP and a chat model, which captions a picture
+        in place of the category; nothing is learned, and nobody answers in the model's place.
+
+    Raises
+    ------
+    DataError
+        If zero-shot lacks CLIP's weights or a chat model.
     """
 
     name = "nerf2physics-style"
     version = "2"
     reads = Modality.GEOMETRY | Modality.RGB | Modality.CATEGORY
     trainable = True
-    notes = ""
     rule: Rule = "solid"
+    _seed, _notes = 0, ""
 
-    def __init__(self, *, clip: str | None = None) -> None:
+    def __init__(self, *, clip: str | None = None, zero_shot: bool = False) -> None:
         self._clip = clip_folder(clip)
         self._chat = chat_settings()
+        if is_zero_shot(zero_shot):
+            self._chat = zero_shot_chat(self.name, self._chat)
+            if not self._clip:
+                raise DataError(f"{self.name}: zero_shot needs CLIP's weights: {HOW_TO_NAME_CLIP}")
+            self.name = zero_shot_name(self.name)
+            self.reads = self.reads & ~Modality.CATEGORY
+            self.trainable = False
         self.external_data = bool(self._clip) or self._chat.mode != "off"
+
+    @property
+    def notes(self) -> str:
+        """Which encoder saw the pictures, who proposed, and the volume rule."""
+        if self.trainable:
+            return self._notes
+        return f"zero-shot; {clip_source(self._clip)}; {self._chat.source}; volume rule {self.rule}"
 
     @property
     def fingerprint(self) -> str:
@@ -105,11 +138,14 @@ class NeRF2Physics:
         Raises
         ------
         DataError
-            If no view shows any of the surface.
+            If no view shows any of the surface, or targets are no true densities.
+        ChatError
+            If a chat model is asked and does not answer.
         """
+        check_target(sample)
         pictures: Pictures = sample.pictures
         before = self._proposer.fallbacks
-        candidates = self._proposer.propose(sample.object_id, sample.category, described(pictures))
+        candidates = self._proposer.propose(*self._question(sample))
         cloud, shares = self._seen(sample, pictures, candidates)
         field = density_field(
             cloud,
@@ -132,8 +168,13 @@ class NeRF2Physics:
     def ask_ahead(self, samples: Iterator[SampleView]) -> None:
         """Have the chat model's answers about all samples recorded, many at the same time."""
         if self._chat.mode == "record" and self._chat.in_flight > 1:
-            questions = ((one.object_id, one.category, described(one.pictures)) for one in samples)
-            at_once(lambda asked: self._proposer.propose(*asked), questions, self._chat.in_flight)
+            propose, questions = self._proposer.propose, map(self._question, samples)
+            at_once(lambda asked: propose(*asked), questions, self._chat.in_flight)
+
+    def _question(self, sample: SampleView) -> tuple[str, str, Picture]:
+        """Return what is told of an object; no category where the model is to say what it is."""
+        known = Modality.CATEGORY in self.reads
+        return sample.object_id, sample.category if known else "", described(sample.pictures)
 
     def _seen(
         self, sample: SampleView, pictures: Pictures, candidates: Sequence[Candidate]
@@ -153,9 +194,22 @@ class NeRF2Physics:
         self._seed, self._prior = seed, prior
         chat = open_chat(self._chat)
         other = prior if self._chat.fallback == "train" else None
-        self._proposer: MaterialProposer = prior if chat is None else ChatProposer(chat, other)
-        self._encoder: PatchEncoder = fitted or open_clip(self._clip)
-        self.notes = f"{self._encoder.source}; {self._proposer.source}; volume rule {self.rule}"
+        self._proposer = prior if chat is None else ChatProposer(chat, other)
+        self._encoder = fitted or open_clip(self._clip)
+        sources = f"{self._encoder.source}; {self._proposer.source}"
+        self._notes = f"{sources}; volume rule {self.rule}"
+
+    @cached_property
+    def _proposer(self) -> MaterialProposer:
+        """The chat model alone, unless something was learned: zero-shot."""
+        chat = open_chat(self._chat)
+        assert chat is not None
+        return ChatProposer(chat, None, form="caption", retries=ZERO_SHOT_RETRIES)
+
+    @cached_property
+    def _encoder(self) -> PatchEncoder:
+        """CLIP, unless an encoder was fitted."""
+        return open_clip(self._clip)
 
 
 class NeRF2PhysicsThickness(NeRF2Physics):

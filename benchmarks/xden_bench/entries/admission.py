@@ -28,6 +28,9 @@ FORMER_NAMES: Final = (
     *("gaussian-property", "gaussian-property-weighted", "gaussian-property-parts"),
 )
 """What methods of this package were called while v1 was the protocol: no row has them since."""
+STYLE: Final = "-style"
+ZERO_SHOT: Final = "-zero-shot"
+"""Stands for it in the name of a row that was made with the setting ``zero_shot``."""
 ADDITIONS: Final = re.compile(
     r"\b(official|original|authors?|paper|reference|genuine|real|true|baseline|ours|by|the|of"
     r"|re-?implement\w*|implementation|final|v?\d[\d.]*)\b"
@@ -149,7 +152,7 @@ def _check_reserved(path: Path, entry: Entry) -> None:
     name = _reserved().get(bare) or _reserved().get(skeleton(method["name"]))
     if name is None or is_trivial(method["name"], load_protocol(entry["protocol"])):
         return  # a trivial method's values are compared with its own
-    asked = "root" if name in REBUILT else name
+    asked = "root" if name in REBUILT else name.replace(ZERO_SHOT, STYLE)
     former = name in FORMER_NAMES and entry["protocol"] not in OF_FIRST_SCHEMA
     made = _words(method["command"])[:3] == ["xden-bench", "baseline", asked]
     if name in PAPER_NAMES or former:
@@ -162,7 +165,9 @@ def _check_reserved(path: Path, entry: Entry) -> None:
 @cache
 def _reserved() -> dict[str, str]:
     """Names by their skeleton; what the paper and this package call alike is this package's."""
-    names = (*PAPER_NAMES, *FORMER_NAMES, *REBUILT, *builtin_names())
+    builtin = builtin_names()
+    zero_shot = (one.replace(STYLE, ZERO_SHOT) for one in builtin if STYLE in one)
+    names = (*PAPER_NAMES, *FORMER_NAMES, *REBUILT, *builtin, *zero_shot)
     return {skeleton(one): one for one in names}
 
 
