@@ -118,8 +118,8 @@ def test_ranks_follow_the_means_whatever_the_order_of_the_rows(
 
 
 def test_the_critical_distance_knows_nothing_of_the_table() -> None:
-    assert critical_distance(0.05, 30, 107) == pytest.approx(student_t.isf(0.05 / 870, 106))
-    assert critical_distance(0.05, 30, 1) == np.inf
+    assert critical_distance(0.05, 30, 106) == pytest.approx(student_t.isf(0.05 / 870, 106))
+    assert critical_distance(0.05, 30, 0) == np.inf
 
 
 def test_three_ruined_objects_neither_hide_a_worse_method_nor_help_it() -> None:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import t as student_t
 
+from xden_bench.entries.ranking import worse_beyond_doubt
 from xden_bench.scoring.clusters import category_sums
-from xden_bench.scoring.intervals import protocol_intervals
+from xden_bench.scoring.intervals import protocol_intervals, sampled
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.scoring.strata import strata
 from xden_bench.scoring.studentised import studentised_intervals
@@ -93,3 +94,16 @@ def test_an_unseen_split_that_is_not_whole_has_no_interval(categories: list[str]
     values = np.random.default_rng(5).random((len(categories), 1))
     rules = replace(RULES, min_interval_objects=280)
     assert protocol_intervals(values, categories, [RULES.rank_by], rules) == {}
+
+
+def test_on_unseen_kinds_ranks_are_told_apart_over_the_objects() -> None:
+    rng = np.random.default_rng(6)
+    unseen = kinds(list(RULES.unseen_categories), 12)
+    # better by .2 within each category, however the categories differ
+    difference = np.repeat(rng.normal(0.0, 0.5, 30), 12) + rng.normal(0.0, 0.3, 360)
+    difference += 0.2 - difference.mean()
+    losses = np.stack([np.full(360, 2.0), 2.0 + difference], axis=1)
+    given = worse_beyond_doubt(sampled(losses, unseen, RULES), 0.05, 30)
+    drawn = worse_beyond_doubt(category_sums(losses, unseen), 0.05, 30)
+    assert given.tolist() == [[False, False], [True, False]]
+    assert not drawn.any()

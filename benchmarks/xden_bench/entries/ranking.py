@@ -13,9 +13,10 @@ from scipy.stats import t as student_t
 from xden1k.errors import DataError
 from xden_bench.methods.rebuilt import NAMES as REBUILT
 from xden_bench.scoring.bootstrap import SAME
-from xden_bench.scoring.clusters import CategorySums, category_sums
+from xden_bench.scoring.intervals import sampled
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.protocol import Protocol, is_trivial, load_protocol
+from xden_bench.scoring.studentised import Sampled
 
 __all__ = [
     "MERGED",
@@ -40,30 +41,31 @@ MERGED: Final = "merged"
 
 
 def worse_beyond_doubt(
-    sums: CategorySums, error: float, methods: int
+    sample: Sampled, error: float, methods: int
 ) -> Bool[np.ndarray, "rows rows"]:
     """Whether row i is worse than row j beyond doubt, on the same objects.
 
-    The mean difference in units of its standard error over categories lies above
-    :func:`critical_distance`. The relation is transitive, since standard errors keep the
-    triangle inequality and the critical distance is the same for all pairs.
+    The mean difference in units of its standard error lies above :func:`critical_distance`. The
+    relation is transitive, since standard errors keep the triangle inequality and the critical
+    distance is the same for all pairs.
 
     Parameters
     ----------
-    sums
+    sample
         Of the losses, lower is better, a column for each row.
     error, methods
         See :func:`critical_distance`.
 
     Examples
     --------
+    >>> from xden_bench.scoring.clusters import category_sums
     >>> sums = category_sums(np.array([[0.1, 0.5], [0.2, 0.7], [0.1, 0.6]]), ["a", "b", "c"])
     >>> worse_beyond_doubt(sums, error=0.05, methods=2).tolist()
     [[False, False], [True, False]]
     """
-    critical = critical_distance(error, methods, len(sums.sizes))
-    influences = sums.influences
-    apart = sums.means[:, None] - sums.means
+    critical = critical_distance(error, methods, sample.degrees_of_freedom)
+    influences, means = sample.influences, sample.means
+    apart = means[:, None] - means
     errors = np.array(
         [np.linalg.norm(influences - one[:, None], axis=0) for one in influences.T]
     ).reshape(apart.shape)
@@ -74,23 +76,22 @@ def worse_beyond_doubt(
 
 
 @lru_cache
-def critical_distance(error: float, methods: int, categories: int) -> float:
+def critical_distance(error: float, methods: int, degrees_of_freedom: int) -> float:
     """How many standard errors a difference must have to be beyond doubt.
 
-    Student's distribution with one degree of freedom less than there are categories, and the
-    Bonferroni bound over all ordered pairs of so many methods: whatever the dependence, the
-    probability that any two of them are told apart, if all are equal, is at most ``error``. It
-    does not depend on how many rows a table has, so that no row can change what is known of two
-    others. Infinite for one category.
+    Student's distribution, and the Bonferroni bound over all ordered pairs of so many methods:
+    whatever the dependence, the probability that any two of them are told apart, if all are equal,
+    is at most ``error``. It does not depend on how many rows a table has, so that no row can change
+    what is known of two others. Infinite without a degree of freedom.
 
     Examples
     --------
-    >>> round(critical_distance(0.05, 2, 101), 3), round(critical_distance(0.05, 30, 101), 3)
+    >>> round(critical_distance(0.05, 2, 100), 3), round(critical_distance(0.05, 30, 100), 3)
     (1.984, 4.015)
     """
-    if categories < 2:
+    if degrees_of_freedom < 1:
         return np.inf
-    return float(student_t.isf(error / (methods * (methods - 1)), categories - 1))
+    return float(student_t.isf(error / (methods * (methods - 1)), degrees_of_freedom))
 
 
 def dense_ranks(means: Sequence[float], worse: Bool[np.ndarray, "rows rows"]) -> Sequence[int]:
@@ -226,8 +227,9 @@ def _worse(
     the doubt until nothing can be told apart.
     """
     bounded = losses / (losses + rules.rank_scale)
-    sums = category_sums(bounded, categories)
-    return worse_beyond_doubt(sums, rules.rank_error, rules.rank_methods)
+    return worse_beyond_doubt(
+        sampled(bounded, categories, rules), rules.rank_error, rules.rank_methods
+    )
 
 
 def _losses(rows: Sequence[Entry], metric: str) -> Float64[np.ndarray, "objects rows"]:

@@ -16,6 +16,7 @@ from jaxtyping import Float64
 from xden_bench.entries.ranking import Entry, dense_ranks, worse_beyond_doubt
 from xden_bench.scoring.bootstrap import SAME
 from xden_bench.scoring.clusters import category_sums
+from xden_bench.scoring.intervals import sampled
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.protocol import Protocol
 from xden_bench.scoring.strata import strata
@@ -206,7 +207,7 @@ def told_apart(
     """Share of tables of equal methods in which any two are told apart.
 
     In every trial each method gets, of every category, the scores of one of the rows by lot: what
-    it is better at is chance.
+    it is better at is chance. Of given categories, of every object.
 
     Parameters
     ----------
@@ -225,13 +226,16 @@ def told_apart(
     columns = rows[0]["object_scores"]
     scores = np.array([row["object_scores"][protocol.rank_by] for row in rows], dtype=np.float64)
     losses = METRICS[protocol.rank_by].loss(scores)
-    names, places = np.unique(columns["category"], return_inverse=True)
+    is_fixed = {*columns["category"]} == {*protocol.unseen_categories}
+    dealt = columns["object_id" if is_fixed else "category"]
+    names, places = np.unique(dealt, return_inverse=True)
     found = 0
     for _ in range(trials):
         lots = rng.permuted(np.tile(np.arange(len(rows)), (len(names), 1)), axis=1)[:, :methods]
         drawn = np.take_along_axis(losses, lots[places].T, axis=0).T
-        sums = category_sums(drawn / (drawn + protocol.rank_scale), columns["category"])
-        worse = worse_beyond_doubt(sums, protocol.rank_error, protocol.rank_methods)
+        bounded = drawn / (drawn + protocol.rank_scale)
+        sample = sampled(bounded, columns["category"], protocol)
+        worse = worse_beyond_doubt(sample, protocol.rank_error, protocol.rank_methods)
         found += max(dense_ranks(drawn.mean(axis=0).tolist(), worse)) > 1
     return found / trials
 

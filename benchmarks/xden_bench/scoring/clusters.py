@@ -65,6 +65,11 @@ class CategorySums:
         return errors
 
     @property
+    def degrees_of_freedom(self) -> int:
+        """One less than there are categories."""
+        return len(self.sizes) - 1
+
+    @property
     def is_positive(self) -> Bool[np.ndarray, "columns"]:
         """Which columns are positive in every category."""
         return np.asarray(np.all(self.sums > 0, axis=0))

@@ -1,4 +1,4 @@
-"""Which means of a protocol get an interval, and by which way of drawing objects."""
+"""How the objects of a split were drawn, and which means of a protocol get an interval."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from xden_bench.scoring.protocol import Protocol
 from xden_bench.scoring.strata import strata
 from xden_bench.scoring.studentised import Sampled, studentised_intervals
 
-__all__ = ["protocol_intervals"]
+__all__ = ["protocol_intervals", "sampled"]
 
 
 def protocol_intervals(
@@ -36,28 +36,43 @@ def protocol_intervals(
         Which metrics have one, and from how many objects and categories on.
     """
     kept = [place for place, name in enumerate(names) if name in protocol.interval_metrics]
-    sample = _sampled(values[:, kept], categories, protocol)
-    if not kept or sample is None:
+    if not kept or not _is_enough(categories, protocol):
         return {}
+    sample = sampled(values[:, kept], categories, protocol)
     ends = studentised_intervals(sample, protocol.bootstrap_resamples, protocol.bootstrap_seed)
     return {
         names[place]: (low, high) for place, (low, high) in zip(kept, ends.T.tolist(), strict=True)
     }
 
 
-def _sampled(
-    values: Float64[np.ndarray, "objects metrics"], categories: Sequence[str], protocol: Protocol
-) -> Sampled | None:
-    """Say how objects were drawn; None where there are too few for an interval that covers.
+def sampled(
+    values: Float64[np.ndarray, "objects columns"], categories: Sequence[str], protocol: Protocol
+) -> Sampled:
+    """Say how objects were drawn.
 
-    The categories of ``unseen`` are named by the protocol: objects of each of them are drawn. Else
-    categories are.
+    The categories of the split ``unseen`` are named by the protocol: objects of each of them are
+    drawn. Else categories are.
+
+    Parameters
+    ----------
+    values
+        Shape (objects, columns).
+    categories
+        Of each object.
+    protocol
+        Which categories are unseen.
     """
     sizes = Counter(categories)
+    if sizes.keys() == {*protocol.unseen_categories} and min(sizes.values()) > 1:
+        return strata(values, categories)
+    return category_sums(values, categories)
+
+
+def _is_enough(categories: Sequence[str], protocol: Protocol) -> bool:
+    """Whether there are so many objects that intervals cover."""
+    sizes = Counter(categories)
     if len(categories) < protocol.min_interval_objects:
-        return None
+        return False
     if sizes.keys() == {*protocol.unseen_categories}:
-        enough = min(sizes.values()) >= protocol.min_interval_stratum
-        return strata(values, categories) if enough else None
-    enough = len(sizes) >= protocol.min_interval_categories
-    return category_sums(values, categories) if enough else None
+        return min(sizes.values()) >= protocol.min_interval_stratum
+    return len(sizes) >= protocol.min_interval_categories

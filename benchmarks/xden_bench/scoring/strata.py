@@ -39,13 +39,26 @@ class Strata:
         return np.asarray(np.concatenate(self.scores).mean(axis=0))
 
     @property
-    def errors(self) -> Float64[np.ndarray, "columns"]:
-        """Standard errors of the means: n² of the variance of each category's mean, added up.
+    def influences(self) -> Float64[np.ndarray, "objects columns"]:
+        """How much each object moves the mean: the norm of a column is its standard error.
 
-        Cochran, *Sampling Techniques*, 3rd ed., 1977, eq. 5.12, without finite populations.
+        The variances of the categories' means, added up: Cochran, *Sampling Techniques*, 3rd ed.,
+        1977, eq. 5.12, without finite populations.
         """
-        variances = [len(own) * own.var(axis=0, ddof=1) for own in self.scores]
-        return np.asarray(np.sqrt(np.sum(variances, axis=0)) / self.objects)
+        moved = [
+            np.sqrt(len(own) / (len(own) - 1)) * (own - own.mean(axis=0)) for own in self.scores
+        ]
+        return np.asarray(np.concatenate(moved) / self.objects)
+
+    @property
+    def errors(self) -> Float64[np.ndarray, "columns"]:
+        """Standard errors of the means."""
+        return np.asarray(np.linalg.norm(self.influences, axis=0))
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """As many less than there are objects as there are categories."""
+        return self.objects - len(self.scores)
 
     @property
     def is_positive(self) -> Bool[np.ndarray, "columns"]:

@@ -20,8 +20,16 @@ class Sampled(Protocol):
         """Means over objects."""
 
     @property
+    def influences(self) -> Float64[np.ndarray, "draws columns"]:
+        """How much each draw moves the mean: the norm of a column is its standard error."""
+
+    @property
     def errors(self) -> Float64[np.ndarray, "columns"]:
         """Standard errors of the means."""
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Of the standard errors."""
 
     @property
     def is_positive(self) -> Bool[np.ndarray, "columns"]:
