@@ -7,7 +7,8 @@ import pytest
 
 from xden1k.errors import DataError
 from xden1k.values.materials import MaterialLibrary, load_materials
-from xden_builder.phantoms import CATALOGUE, Plan, appearance, make_phantom, realism
+from xden1k.values.palette import PAINTS
+from xden_builder.phantoms import CATALOGUE, Plan, make_phantom, realism
 from xden_builder.phantoms.realism import (
     LIFELIKE,
     TIDY,
@@ -55,7 +56,7 @@ def test_no_coat_is_told_by_a_colour_of_the_palette_to_the_bit() -> None:
         for number in range(4)
         for part in make_phantom(Plan.of(3, f"screwdriver-{number:04d}"), PAINTED).parts
     ]
-    off = np.abs(np.array(painted)[:, None] - np.array(appearance._PAINTS)).max(axis=2).min(axis=1)
+    off = np.abs(np.array(painted)[:, None] - np.array(PAINTS)).max(axis=2).min(axis=1)
     assert (off > 0.0).all()
     assert np.median(off) < 0.05
 
