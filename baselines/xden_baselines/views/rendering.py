@@ -32,6 +32,7 @@ __all__ = ["Color", "Rendered", "Surface", "render", "shaded"]
 
 Color = tuple[float, float, float]
 """Red, green, blue, 0 to 1, as displayed."""
+Origins = Vec3 | Float[np.ndarray, "*n 3"]
 AMBIENT = 0.55
 LIGHTS = (
     ((0.4, -0.7, 0.6), 0.25),
@@ -64,9 +65,9 @@ class Surface:
         self._mesh = mesh_construction.TriangleMesh(self._scene, triangles_cm.astype(np.float32))
 
     def first_hits(
-        self, origin_cm: Vec3, rays: Float[np.ndarray, "*n 3"]
+        self, origin_cm: Origins, rays: Float[np.ndarray, "*n 3"]
     ) -> tuple[Int32[np.ndarray, "*n"], Float32[np.ndarray, "*n"]]:
-        """Nearest triangle along rays of unit length from one point.
+        """Nearest triangle along rays of unit length from one point, or from one for each.
 
         Returns
         -------
@@ -75,12 +76,29 @@ class Surface:
         distance_cm
             Along the ray; inf where there is none.
         """
+        faces, distance, _ = self.hits(origin_cm, rays)
+        return faces, distance
+
+    def hits(
+        self, origin_cm: Origins, rays: Float[np.ndarray, "*n 3"]
+    ) -> tuple[Int32[np.ndarray, "*n"], Float32[np.ndarray, "*n"], Float32[np.ndarray, "*n 2"]]:
+        """Do the same, and say where in its triangle each ray hits.
+
+        Returns
+        -------
+        faces, distance_cm
+            As of :meth:`first_hits`.
+        spot
+            Weights of the second and the third corner at the hit.
+        """
         directions = rays.reshape(-1, 3).astype(np.float32)
-        origins = np.tile(origin_cm.astype(np.float32), (len(directions), 1))
-        hits = self._scene.run(origins, directions, output=True)
+        origins = np.broadcast_to(origin_cm, rays.shape).reshape(-1, 3)
+        hits = self._scene.run(origins.astype(np.float32), directions, output=True)
         faces = np.asarray(hits["primID"], dtype=np.int32)
         distance = np.where(faces >= 0, hits["tfar"], np.inf).astype(np.float32)
-        return faces.reshape(rays.shape[:-1]), distance.reshape(rays.shape[:-1])
+        spot = np.stack([hits["u"], hits["v"]], axis=-1)
+        shape = rays.shape[:-1]
+        return faces.reshape(shape), distance.reshape(shape), spot.reshape(*shape, 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
