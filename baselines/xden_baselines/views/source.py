@@ -7,24 +7,31 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import trimesh
 
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.values.types import DensityObject
-from xden_baselines.views.cameras import Rig
+from xden_baselines.views.cameras import Camera, Rig
+from xden_baselines.views.keeping import keep, name_of
 from xden_baselines.views.pictures import Pictures
 from xden_baselines.views.rendering import Rendered, Surface, render
 from xden_baselines.views.scenes import read_scene
+from xden_baselines.views.shaded.finishes import draw_looks
+from xden_baselines.views.shaded.rendering import VERSION, render_shaded
+from xden_baselines.views.shaded.studio import studio_of
 
-__all__ = ["RenderedPhantoms", "SceneFolders", "render_object"]
+__all__ = ["RenderedPhantoms", "SceneFolders", "ShadedPhantoms", "render_object"]
 
 DEFAULT_RIG = Rig()
 """24 views of 320 by 320 pixels."""
+FLAT_VERSION = "1"
+"""Of all that decides what flat pictures look like."""
 
 
 @dataclass(frozen=True, slots=True)
 class RenderedPhantoms:
-    """Draws phantoms in the colours of their parts.
+    """Draws phantoms in the colours of their parts, or takes what it drew before from the cache.
 
     Parameters
     ----------
@@ -37,8 +44,7 @@ class RenderedPhantoms:
     @property
     def description(self) -> str:
         """How many views there are, and of what size."""
-        views, size = len(self.rig.elevations_deg) * self.rig.per_ring, self.rig.size_px
-        return f"{views} views of {size} x {size} px rendered in part colours"
+        return f"{_views(self.rig)} rendered in part colours"
 
     @property
     def fingerprint(self) -> str:
@@ -59,7 +65,32 @@ class RenderedPhantoms:
                 f"{object_id}: its parts have no true colours, for its source is {obj.source!r}: "
                 "name a folder of scenes with pictures"
             )
-        return render_object(obj, self.rig).pictures
+        cameras = _cameras(obj, self.rig)
+        return keep(name_of(obj, self._recipe()), cameras, lambda: self._drawn(obj, cameras))
+
+    def _recipe(self) -> str:
+        return f"flat {FLAT_VERSION} {self.rig}"
+
+    def _drawn(self, obj: DensityObject, cameras: tuple[Camera, ...]) -> Pictures:
+        meshes, colors = _meshes(obj), [part.color_rgb for part in obj.parts]
+        return render(meshes, colors, cameras).pictures
+
+
+@dataclass(frozen=True, slots=True)
+class ShadedPhantoms(RenderedPhantoms):
+    """Draws phantoms with their finish, in a room; or takes what it drew before from the cache."""
+
+    @property
+    def description(self) -> str:
+        """How many views there are, of what size, and the version of their look."""
+        return f"{_views(self.rig)} shaded by material (look {VERSION})"
+
+    def _recipe(self) -> str:
+        return f"shaded {VERSION} {self.rig}"
+
+    def _drawn(self, obj: DensityObject, cameras: tuple[Camera, ...]) -> Pictures:
+        looks = draw_looks(obj.object_id, obj.parts)
+        return render_shaded(_meshes(obj), looks, cameras, studio_of(obj.object_id)).pictures
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,10 +148,21 @@ class SceneFolders:
 
 
 def render_object(obj: DensityObject, rig: Rig = DEFAULT_RIG) -> Rendered:
-    """Draw an object from all around, and say which part each pixel shows.
+    """Draw an object flat from all around, and say which part each pixel shows.
 
     For methods that read ``PARTS`` and for training; others get the pictures alone.
     """
-    meshes = [part.mesh for part in obj.parts]
-    vertices = np.concatenate([np.asarray(mesh.vertices) for mesh in meshes])
-    return render(meshes, [part.color_rgb for part in obj.parts], rig.cameras(vertices))
+    return render(_meshes(obj), [part.color_rgb for part in obj.parts], _cameras(obj, rig))
+
+
+def _meshes(obj: DensityObject) -> list[trimesh.Trimesh]:
+    return [part.mesh for part in obj.parts]
+
+
+def _cameras(obj: DensityObject, rig: Rig) -> tuple[Camera, ...]:
+    return rig.cameras(np.concatenate([np.asarray(mesh.vertices) for mesh in _meshes(obj)]))
+
+
+def _views(rig: Rig) -> str:
+    views = len(rig.elevations_deg) * rig.per_ring
+    return f"{views} views of {rig.size_px} x {rig.size_px} px"
