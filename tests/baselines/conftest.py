@@ -1,4 +1,6 @@
-"""Tests of pictures draw them anew: none is taken from the user's cache, none is left there."""
+"""Tests draw pictures anew, and keep features apart from the user's."""
+
+from __future__ import annotations
 
 from collections.abc import Iterator
 
@@ -8,7 +10,8 @@ from xden1k.format.cache import LIMIT_VARIABLE
 
 
 @pytest.fixture(scope="session", autouse=True)
-def no_cache() -> Iterator[None]:
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(LIMIT_VARIABLE, "0")
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         yield

@@ -99,3 +99,14 @@ def test_a_folder_without_clip_is_named(weights: Path, tmp_path: Path) -> None:
     (tmp_path / "config.json").write_text((weights / "config.json").read_text())
     with pytest.raises(DataError, match=r"no CLIP of transformers"):
         ClipEncoder(tmp_path)
+
+
+def test_a_device_that_is_not_there_is_told(weights: Path) -> None:
+    with pytest.raises(DataError, match="torch has no device 'abacus' here"):
+        ClipEncoder(weights, device="abacus")
+
+
+def test_its_identity_tells_weights_batch_and_device(weights: Path, tmp_path: Path) -> None:
+    others = [ClipEncoder(weights, batch=3), ClipEncoder(tiny_clip(tmp_path / "tiny", seed=1))]
+    assert len({one.identity for one in (ClipEncoder(weights), *others)}) == 3
+    assert "cpu" in others[0].identity

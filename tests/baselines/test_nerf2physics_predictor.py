@@ -275,3 +275,8 @@ def test_weights_that_are_not_there_are_an_error(folder: DatasetFolder, tmp_path
         _ = predictor.fingerprint
     with pytest.raises(DataError, match="of a CLIP is expected"):
         predictor.fit(Examples(folder, "train", READS, pictures_of=Turned()), seed=0)
+
+
+def test_a_device_is_named_for_clip_alone() -> None:
+    with pytest.raises(DataError, match="CLIP alone runs on 'cuda': name the folder of its w"):
+        NeRF2Physics(clip="", device="cuda")

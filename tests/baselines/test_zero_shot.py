@@ -224,7 +224,9 @@ def test_what_it_cannot_do_without_is_told_in_one_line(
         with pytest.raises(DataError, match="zero_shot must be true or false, got 'yes'"):
             kind(zero_shot="yes")
     chat(monkeypatch, "live", tmp_path / "answers.jsonl", "http://127.0.0.1:1/v1")
-    with pytest.raises(DataError, match=r"zero_shot needs CLIP's weights: name their folder by X"):
+    with pytest.raises(
+        DataError, match=r"zero_shot needs CLIP: name the folder of its weights by X"
+    ):
         NeRF2Physics(clip="", zero_shot=True)
 
 

@@ -17,6 +17,7 @@ import torch
 from jaxtyping import Bool, Float32, Int64, UInt8
 
 from xden1k.errors import DataError, require
+from xden_baselines.features.devices import check_device
 from xden_baselines.features.encoder import half_px
 from xden_baselines.features.settings import clip_source
 
@@ -35,7 +36,7 @@ class ClipEncoder:
     folder
         Holds ``config.json``, the weights and the tokenizer, as ``save_pretrained`` writes them.
     device
-        Where it runs.
+        Where it runs, as torch names it.
     stride_px
         Patches are centred on every so many pixels: a view of 320 pixels shows thousands of
         points, and ViT-B-16 takes 17.6 billion multiplications a patch.
@@ -45,7 +46,7 @@ class ClipEncoder:
     Raises
     ------
     DataError
-        If the folder holds no CLIP.
+        If the folder holds no CLIP, or torch has no such device.
     MissingExtraError
         If ``transformers`` is not installed.
     """
@@ -55,6 +56,7 @@ class ClipEncoder:
     ) -> None:
         transformers = require("transformers", "clip")
         _check(folder)
+        check_device(device)
         try:
             model = transformers.CLIPModel.from_pretrained(folder, local_files_only=True)
             self._tokenizer = transformers.CLIPTokenizer.from_pretrained(
@@ -66,6 +68,8 @@ class ClipEncoder:
         self.width: int = model.config.projection_dim
         self._device, self._batch, self.stride_px = device, batch, stride_px
         self.source = clip_source(str(folder))
+        made = f"torch {torch.__version__}, transformers {transformers.__version__}"
+        self.identity = f"{self.source}, batch {batch}, {device}, {made}"
         self._norm = torch.tensor([CLIP_MEAN, CLIP_DEVIATION], device=device)[..., None, None]
 
     def patches(

@@ -18,7 +18,7 @@ __all__ = [
 
 CLIP_VARIABLE = "XDEN_CLIP"
 """Environment variable that names a folder with CLIP's weights."""
-HOW_TO_NAME_CLIP = f"name their folder by {CLIP_VARIABLE} or by --set clip=FOLDER"
+HOW_TO_NAME_CLIP = f"name the folder of its weights by {CLIP_VARIABLE} or by --set clip=FOLDER"
 
 
 def clip_folder(given: str | None) -> str:
@@ -27,18 +27,19 @@ def clip_folder(given: str | None) -> str:
 
 
 def open_clip(folder: str, device: str = "cpu") -> PatchEncoder:
-    """Load CLIP.
+    """Load CLIP; its features are kept in the user's cache.
 
     Raises
     ------
     DataError
-        If the folder holds none.
+        If the folder holds none, or there is no such device.
     MissingExtraError
         If ``transformers`` is not installed.
     """
     from xden_baselines.features.clip import ClipEncoder
+    from xden_baselines.features.kept import KeptFeatures, feature_cache
 
-    return ClipEncoder(Path(folder), device=device)
+    return KeptFeatures(ClipEncoder(Path(folder), device=device), feature_cache())
 
 
 def clip_sha256(folder: str) -> str:

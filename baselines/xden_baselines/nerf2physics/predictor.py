@@ -58,6 +58,8 @@ class NeRF2Physics:
     ----------
     clip
         Folder with CLIP's weights; by default that of ``XDEN_CLIP``, empty if none.
+    device
+        Where CLIP runs, as torch names it: ``cpu``, ``cuda``. Nothing else has a use for one.
     zero_shot
         Whether it runs as the original does: with CLIP and a chat model, which captions a picture
         in place of the category; nothing is learned, and nobody answers in the model's place.
@@ -65,7 +67,7 @@ class NeRF2Physics:
     Raises
     ------
     DataError
-        If zero-shot lacks CLIP's weights or a chat model.
+        If zero-shot lacks CLIP's weights or a chat model, or a device is named without weights.
     """
 
     name = "nerf2physics-style"
@@ -75,13 +77,17 @@ class NeRF2Physics:
     rule: Rule = "solid"
     _seed, _notes = 0, ""
 
-    def __init__(self, *, clip: str | None = None, zero_shot: bool = False) -> None:
-        self._clip = clip_folder(clip)
+    def __init__(
+        self, *, clip: str | None = None, device: str = "cpu", zero_shot: bool = False
+    ) -> None:
+        self._clip, self._device = clip_folder(clip), device
+        if device != "cpu" and not self._clip:
+            raise DataError(f"{self.name}: CLIP alone runs on {device!r}: {HOW_TO_NAME_CLIP}")
         self._chat = chat_settings()
         if is_zero_shot(zero_shot):
             self._chat = zero_shot_chat(self.name, self._chat)
             if not self._clip:
-                raise DataError(f"{self.name}: zero_shot needs CLIP's weights: {HOW_TO_NAME_CLIP}")
+                raise DataError(f"{self.name}: zero_shot needs CLIP: {HOW_TO_NAME_CLIP}")
             self.name = zero_shot_name(self.name)
             self.reads = self.reads & ~Modality.CATEGORY
             self.trainable = False
@@ -96,8 +102,9 @@ class NeRF2Physics:
 
     @property
     def fingerprint(self) -> str:
-        """The chat model's settings or recorded answers, and the weights."""
-        return f"{self._chat.fingerprint} {clip_sha256(self._clip)}".strip()
+        """The chat model's settings or recorded answers, the weights, and where they run."""
+        said = [self._chat.fingerprint, clip_sha256(self._clip), self._device]
+        return " ".join(filter(None, said))
 
     def fit(self, train: Examples, *, seed: int) -> None:
         """Survey the materials of the training split and, without CLIP, fit the encoder to it.
@@ -163,7 +170,13 @@ class NeRF2Physics:
             mass_g = shell_mass_g(cloud, shares, candidates, volume_cm3=volume_cm3)
         fallbacks = self._proposer.fallbacks - before
         asked = int(self._chat.mode != "off")
-        return Prediction(field, mass_native_g=mass_g, answers=asked, fallbacks=fallbacks)
+        return Prediction(
+            field,
+            mass_native_g=mass_g,
+            answers=asked,
+            fallbacks=fallbacks,
+            device=self._device if self._clip else "cpu",
+        )
 
     def ask_ahead(self, samples: Iterator[SampleView]) -> None:
         """Have the chat model's answers about all samples recorded, many at the same time."""
@@ -195,7 +208,7 @@ class NeRF2Physics:
         chat = open_chat(self._chat)
         other = prior if self._chat.fallback == "train" else None
         self._proposer = prior if chat is None else ChatProposer(chat, other)
-        self._encoder = fitted or open_clip(self._clip)
+        self._encoder = fitted or open_clip(self._clip, self._device)
         sources = f"{self._encoder.source}; {self._proposer.source}"
         self._notes = f"{sources}; volume rule {self.rule}"
 
@@ -209,7 +222,7 @@ class NeRF2Physics:
     @cached_property
     def _encoder(self) -> PatchEncoder:
         """CLIP, unless an encoder was fitted."""
-        return open_clip(self._clip)
+        return open_clip(self._clip, self._device)
 
 
 class NeRF2PhysicsThickness(NeRF2Physics):

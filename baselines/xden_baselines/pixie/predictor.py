@@ -115,8 +115,8 @@ class _Trained:
         DataError
             If the folder does not hold one of this method.
         """
+        from xden_baselines.features.devices import check_device
         from xden_baselines.pixie.checkpoint import load_model, load_report
-        from xden_baselines.pixie.training import check_device
 
         check_device(self.settings.device)
         self._model = load_model(folder, self._names).to(self.settings.device)
@@ -195,8 +195,9 @@ class PixieStyle(ColourUNet):
         DataError
             If there are no weights.
         """
+        from xden_baselines.features.devices import check_device
         from xden_baselines.pixie.descriptors import Descriptors
-        from xden_baselines.pixie.training import check_device, held_out_numbers, torch_threads
+        from xden_baselines.pixie.training import held_out_numbers, torch_threads
 
         self._check_weights()
         check_device(self.settings.device)
@@ -223,9 +224,9 @@ class PixieStyle(ColourUNet):
             If the folder does not hold one of this method, learned with the same CLIP, or there
             are no weights.
         """
+        from xden_baselines.features.devices import check_device
         from xden_baselines.pixie.checkpoint import check_files
         from xden_baselines.pixie.descriptors import FILE, Descriptors
-        from xden_baselines.pixie.training import check_device
 
         self._check_weights()
         check_device(self.settings.device)

@@ -19,6 +19,7 @@ from torch import Tensor
 from xden1k.errors import DataError
 from xden1k.predictor import Budget
 from xden1k.values.materials import families
+from xden_baselines.features.devices import check_device
 from xden_baselines.pixie.categories import Categories, Kind, Peers
 from xden_baselines.pixie.channels import ENVELOPE
 from xden_baselines.pixie.losses import Batch, density_mae_g_cm3, gathered, loss, turned
@@ -31,7 +32,6 @@ logger = logging.getLogger(__name__)
 
 __all__ = [
     "FitReport",
-    "check_device",
     "held_out_numbers",
     "split_off",
     "torch_threads",
@@ -95,18 +95,6 @@ class FitReport:
             f"category median {self.category_median_mae_g_cm3:.3f}), "
             f"epoch {self.best_epoch} of {self.epochs}"
         )
-
-
-def check_device(device: str) -> None:
-    """Refuse a device that torch cannot use here.
-
-    Raises
-    ------
-    DataError
-        If it is neither the CPU nor a GPU that is at hand.
-    """
-    if device != "cpu" and not (device.startswith("cuda") and torch.cuda.is_available()):
-        raise DataError(f"torch has no device {device!r} here: set device=cpu, or find a GPU")
 
 
 @contextmanager
