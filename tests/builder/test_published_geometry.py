@@ -272,6 +272,25 @@ def test_where_all_meshes_lie_alike_a_damaged_one_is_placed_as_the_others():
     assert errors[0] < 0.005 * UNIT < errors[1]
 
 
+def test_a_can_of_thin_sheet_is_placed_by_its_ends_and_not_on_what_is_in_it():
+    told = Convention(
+        "stretched", 0, (0, 1, 2), 1.0, 3, 3, sure=True, scale=(1.0,) * 3, middle=(0.5,) * 3
+    )
+    solid = np.ones((64,) * 3, dtype=np.float32)
+    half_full = solid.copy()
+    half_full[:, :, 52:63], half_full[:, :, 63] = 0.0, 0.1
+    mesh = BoxShares(np.full(3, -1.0), np.ones(3), solid, solid)
+    can, block = (
+        BoxShares(np.zeros(3), np.full(3, 64.0), shares, shares) for shares in (half_full, solid)
+    )
+    size_cm = np.full(3, 10.0)
+    placed = register(mesh, can, size_cm, told, 64)
+    assert np.abs(placed.affine[:3, :3]).max(axis=0) == pytest.approx(10 / 64)
+    assert placed.flags == ()
+    elsewhere = register(mesh, block, size_cm, replace(told, scale=(1.3,) * 3), 64)
+    assert elsewhere.flags == ("placed_alone",)
+
+
 def test_meshes_that_wander_in_their_volumes_have_a_scale_in_common_but_no_middle():
     one = survey(29)
     away = [replace(one, box_middle=(0.45 + 0.02 * step, 0.5, 0.5)) for step in range(10)]

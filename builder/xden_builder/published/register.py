@@ -111,7 +111,7 @@ def register(
     scores = overlaps(mesh, volume)[MODES.index(convention.mode)]
     place = _chosen(mesh, volume, scores, convention)
     way = ORIENTATIONS[place]
-    fit = _fitted(mesh, volume, place, convention, longest)
+    fit, alone = _fitted(mesh, volume, place, convention, longest)
     six_side = six_side_agreement(fit.placed, fit.volume)
     _check(mesh, volume, way, convention.mode, (fit.iou, six_side))
     rival = _unlike(mesh, volume, scores, place, convention.mode)
@@ -135,6 +135,7 @@ def register(
         "registration_poor": not good,
         "orientation_unsure": not convention.sure,
         "orientation_differs": convention.sure and place != convention.place,
+        "placed_alone": alone,
         "size_unlike_mesh": _apart(mesh.extent, size_cm, convention.size_order) > MOST_UNLIKE,
     }
     flags = tuple(flag for flag, is_raised in raised.items() if is_raised)
@@ -159,15 +160,26 @@ def _chosen(
 
 def _fitted(
     mesh: BoxShares, volume: BoxShares, place: int, convention: Convention, longest: int
-) -> Fit:
-    """Fit where all meshes of the release lie, unless the object contradicts that clearly."""
+) -> tuple[Fit, bool]:
+    """Fit where all meshes of the release lie, unless the object contradicts that clearly.
+
+    It does not where its mesh then leaves out what the volume shows at its ends, however thin that
+    is: a mesh of a can overlaps best where it lies on the drink alone.
+
+    Returns
+    -------
+    tuple
+        The fit, and whether the object contradicts.
+    """
     way = ORIENTATIONS[place]
     own = fit_pair(mesh, volume, way, convention.mode)
     known = convention.box_of(mesh.extent, longest)
     if known is None or place != convention.place:
-        return own
+        return own, False
     common = fit_pair(mesh, volume, way, convention.mode, known)
-    return own if own.iou - common.iou > NEAR_BEST else common
+    boxes_apart = [float(np.abs(np.log(fit.factors)).max()) for fit in (own, common)]
+    alone = own.iou - common.iou > NEAR_BEST and boxes_apart[0] < boxes_apart[1]
+    return (own, True) if alone else (common, False)
 
 
 def _unlike(
