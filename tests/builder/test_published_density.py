@@ -18,6 +18,7 @@ from xden_builder.published.convention import vote
 from xden_builder.published.copies import copies
 from xden_builder.published.density import estimate
 from xden_builder.published.hypotheses import Hypotheses, families_of, hypotheses
+from xden_builder.published.likelihood import log_evidence, log_sd, reached
 from xden_builder.published.orientation import ORIENTATIONS
 from xden_builder.published.release_fit import (
     BeamFit,
@@ -28,7 +29,7 @@ from xden_builder.published.release_fit import (
 )
 from xden_builder.published.survey import PartSeen, Survey
 
-BEAM = Beam(filter_mm_al=4.0, stray=0.02, deepest=3.5, spread=1.2, axes=(0, 1))
+BEAM = Beam(filter_mm_al=4.0, stray=0.02, knee=1.7, spread=1.0, axes=(0, 1))
 
 
 def slab(thickness_cm: float, clear: float = 1.0, volume_cm3: float = 1.0) -> PartRays:
@@ -85,6 +86,25 @@ def test_aluminium_is_told_from_steel_by_its_attenuation_and_thickness():
     )
     assert light.density_g_cm3 < 3.2
     assert heavy.density_g_cm3 > 6.5
+
+
+def test_the_fit_finds_ever_less_of_what_is_darker_but_never_less_than_of_the_lighter():
+    depth = np.geomspace(0.01, 100.0, 50)
+    open_, hidden = (reached(depth, clear, BEAM.knee) for clear in (1.0, 0.1))
+    assert (np.diff(open_) > 0).all()
+    assert (np.diff(open_ / depth) < 0).all()
+    assert (hidden <= open_).all()
+    assert open_[-1] / open_[-2] == pytest.approx((depth[-1] / depth[-2]) ** 0.5, rel=1e-3)
+
+
+def test_a_gross_error_does_not_outweigh_all_else_that_is_known():
+    rays, tried = slab(1.0), one("water")
+    depth = fitted_depth(rays, tried, BEAM.filter_mm_al, BEAM.stray)
+    right, wrong = (
+        log_evidence(factor * depth[0], rays, tried, depth, BEAM) for factor in (1.0, 3.0)
+    )
+    normal = (np.log(3.0) / log_sd(depth, 1.0, BEAM.spread)[0]) ** 2 / 2
+    assert right - wrong < normal / 5
 
 
 def test_a_coefficient_behind_a_wall_says_little():

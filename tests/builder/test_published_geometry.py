@@ -272,6 +272,7 @@ def test_where_all_meshes_lie_alike_a_damaged_one_is_placed_as_the_others():
     assert errors[0] < 0.005 * UNIT < errors[1]
 
 
+@pytest.mark.slow
 def test_a_can_of_thin_sheet_is_placed_by_its_ends_and_not_on_what_is_in_it():
     told = Convention(
         "stretched", 0, (0, 1, 2), 1.0, 3, 3, sure=True, scale=(1.0,) * 3, middle=(0.5,) * 3

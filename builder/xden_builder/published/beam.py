@@ -42,18 +42,19 @@ class Beam:
         Aluminium that hardens a bare tungsten tube's spectrum as much as all filters together.
     stray
         Stray light as a share of the open field.
-    deepest
-        Depth, coefficient times way, that no part's coefficient exceeds by much.
+    knee
+        Depth, coefficient times way, beyond which the fit finds ever less of a part; see
+        :func:`xden_builder.published.likelihood.reached`.
     spread
         How much wider than a light part's a strong absorber's coefficient scatters; see
-        :func:`xden_builder.published.density.log_sd`.
+        :func:`xden_builder.published.likelihood.log_sd`.
     axes
         Axes of the volume along which the radiographs were taken.
     """
 
     filter_mm_al: float
     stray: float
-    deepest: float
+    knee: float
     spread: float
     axes: tuple[int, ...]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from jaxtyping import Float64, Int64
 from xden1k.values.materials import load_materials
 from xden_builder.poly.materials.candidates import Candidate, candidates
 
-__all__ = ["Hypotheses", "families_of", "hypotheses"]
+__all__ = ["Hypotheses", "families_of", "hypotheses", "log_prior"]
 
 FAMILY_SHARES: Final = MappingProxyType(
     {
@@ -36,6 +37,23 @@ FAMILY_SHARES: Final = MappingProxyType(
     }
 )
 """Of the parts of everyday things (assumed); families that are not here are not tried."""
+USUAL: Final = frozenset(
+    {
+        *("steel", "stainless_steel_304", "aluminium", "brass"),
+        *("pp", "pe", "hdpe", "ps", "abs", "pvc_soft", "pvc_rigid"),
+    }
+)
+USUAL_WEIGHT: Final = 3.0
+"""What everyday things of metal and plastic are made of most, and its weight beside 1 (assumed)."""
+USUAL_G: Final = 1000.0
+LIGHTER: Final = 3.0
+"""Mean mass of the parts of what people own and scan, and the power with which heavier ones become
+rarer (assumed): a large body is rather foam or water than steel, whose attenuation looks alike
+where hardly a ray comes through, but a kettlebell is possible."""
+USUAL_CM3: Final = 20.0
+SMALL_DENSER: Final = 0.1
+"""Power of volume with which density falls (assumed): small parts are rather screws, springs and
+contacts, large ones rather wood and cloth."""
 AGAINST: Final = 0.12
 AGAINST_CLEAR: Final = 0.03
 """Weight of a family that a part's name speaks against, beside 1; the second where the name speaks
@@ -89,17 +107,39 @@ def hypotheses(families: frozenset[str] = frozenset()) -> Hypotheses:
     tried = [each for each in candidates("") if library[each.material].family in FAMILY_SHARES]
     of_family: dict[str, float] = dict.fromkeys(FAMILY_SHARES, 0.0)
     for each in tried:
-        of_family[library[each.material].family] += float(np.exp(each.log_prior))
+        of_family[library[each.material].family] += _share(each)
     names = tuple(dict.fromkeys(each.material for each in tried))
     rows = []
     against = AGAINST_CLEAR if len(families) == 1 else AGAINST
     for each in tried:
         family = library[each.material].family
         weight = against if families and family not in families else 1.0
-        share = weight * FAMILY_SHARES[family] * np.exp(each.log_prior) / of_family[family]
+        share = weight * FAMILY_SHARES[family] * _share(each) / of_family[family]
         rows += [(names.index(each.material), rho, share * part) for rho, part in _nodes(each)]
     material, density, share = np.array(rows).T
     return Hypotheses(names, material.astype(np.int64), density, np.log(share / share.sum()))
+
+
+def _share(candidate: Candidate) -> float:
+    """Share of a candidate among those of its family, up to a factor."""
+    return math.exp(candidate.log_prior) * (USUAL_WEIGHT if candidate.material in USUAL else 1.0)
+
+
+def log_prior(tried: Hypotheses, volume_cm3: float) -> Float64[np.ndarray, "h"]:
+    """Logarithm of the share of each hypothesis among parts of a volume.
+
+    Examples
+    --------
+    >>> tried = hypotheses()
+    >>> means = [np.exp(log_prior(tried, cm3)) @ tried.density_g_cm3 for cm3 in (1.0, 1000.0)]
+    >>> means[0] > means[1]
+    True
+    """
+    mass_g = tried.density_g_cm3 * volume_cm3
+    heavier = LIGHTER * np.log1p(mass_g / (USUAL_G * (LIGHTER - 1)))
+    denser = SMALL_DENSER * np.log(tried.density_g_cm3) * np.log(volume_cm3 / USUAL_CM3)
+    weight = tried.log_prior - heavier - denser
+    return np.asarray(weight - np.logaddexp.reduce(weight))
 
 
 def _nodes(candidate: Candidate) -> list[tuple[float, float]]:

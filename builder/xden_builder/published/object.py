@@ -62,7 +62,7 @@ def import_object(given: PublishedObject, fit: ReleaseFit, split: Split) -> Dens
     bodies = fill_mesh(given.mesh), volume_shares(volume)
     placed = register(*bodies, given.size_cm, fit.convention, volume.longest)
     solids = part_solids(volume, placed.affine)
-    estimates = _estimates(volume, placed, fit)
+    estimates = _estimates(volume, given.category, placed, fit)
     shown = [place for place, solid in enumerate(solids.parts) if solid is not None]
     meshes = [solid for solid in solids.parts if solid is not None]
     grids = object_grids(meshes, range(len(meshes)), outer=solids.outer)
@@ -105,10 +105,12 @@ def import_object(given: PublishedObject, fit: ReleaseFit, split: Split) -> Dens
     )
 
 
-def _estimates(volume: LabelVolume, placed: Registration, fit: ReleaseFit) -> list[PartEstimate]:
+def _estimates(
+    volume: LabelVolume, category: str, placed: Registration, fit: ReleaseFit
+) -> list[PartEstimate]:
     """Weigh the materials of every part."""
     sides = np.linalg.norm(placed.affine[:3, :3], axis=0)
-    beam, parts = fit.beam.beam, parts_seen(volume)
+    beam, parts = fit.beam.beam, parts_seen(volume, category)
     seen = [(part.lac_per_cm, part_rays(part, sides, beam.axes)) for part in parts]
     return [
         estimate(lac_per_cm, part.name, rays, beam, [seen[place] for place in alike])

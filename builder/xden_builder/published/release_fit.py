@@ -13,8 +13,8 @@ from jaxtyping import Float64
 
 from xden_builder.published.beam import Beam, PartRays, fitted_depth
 from xden_builder.published.convention import Convention, vote
-from xden_builder.published.density import log_evidence
 from xden_builder.published.hypotheses import families_of, hypotheses
+from xden_builder.published.likelihood import log_evidence
 from xden_builder.published.register import cm_per_unit
 from xden_builder.published.survey import PartSeen, Survey
 
@@ -22,12 +22,17 @@ __all__ = ["BeamFit", "ReleaseFit", "fit_release", "part_rays", "voxels_cm"]
 
 FILTERS_MM_AL: Final = (1.5, 2.5, 4.0, 7.0, 12.0, 20.0)
 STRAYS: Final = (0.0, 0.02, 0.04)
-DEEPEST: Final = (2.5, 3.5, 5.0, 10.0)
-SPREADS: Final = (1.0, 1.5, 2.5)
+KNEES: Final = (1.4, 1.7, 2.1)
+SPREADS: Final = (0.8, 1.0, 1.25)
 USUAL_MM_AL: Final = 4.0
 USUAL_LOG_SD: Final = 0.5
 """Filtration of a 100 kV tube before any X-ray: 2.5 mm is the least that IEC 60601-1-3 asks for,
 and few add more than as much again (assumed). Parts alone hardly tell 4 from 20 mm."""
+USUAL_KNEE: Final = 1.7
+USUAL_SPREAD: Final = 1.0
+FIT_LOG_SD: Final = 0.2
+"""Knee and spread of the paper's fit to radiographs of a simulated scanner, and how far another
+scanner's may lie off (assumed)."""
 AXES: Final[tuple[tuple[int, ...], ...]] = ((0, 1), (0, 2), (1, 2))
 """What is tried for the beam; radiographs were taken along two axes of the volume."""
 UP: Final = 1
@@ -162,16 +167,25 @@ def _weighed(
     filter_mm_al: float,
     stray: float,
 ) -> dict[Beam, float]:
-    """Log posterior of a filter and stray light, with each depth and spread."""
-    beams = [Beam(filter_mm_al, stray, *pair, axes) for pair in product(DEEPEST, SPREADS)]
-    off = np.log(filter_mm_al / USUAL_MM_AL) / USUAL_LOG_SD
-    sums = np.full(len(beams), -(off**2) / 2)
+    """Log posterior of a filter and stray light, with each knee and spread."""
+    beams = [Beam(filter_mm_al, stray, *pair, axes) for pair in product(KNEES, SPREADS)]
+    sums = np.array([_log_prior(beam) for beam in beams])
     for part, sides in asked:
         rays = part_rays(part, sides, axes)
         tried = hypotheses(families_of(part.name))
         depth = fitted_depth(rays, tried, filter_mm_al, stray)
         sums += [log_evidence(part.lac_per_cm, rays, tried, depth, beam) for beam in beams]
     return dict(zip(beams, sums.tolist(), strict=True))
+
+
+def _log_prior(beam: Beam) -> float:
+    """Logarithm of how probable a beam is before any part is asked, up to a constant."""
+    off = (
+        math.log(beam.filter_mm_al / USUAL_MM_AL) / USUAL_LOG_SD,
+        math.log(beam.knee / USUAL_KNEE) / FIT_LOG_SD,
+        math.log(beam.spread / USUAL_SPREAD) / FIT_LOG_SD,
+    )
+    return -(math.hypot(*off) ** 2) / 2
 
 
 def _asked(

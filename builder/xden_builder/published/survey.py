@@ -12,6 +12,7 @@ from jaxtyping import Float32, Float64
 from xden_builder.published import kernels
 from xden_builder.published.fill import fill_mesh
 from xden_builder.published.given import PublishedObject
+from xden_builder.published.hypotheses import families_of
 from xden_builder.published.labels import LabelVolume, label_volume
 from xden_builder.published.orientation import ORIENTATIONS, best_way, overlaps
 from xden_builder.published.refine import fit_pair, mesh_box
@@ -33,7 +34,7 @@ class PartSeen:
     Parameters
     ----------
     name
-        Of the table; empty where the name came from the volume.
+        Of the table, or of what is in one piece its category; empty where neither tells.
     lac_per_cm
         Attenuation coefficient.
     filled_voxels
@@ -116,24 +117,38 @@ def survey_object(given: PublishedObject) -> Survey:
         _three(given.size_cm),
         _three(sides / volume.longest),
         _three(middle / volume.longest),
-        parts_seen(volume),
+        parts_seen(volume, given.category),
     )
 
 
-def parts_seen(volume: LabelVolume) -> tuple[PartSeen, ...]:
+def parts_seen(volume: LabelVolume, category: str) -> tuple[PartSeen, ...]:
     """Measure the parts of a volume, in voxels."""
     along = [_along(volume, axis) for axis in range(3)]
-    named = "parts_from_volume" not in volume.flags
     return tuple(
-        PartSeen(name if named else "", lac, size, *zip(*seen, strict=True))
+        PartSeen(name, lac, size, *zip(*seen, strict=True))
         for name, lac, size, *seen in zip(
-            volume.names,
+            _told_names(volume, category),
             volume.lac_per_cm.tolist(),
             volume.filled_voxels.tolist(),
             *along,
             strict=True,
         )
     )
+
+
+def _told_names(volume: LabelVolume, category: str) -> tuple[str, ...]:
+    """Names of the parts; what is in one piece is called as the object, if its name says nothing.
+
+    Examples
+    --------
+    >>> labels = np.ones((1, 1, 1), dtype=np.uint8)
+    >>> lac, flags = np.ones(1), ("parts_from_volume",)
+    >>> whole = LabelVolume(labels, labels, ("region_01",), lac, lac, (), flags, (0, 0, 0), 1)
+    >>> _told_names(whole, "wrench")
+    ('wrench',)
+    """
+    told = volume.names if "parts_from_volume" not in volume.flags else ("",) * len(volume.names)
+    return (category,) if len(told) == 1 and not families_of(told[0]) else told
 
 
 def _along(volume: LabelVolume, axis: int) -> list[tuple[list[float], list[float], int]]:
