@@ -28,8 +28,9 @@ from xden_bench.entries.leaderboard import (
     render,
     write_leaderboard,
 )
+from xden_bench.entries.merging import merged_rows
 from xden_bench.entries.provenance import code_commit
-from xden_bench.entries.ranking import rank_labels, ranks
+from xden_bench.entries.ranking import MERGED, rank_labels, ranks
 from xden_bench.entries.reading import read_entries
 from xden_bench.entries.recomputed import write_recomputed
 from xden_bench.entries.result import entry_of, entry_path, object_columns, write_entry
@@ -338,6 +339,18 @@ def test_the_drop_from_seen_to_unseen_categories_is_printed(entry: dict[str, Any
     assert re.search(r"\| a +\| 1\.000 +\| 1\.500 +\| \+0\.500 +\| 1\.50 +\|", drop)
     assert not re.search(r"^\| [bc] ", drop, re.MULTILINE)
     assert "from seen to unseen" not in render(rows[:2])
+
+
+def test_the_drop_of_a_method_that_is_another_s_copy_on_unseen_kinds_is_printed(
+    entry: dict[str, Any],
+) -> None:
+    new = {"split": "unseen"}
+    rows = [row(entry, "all", 2.0, 0.1), row(entry, "by-kind", 1.0, 0.1)]
+    copies = [row(entry, name, 2.0, 0.1, dataset=new) for name in ("all", "by-kind")]
+    assert any(MERGED in one for one in merged_rows(copies))
+    _, drop = render([*rows, *copies]).split("from seen to unseen categories")
+    assert re.search(r"\| by-kind +\| 1\.000 +\| 2\.000 ", drop)
+    assert re.search(r"\| all +\| 2\.000 +\| 2\.000 ", drop)
 
 
 def test_older_protocols_come_last_with_means_alone(entry: dict[str, Any]) -> None:

@@ -8,7 +8,7 @@ from typing import Final
 from tabulate import tabulate
 
 from xden_bench.entries.markdown import plain
-from xden_bench.entries.ranking import MERGED, Entry
+from xden_bench.entries.ranking import Entry
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.protocol import load_protocol
 
@@ -65,12 +65,16 @@ def _is_counterpart(row: Entry, other: Entry) -> bool:
 
 
 def _by_method(rows: Iterable[Entry]) -> dict[tuple[str, str], Entry]:
-    """Rows by method and team, without those that count as another."""
-    return {
-        (row["method"]["name"], row.get("team", {}).get("public_key", "")): row
-        for row in rows
-        if MERGED not in row
-    }
+    """Rows by method and team: of each the first, be it that it counts as another method's.
+
+    On unseen kinds a median by category is that of all objects: that it is a copy is the answer.
+    """
+    found: dict[tuple[str, str], Entry] = {}
+    for row in rows:
+        if not row.get("disqualified"):
+            team = row.get("team", {}).get("public_key", "")
+            found.setdefault((row["method"]["name"], team), row)
+    return found
 
 
 def _line(row: Entry, unseen: Entry, metric: str) -> list[str]:
