@@ -9,6 +9,7 @@ import json
 import re
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from tests.bench.conftest import submissions
 from xden1k.errors import DataError
 from xden_bench.entries.durable import results_lock
+from xden_bench.entries.entry_form import check_form
 from xden_bench.entries.leaderboard import (
     BEGIN,
     END,
@@ -329,6 +331,46 @@ def test_rows_with_and_without_a_deviation_share_a_table(entry: dict[str, Any]) 
     assert METRICS["density_crps_g_cm3"].heading in text
     assert "0.700 [0.600, 0.800]" in text
     assert METRICS["density_crps_g_cm3"].heading not in render([row(entry, "plain", 2.0, 0.1)])
+
+
+def test_what_a_row_cost_is_shown_where_any_row_tells_it(entry: dict[str, Any]) -> None:
+    dear, old = row(entry, "dear", 1.0, 0.1), row(entry, "old", 2.0, 0.1)
+    dear["method"] |= {"processor_seconds_per_object": 12.34, "peak_memory_gb": 2.6}
+    text = render([dear, old])
+    headings = r"\| s / object +\| processor s / object +\| GB +\| status"
+    assert re.search(headings, text)
+    assert re.search(r"\| dear .*\| +\| 12 +\| 2\.6 +\| self-reported", text)
+    assert re.search(r"\| old .*\| +\| - +\| - +\| self-reported", text)
+    assert "processor s" not in render([old])
+
+
+def test_a_method_costs_the_mean_time_and_the_most_memory_of_its_seeds(
+    entry: dict[str, Any],
+) -> None:
+    seeds = [row(entry, "net", 1.0 + i, 0.0, submission_sha256=f"{i:064x}") for i in range(3)]
+    for seed, one in enumerate(seeds):
+        cost = {"processor_seconds_per_object": 1.0 + seed, "peak_memory_gb": 3.0 - seed}
+        one["method"] |= {"seed": seed, **cost}
+    assert re.search(r"\| net .*\| 2 +\| 3 +\| self-reported", render(seeds))
+    del seeds[1]["method"]["peak_memory_gb"]
+    assert re.search(r"\| net .*\| 2 +\| self-reported", render(seeds))
+
+
+def test_an_entry_tells_what_was_measured_and_nothing_else(
+    entry: dict[str, Any], scored: Score, reference: Reference
+) -> None:
+    assert "peak_memory_gb" not in entry["method"]
+    beside = {"objects": {"file": "x.parquet", "sha256": "0" * 64}}
+    check_form(entry | beside, Path("old.json"))
+    meta = replace(scored.meta, processor_seconds_per_object=1.5, peak_memory_gb=0.3)
+    measured = beside | entry_of(replace(scored, meta=meta), reference, command="", date=DATE)
+    told = measured["method"]
+    assert (told["processor_seconds_per_object"], told["peak_memory_gb"]) == (1.5, 0.3)
+    check_form(measured, Path("new.json"))
+    for wrong in (None, "much", -1):
+        told["peak_memory_gb"] = wrong
+        with pytest.raises(DataError, match="peak_memory_gb"):
+            check_form(measured, Path("new.json"))
 
 
 def test_the_drop_from_seen_to_unseen_categories_is_printed(entry: dict[str, Any]) -> None:

@@ -222,6 +222,8 @@ def test_the_file_says_what_the_predictions_said(folder: DatasetFolder, tmp_path
     )
     assert report.meta.seconds_per_object is not None
     assert 0 < report.meta.seconds_per_object < 10
+    assert report.meta.processor_seconds_per_object is not None
+    assert 0 < report.meta.peak_memory_gb < 10
     assert report.mass_native_g == dict.fromkeys(folder.ids("test"), 7.0)
     with open_predictions(tmp_path / "out.npz") as found:
         assert found.meta == report.meta

@@ -209,6 +209,8 @@ names, printable = lines("ascii"), lines("utf-8")
             "notes": printable,
             "seed": st.none() | st.integers(0, 2**63 - 1),
             "seconds_per_object": st.none() | st.floats(0, 1e8),
+            "processor_seconds_per_object": st.none() | st.floats(0, 1e8),
+            "peak_memory_gb": st.none() | st.floats(0, 1e8),
         }
     )
 )

@@ -297,6 +297,8 @@ def test_e202_another_schema(tmp_path: Path) -> None:
         ({"training_data": None}, "training_data is missing"),
         ({"external_data": 0}, "external_data must be true or false"),
         ({"seconds_per_object": -1}, "seconds_per_object must be a number >= 0"),
+        ({"processor_seconds_per_object": "1"}, "processor_seconds_per_object must be a number"),
+        ({"peak_memory_gb": float("nan")}, "peak_memory_gb must be a number >= 0"),
         ({"seconds_per_object": float("nan")}, "seconds_per_object must be a number >= 0"),
         ({"seed": True}, "seed must be an integer"),
         ({"manifest_sha256": "b710"}, "manifest_sha256 must be 64 hexadecimal digits"),

@@ -51,10 +51,12 @@ class SubmissionMeta:
     code, paper, command, notes
         Where the code and the paper are, the command that made the file, and what a reader of
         the row must know; empty if nothing.
-    seconds_per_object
-        Run time, if measured.
+    seconds_per_object, processor_seconds_per_object
+        Run time, and processor time of the method's process: all its threads; if measured.
+    peak_memory_gb
+        The most main memory that process held, 1e9 bytes; if measured.
     hardware
-        What the run time was measured on; empty if not told.
+        What time and memory were measured on; empty if not told.
     seed
         Of the method, if it draws random numbers.
     manifest_sha256
@@ -76,6 +78,8 @@ class SubmissionMeta:
     command: str = ""
     notes: str = ""
     seconds_per_object: float | None = None
+    processor_seconds_per_object: float | None = None
+    peak_memory_gb: float | None = None
     seed: int | None = None
     manifest_sha256: str = ""
     hardware: str = ""
@@ -178,7 +182,7 @@ def _is_inputs(value: object) -> bool:
     return _is_texts(value) and isinstance(value, list) and set(value) <= set(INPUTS)
 
 
-def _is_seconds(value: object) -> bool:
+def _is_amount(value: object) -> bool:
     # false for nan as well, which JSON's reader lets through
     return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < 1e9
 
@@ -193,6 +197,7 @@ def _is_sha256(value: object) -> bool:
 
 _NAME = ("E203", f"one printable line of 1 to {MAX_NAME} characters of ASCII", _is_name)
 _TEXT = ("E203", f"one printable line of at most {MAX_TEXT} characters", _is_text)
+_AMOUNT = ("E203", "a number >= 0", _is_amount)
 _RULES: Mapping[str, tuple[str, str, Callable[[object], bool]]] = {
     "method": _NAME,
     "dataset_revision": _NAME,
@@ -208,7 +213,9 @@ _RULES: Mapping[str, tuple[str, str, Callable[[object], bool]]] = {
     "command": _TEXT,
     "notes": _TEXT,
     "hardware": _TEXT,
-    "seconds_per_object": ("E203", "a number >= 0", _is_seconds),
+    "seconds_per_object": _AMOUNT,
+    "processor_seconds_per_object": _AMOUNT,
+    "peak_memory_gb": _AMOUNT,
     "seed": ("E203", "an integer from 0 to 2**63 - 1", _is_seed),
     "manifest_sha256": ("E203", "64 hexadecimal digits", _is_sha256),
 }

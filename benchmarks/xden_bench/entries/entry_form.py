@@ -20,7 +20,7 @@ from xden_bench.entries.untrusted import read_json
 from xden_bench.scoring.protocol import PROTOCOLS, load_protocol
 from xden_bench.scoring.reference import BY_ORGANISER, SELF_REPORTED
 
-__all__ = ["FIRST_SCHEMA", "KEYS", "SCHEMA", "check_form", "read_form"]
+__all__ = ["FIRST_SCHEMA", "KEYS", "MEASURED", "SCHEMA", "check_form", "read_form"]
 
 SCHEMA: Final = "xden-result/2"
 FIRST_SCHEMA: Final = "xden-result/1"
@@ -28,6 +28,8 @@ FIRST_SCHEMA: Final = "xden-result/1"
 OF_FIRST_SCHEMA: Final = ("v1", "paper")
 """The protocols that had entries of the first schema."""
 MAX_COMMAND: Final = 1000
+MEASURED: Final = frozenset({"processor_seconds_per_object", "peak_memory_gb"})
+"""What an entry tells of its method where it was measured; older ones have none of it."""
 
 
 def read_form(path: Path) -> dict[str, Any]:
@@ -70,12 +72,19 @@ def check_form(entry: Mapping[str, Any], path: Path) -> None:
     try:
         if (schema := entry["schema"]) not in (SCHEMA, FIRST_SCHEMA):
             raise ValueError(f"schema is {schema!r}")
-        shape = _FIRST_SHAPE if schema == FIRST_SCHEMA else _SHAPE
-        shape = shape | {key: one for key, one in _OPTIONAL.items() if key in entry}
+        shape = _shape(entry, _FIRST_SHAPE if schema == FIRST_SCHEMA else _SHAPE)
         if wrong := list(_misfits(entry, shape)) or list(_contradictions(entry)):
             raise ValueError("; ".join(wrong))
     except (ValueError, TypeError, KeyError, AttributeError) as err:
         raise DataError(f"{path}: not a result of schema {SCHEMA}: {err!r}") from err
+
+
+def _shape(entry: Mapping[str, Any], required: Mapping[str, Any]) -> dict[str, Any]:
+    """Types of what must be there, and of what may be and is."""
+    shape = {**required, **{key: one for key, one in _OPTIONAL.items() if key in entry}}
+    if isinstance(method := entry["method"], Mapping):
+        shape["method"] = shape["method"] | dict.fromkeys(MEASURED & method.keys(), _NUMBER)
+    return shape
 
 
 def _contradictions(entry: Mapping[str, Any]) -> Iterator[str]:
@@ -150,7 +159,8 @@ def _team_contradictions(entry: Mapping[str, Any]) -> Iterator[str]:
 
 _SHA256: Final = "[0-9a-f]{64}"
 _TEXT_OR_NULL: Final = (str, type(None))
-_NUMBER_OR_NULL: Final = (int, float, type(None))
+_NUMBER: Final = (int, float)
+_NUMBER_OR_NULL: Final = (*_NUMBER, type(None))
 _FIRST_SHAPE: Final[dict[str, Any]] = {
     "schema": str,
     "method": {

@@ -81,6 +81,12 @@ PRINTED: Final = (
 )
 """Metrics of the tables, where a row has them; the others are in the results."""
 
+COSTS: Final = {
+    "processor_seconds_per_object": "processor s / object",
+    "peak_memory_gb": "GB",
+}
+"""Columns of what a method's process took, by what an entry calls it; only where a row tells it."""
+
 PAPER_ROWS: Final = (
     ("NeRF2Physics", "1.157", "0.523", "1.174"),
     ("GaussianProperty", "1.295", "0.632", "1.247"),
@@ -235,9 +241,11 @@ def _section(rows: Sequence[Entry]) -> str:
     if rules.is_ranked:
         columns.insert(1 + metrics.index(rules.rank_by), "by category ↓")
     headings = ["rank", "method", *columns, "looks at"]
-    headings += ["trained on", "external data", "s / object", "status", "date"]
+    costs = [key for key in COSTS if any(row["method"].get(key) is not None for row in rows)]
+    headings += ["trained on", "external data", "s / object"]
+    headings += [*(COSTS[key] for key in costs), "status", "date"]
     labels = rank_labels(rows)
-    table = [_row(row, label, metrics) for row, label in zip(rows, labels, strict=True)]
+    table = [_row(row, label, metrics, costs) for row, label in zip(rows, labels, strict=True)]
     return "\n\n".join(
         [
             _title(rows[0]),
@@ -285,7 +293,7 @@ def _title(row: Entry) -> str:
     )
 
 
-def _row(row: Entry, label: str, metrics: Sequence[str]) -> list[str]:
+def _row(row: Entry, label: str, metrics: Sequence[str], costs: Sequence[str]) -> list[str]:
     method = row["method"]
     return [
         label,
@@ -294,10 +302,15 @@ def _row(row: Entry, label: str, metrics: Sequence[str]) -> list[str]:
         plain(", ".join(method["inputs"])) or "nothing",
         plain(", ".join(method["training_data"])) or "nothing",
         "yes" if method["external_data"] else "no",
-        "" if method["seconds_per_object"] is None else f"{method['seconds_per_object']:.2g}",
+        _amount(method["seconds_per_object"], ""),
+        *(_amount(method.get(key), "-") for key in costs),
         plain(" ".join([row["status"], row.get("recomputed", {}).get("date", "")]).strip()),
         plain(row["date"]),
     ]
+
+
+def _amount(value: float | None, absent: str) -> str:
+    return absent if value is None else f"{value:.2g}"
 
 
 def _marked_name(row: Entry) -> str:

@@ -6,7 +6,7 @@ below the row that it belongs to, with the reason, and has no rank.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import fmean, stdev
 from typing import Any, Final
@@ -21,6 +21,12 @@ from xden_bench.scoring.protocol import load_protocol
 
 __all__ = ["entries_of", "few_seeds", "holds", "merged_rows", "place", "seed_spread"]
 
+_COSTS: Final[Mapping[str, Callable[[Sequence[float]], float]]] = {
+    "seconds_per_object": fmean,
+    "processor_seconds_per_object": fmean,
+    "peak_memory_gb": max,
+}
+"""What a row's seeds cost it."""
 NEAR: Final = 0.05
 """Median over objects of the relative difference of two errors, below which they are a copy.
 
@@ -134,15 +140,16 @@ def _mean_of_seeds(seeds: Sequence[Entry]) -> Entry:
     return {
         **first,
         **figures(objects_of(columns, rules), rules),
-        "method": {**first["method"], "seconds_per_object": _mean_seconds(seeds)},
+        "method": {**first["method"], **_cost(seeds)},
         "object_scores": columns,
         "seeds": sorted(seeds, key=lambda one: one["method"]["seed"] or 0),
     }
 
 
-def _mean_seconds(seeds: Sequence[Entry]) -> float | None:
-    seconds = [one["method"]["seconds_per_object"] for one in seeds]
-    return None if None in seconds else fmean(seconds)
+def _cost(seeds: Sequence[Entry]) -> dict[str, float | None]:
+    """Mean times of an object over seeds, and the most memory; None where a seed does not tell."""
+    told = {key: [one["method"].get(key) for one in seeds] for key in _COSTS}
+    return {key: None if None in told[key] else of(told[key]) for key, of in _COSTS.items()}
 
 
 def _without_copies(families: Sequence[list[Entry]]) -> list[list[Entry]]:

@@ -22,7 +22,7 @@ from xden_bench.entries.admission import (
 from xden_bench.entries.amendments import KINDS
 from xden_bench.entries.archive import keep
 from xden_bench.entries.durable import results_lock, sync_folder, write_whole
-from xden_bench.entries.entry_form import SCHEMA, check_form
+from xden_bench.entries.entry_form import MEASURED, SCHEMA, check_form
 from xden_bench.entries.provenance import code_commit, package_version
 from xden_bench.entries.recomputed import SUFFIX
 from xden_bench.entries.signing import SigningKey
@@ -77,6 +77,7 @@ def entry_of(
             "code": meta.code,
             "paper": meta.paper,
             "notes": meta.notes,
+            **{key: value for key in sorted(MEASURED) if (value := getattr(meta, key)) is not None},
         },
         "protocol": rules.name,
         "metric_version": rules.metric_version,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from xden1k.errors import DataError
-from xden_bench.entries.entry_form import FIRST_SCHEMA
+from xden_bench.entries.entry_form import FIRST_SCHEMA, MEASURED
 from xden_bench.entries.result import entry_of, object_columns
 from xden_bench.scoring.bootstrap import SAME
 from xden_bench.scoring.protocol import load_protocol
@@ -21,8 +21,11 @@ __all__ = ["Deviation", "Verification", "check_reference", "verify"]
 
 NOT_VERIFIABLE: Final = ("command", "commit", "date", "xden_version")
 """Of the place and time of a scoring: only a signature vouches for them."""
-OF_ONE_RUN: Final = ("arrays_sha256", "method.seconds_per_object", "submission_sha256")
-"""What another run of the same method changes: its time, and the last digit on another machine."""
+OF_ONE_RUN: Final = (
+    *("arrays_sha256", "submission_sha256", "method.seconds_per_object"),
+    *(f"method.{key}" for key in sorted(MEASURED)),
+)
+"""What another run of the same method changes: its cost, and the last digit on another machine."""
 
 
 @dataclass(frozen=True, slots=True)

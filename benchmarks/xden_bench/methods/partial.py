@@ -39,6 +39,9 @@ class Facts:
     ----------
     seconds
         Wall time.
+    processor_s, peak_memory_gb
+        Processor time of the method's process for it, and the most memory that process had held
+        by then; None if not told.
     mass_native_g, model, answers, fallbacks, device, remark
         As in :class:`xden1k.predictor.Prediction`.
     """
@@ -50,6 +53,8 @@ class Facts:
     fallbacks: int = 0
     device: str = "cpu"
     remark: str = ""
+    processor_s: float | None = None
+    peak_memory_gb: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from statistics import fmean
 from typing import Any, Final
@@ -26,6 +26,7 @@ from xden1k.predictor import (
     Storable,
 )
 from xden1k.values.modality import Modality
+from xden_bench.methods.cost import peak_memory_gb, processor_s
 from xden_bench.methods.fits import Fit, fit_or_take_up, load_fit
 from xden_bench.methods.partial import (
     Facts,
@@ -45,6 +46,8 @@ __all__ = ["Options", "Report", "refuse_without_radiographs", "run_predictor", "
 
 MOST_FALLBACKS: Final = 0.05
 """Of a model's answers: of more a row would not be the model's it names."""
+_SAID: Final = ("mass_native_g", "model", "answers", "fallbacks", "device", "remark")
+"""What a prediction says of itself that is kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,24 +295,21 @@ class _Run:
             yield self.scope.sample(object_id)
 
     def _predict(self, sample: SampleView) -> Kept:
-        start = time.perf_counter()
+        start, processor_start_s = time.perf_counter(), processor_s()
         found = self.predictor.predict(sample)
-        seconds = time.perf_counter() - start
-        if not isinstance(found, Prediction):
-            return Kept(found, None, Facts(seconds))
         facts = Facts(
-            seconds,
-            found.mass_native_g,
-            found.model,
-            found.answers,
-            found.fallbacks,
-            found.device,
-            found.remark,
+            time.perf_counter() - start,
+            processor_s=processor_s() - processor_start_s,
+            peak_memory_gb=peak_memory_gb(),
         )
-        return Kept(found.density_g_cm3, found.density_sd_g_cm3, facts)
+        if not isinstance(found, Prediction):
+            return Kept(found, None, facts)
+        said = {name: getattr(found, name) for name in _SAID}
+        return Kept(found.density_g_cm3, found.density_sd_g_cm3, replace(facts, **said))
 
     def meta(self, fit: Fit | None, facts: Sequence[Facts]) -> SubmissionMeta:
         """Return what the file says about itself."""
+        seconds, processor_seconds, memory_gb = self._cost(facts)
         return SubmissionMeta(
             method=self.predictor.name,
             dataset_revision=self.scope.task.version,
@@ -321,17 +321,23 @@ class _Run:
             target=self.options.target,
             command=self.scope.command(),
             notes=_short([self.predictor.notes, *self._notes(fit, facts)]),
-            seconds_per_object=self._seconds(facts),
+            seconds_per_object=seconds,
+            processor_seconds_per_object=processor_seconds,
+            peak_memory_gb=memory_gb,
             hardware=self.options.hardware,
             seed=fit.seed if fit else None,
             manifest_sha256=self.scope.task.manifest_sha256,
         )
 
-    def _seconds(self, facts: Sequence[Facts]) -> float | None:
-        """Time of an object; that of a rebuilt folder was spent elsewhere."""
+    def _cost(self, facts: Sequence[Facts]) -> tuple[float | None, float | None, float | None]:
+        """Wall and processor seconds of an object, and memory; a rebuild's were spent elsewhere."""
         if isinstance(self.predictor, Rebuilt):
-            return None
-        return float(f"{fmean(one.seconds for one in facts):.2g}")
+            return None, None, None
+        return (
+            _rounded(fmean, [one.seconds for one in facts]),
+            _rounded(fmean, [one.processor_s for one in facts]),
+            _rounded(max, [one.peak_memory_gb for one in facts]),
+        )
 
     def _notes(self, fit: Fit | None, facts: Sequence[Facts]) -> Iterator[str]:
         """Tell what the run knows and a reader of the row must."""
@@ -346,6 +352,14 @@ class _Run:
             yield f"{fallbacks} of {_answers(facts)} answers by the fallback, on {objects} objects"
         if devices := sorted({one.device for one in facts} - {"cpu"}):
             yield f"computed on {', '.join(devices)}"
+
+
+def _rounded(
+    of: Callable[[Sequence[float]], float], values: Sequence[float | None]
+) -> float | None:
+    """Two digits of a figure of all objects; None if one of them does not tell it."""
+    told = [one for one in values if one is not None]
+    return float(f"{of(told):.2g}") if len(told) == len(values) else None
 
 
 def _answers(facts: Sequence[Facts]) -> int:

@@ -32,7 +32,8 @@ TO_FILL_IN: Final[Mapping[str, str]] = {
     "inputs": "everything the method looks at",
     "training_data": "everything it was trained on",
     "external_data": "true if that is more than this dataset, pretrained weights included",
-    "code, paper, command, notes, seed, seconds_per_object, hardware": "if there are any",
+    "code, paper, command, notes, seed": "if there are any",
+    "seconds_per_object, processor_seconds_per_object, peak_memory_gb, hardware": "if measured",
 }
 """What an author replaces in the file, and by what."""
 

@@ -197,6 +197,8 @@ def facts(row: Entry) -> list[tuple[str, str, bool]]:
         **links,
         "external data": "yes" if method["external_data"] else "no",
         "seconds per object": method["seconds_per_object"],
+        "processor seconds per object": method.get("processor_seconds_per_object"),
+        "peak memory, GB": method.get("peak_memory_gb"),
         "hardware": method.get("hardware"),
         "objects": row["n_objects"],
         "submission sha256": row["submission_sha256"],
