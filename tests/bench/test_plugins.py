@@ -140,7 +140,7 @@ def test_pictures_are_drawn_or_read_or_the_methods_own(
     class Entry:
         load = staticmethod(lambda: Album)
 
-    monkeypatch.setattr(baseline, "_entries", lambda group: {"rendered": Entry, "scenes": Entry})
+    monkeypatch.setattr(baseline, "_entries", lambda group: {"flat": Entry, "scenes": Entry})
     source = baseline.find_pictures(kind(None), views)
     assert source is not None
     assert source.description == description
@@ -149,7 +149,22 @@ def test_pictures_are_drawn_or_read_or_the_methods_own(
 def test_who_reads_no_pictures_gets_none(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(baseline, "_entries", lambda group: {})
     assert baseline.find_pictures(Gives(None), None) is None
-    with pytest.raises(DataError, match="the method gives reads no pictures: no views"):
+    with pytest.raises(
+        DataError, match="the method gives reads no pictures: no views, no pictures"
+    ):
         baseline.find_pictures(Gives(None), Path("there"))
-    with pytest.raises(DataError, match="no source of pictures 'rendered' is installed"):
+    with pytest.raises(DataError, match="no source of pictures 'flat' is installed"):
         baseline.find_pictures(Looks(None), None)
+    with pytest.raises(DataError, match="the method gives reads no pictures"):
+        baseline.find_pictures(Gives(None), None, "shaded")
+
+
+def test_pictures_are_drawn_as_asked_even_where_the_method_has_its_own() -> None:
+    source = baseline.find_pictures(Illustrates(None), None, "shaded")
+    assert source is not None
+    assert "shaded by material" in source.description
+    for views, pictures in [(Path("there"), "flat"), (None, "scenes")]:
+        with pytest.raises(DataError, match=r"either those of a folder of scenes .*or drawn"):
+            baseline.find_pictures(Looks(None), views, pictures)
+    with pytest.raises(DataError, match="no source of pictures 'oils' is installed; there are"):
+        baseline.find_pictures(Looks(None), None, "oils")

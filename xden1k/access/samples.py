@@ -26,8 +26,8 @@ __all__ = ["Example", "Examples", "PictureSource", "SampleView"]
 class PictureSource(Protocol):
     """Where colour pictures come from: a folder of them, or a renderer.
 
-    Found by the entry-point group ``xden1k.pictures``: ``rendered`` is called without arguments,
-    ``scenes`` with a folder. It may be :class:`xden1k.predictor.Fingerprinted`.
+    Found by the entry-point group ``xden1k.pictures``: ``scenes`` is called with a folder, any
+    other, such as ``flat``, without arguments. It may be :class:`xden1k.predictor.Fingerprinted`.
     """
 
     @property

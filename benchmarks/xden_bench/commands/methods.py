@@ -42,7 +42,10 @@ __all__ = ["baseline", "run_again"]
 )
 @click.option("--seed", default=0, show_default=True, help="Of methods that draw random numbers.")
 @click.option("--budget", metavar="AMOUNT", help="Of training: 20epochs, 90s. [default: its own]")
-@click.option("--views", type=FOLDER, help="Scenes with colour pictures. [default: rendered]")
+@click.option("--views", type=FOLDER, help="Scenes with colour pictures, in place of --pictures.")
+@click.option(
+    "--pictures", metavar="NAME", help="How phantoms are drawn: flat or shaded. [default: flat]"
+)
 @click.option("--model", type=FOLDER, help="What it learned before, in place of learning.")
 @click.option("--save", type=FOLDER, help="Keep what it learns in this new folder.")
 @click.option(
@@ -139,7 +142,7 @@ def _run(asked: Mapping[str, Any], folder: DatasetFolder, out: Path, command: st
         budget=Budget.parse(budget) if budget else None,
         model=asked["model"],
         save=asked["save"],
-        pictures=find_pictures(predictor, asked["views"]),
+        pictures=find_pictures(predictor, asked["views"], asked["pictures"]),
         command=command,
         hardware=asked["hardware"],
     )

@@ -28,8 +28,9 @@ __all__ = [
 PREDICTORS = "xden1k.predictors"
 """Entry points of this group name methods."""
 PICTURES = "xden1k.pictures"
-"""Of this one, sources of pictures: ``rendered``, called without arguments, and ``scenes``, called
-with a folder."""
+"""Of this one, sources of pictures: ``scenes`` is called with a folder, any other, such as
+``flat``, without arguments."""
+SCENES, DEFAULT_PICTURES = "scenes", "flat"
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +94,9 @@ def find_predictor(name: str, settings: Mapping[str, Any] | None = None) -> Pred
     return predictor
 
 
-def find_pictures(predictor: Predictor, views: Path | None) -> PictureSource | None:
+def find_pictures(
+    predictor: Predictor, views: Path | None, pictures: str | None = None
+) -> PictureSource | None:
     """Return where a method's colour pictures come from; None if it reads none.
 
     Parameters
@@ -101,22 +104,35 @@ def find_pictures(predictor: Predictor, views: Path | None) -> PictureSource | N
     predictor
         The method.
     views
-        A folder of scenes; None takes the method's own source, or renders the part meshes in
-        their stored colours.
+        A folder of scenes, if the pictures are there.
+    pictures
+        Name of an installed source that draws them. Where neither is given, the method's own
+        source, or else ``DEFAULT_PICTURES``.
 
     Raises
     ------
     DataError
-        If there are scenes but the method reads none, the folder holds none, or no package that
-        knows how is installed.
+        If both are given, or one but the method reads none, the folder holds none, or no such
+        source is installed.
     """
+    asked = views is not None or pictures is not None
     if Modality.RGB not in predictor.reads:
-        if views is not None:
-            raise DataError(f"the method {predictor.name} reads no pictures: no views")
+        if asked:
+            raise DataError(f"the method {predictor.name} reads no pictures: no views, no pictures")
         return None
-    if views is None and isinstance(predictor, Illustrated):
+    if not asked and isinstance(predictor, Illustrated):
         return predictor.pictures_of
-    name = "rendered" if views is None else "scenes"
+    return _source(views, pictures)
+
+
+def _source(views: Path | None, pictures: str | None) -> PictureSource:
+    """Make the source of pictures that is asked for."""
+    if pictures == SCENES or (views is not None and pictures is not None):
+        raise DataError(
+            "pictures are either those of a folder of scenes (--views) or drawn (--pictures), "
+            f"got {views} and {pictures}"
+        )
+    name = SCENES if views is not None else pictures or DEFAULT_PICTURES
     entries = _entries(PICTURES)
     if name not in entries:
         raise DataError(f"no source of pictures {name!r} is installed; there are {sorted(entries)}")
