@@ -3,8 +3,10 @@
 ::
 
     SCENE/  images/NAME.png                    RGBA, alpha > 0 on the object
-            transforms.json                    fl_x, fl_y, cx, cy; frames[] with file_path and
-                                               transform_matrix, camera to object frame, metres
+            masks/NAME.png                     255 on the object, for others; not read here
+            transforms.json                    fl_x, fl_y, cx, cy; frames[] with file_path,
+                                               mask_path and transform_matrix, camera to object
+                                               frame, metres
             ns/dataparser_transforms.json      scale, from metres to the unit of the depths
             ns/renders/depth/NAME.npy.gz       (rows, columns, 1): distance along the ray
 
@@ -41,16 +43,17 @@ _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 def write_scene(pictures: Pictures, scene: Path) -> None:
     """Write pictures, cameras and distances as a scene folder, at a scale of 1."""
     depths = scene / "ns" / "renders" / "depth"
-    for folder in (scene / "images", depths):
+    for folder in (scene / "images", scene / "masks", depths):
         folder.mkdir(parents=True)
     frames = []
     for view, camera in enumerate(pictures.cameras):
         alpha = np.where(pictures.masks[view], 255, 0).astype(np.uint8)
         rgba = np.concatenate([pictures.colors[view], alpha[..., None]], axis=-1)
         Image.fromarray(rgba).save(scene / "images" / f"{view:03d}.png")
+        Image.fromarray(alpha).save(scene / "masks" / f"{view:03d}.png")
         distance_m = np.where(pictures.masks[view], pictures.distance_cm[view] / CM_PER_M, 0)
         (depths / f"{view:03d}.npy.gz").write_bytes(_packed(distance_m[..., None]))
-        frames.append(_frame(camera, f"images/{view:03d}.png"))
+        frames.append(_frame(camera, f"{view:03d}.png"))
     _write_json(scene / "transforms.json", {"camera_model": "OPENCV", "frames": frames})
     parser = {"transform": np.eye(4)[:3].tolist(), "scale": 1.0}
     _write_json(scene / "ns" / "dataparser_transforms.json", parser)
@@ -98,13 +101,14 @@ def read_scene(scene: Path, surface: Surface | None = None) -> Pictures:
     return Pictures(np.stack(colors), np.stack(masks), np.stack(distances), tuple(cameras))
 
 
-def _frame(camera: Camera, file_path: str) -> dict[str, Any]:
+def _frame(camera: Camera, name: str) -> dict[str, Any]:
     pose = camera.camera_to_world.copy()
     pose[:3, 3] /= CM_PER_M
     intrinsics = zip(_INTRINSICS, (*camera.focal_px, *camera.centre_px), strict=True)
     rows, columns = camera.shape
     return {
-        "file_path": file_path,
+        "file_path": f"images/{name}",
+        "mask_path": f"masks/{name}",
         "transform_matrix": pose.tolist(),
         **dict(intrinsics),
         "h": rows,

@@ -51,6 +51,11 @@ class RenderedPhantoms:
         """Where the cameras are."""
         return repr(self.rig)
 
+    @property
+    def recipe(self) -> str:
+        """All that decides the pixels but the object: renderer, version and rig."""
+        return f"flat {FLAT_VERSION} {self.rig}"
+
     def __call__(self, folder: DatasetFolder, object_id: str) -> Pictures:
         """Draw an object.
 
@@ -66,10 +71,7 @@ class RenderedPhantoms:
                 "name a folder of scenes with pictures"
             )
         cameras = _cameras(obj, self.rig)
-        return keep(name_of(obj, self._recipe()), cameras, lambda: self._drawn(obj, cameras))
-
-    def _recipe(self) -> str:
-        return f"flat {FLAT_VERSION} {self.rig}"
+        return keep(name_of(obj, self.recipe), cameras, lambda: self._drawn(obj, cameras))
 
     def _drawn(self, obj: DensityObject, cameras: tuple[Camera, ...]) -> Pictures:
         meshes, colors = _meshes(obj), [part.color_rgb for part in obj.parts]
@@ -85,7 +87,9 @@ class ShadedPhantoms(RenderedPhantoms):
         """How many views there are, of what size, and the version of their look."""
         return f"{_views(self.rig)} shaded by material (look {VERSION})"
 
-    def _recipe(self) -> str:
+    @property
+    def recipe(self) -> str:
+        """All that decides the pixels but the object: renderer, version and rig."""
         return f"shaded {VERSION} {self.rig}"
 
     def _drawn(self, obj: DensityObject, cameras: tuple[Camera, ...]) -> Pictures:
