@@ -11,6 +11,7 @@ import trimesh
 
 from xden1k.errors import DataError
 from xden1k.values.closed import edge_faults
+from xden_builder.published import kernels
 from xden_builder.published.convention import Convention, vote
 from xden_builder.published.fill import fill_mesh
 from xden_builder.published.given import PublishedObject
@@ -221,6 +222,18 @@ def test_neighbours_share_their_interface_so_that_volumes_add_up():
     _, index, count = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
     hull = trimesh.Trimesh(net.points, outer[count[index] == 1], process=False)
     assert hull.volume == pytest.approx(sum(volumes), rel=1e-9)
+
+
+def test_blocks_of_an_odd_grid_keep_all_volume_and_go_to_the_part_that_fills_most():
+    labels, share = random_labels(3, seed=7)
+    shape = tuple((side + 1) // 2 for side in labels.shape)
+    owner, total = np.zeros(shape, dtype=np.uint8), np.zeros(shape, dtype=np.float32)
+    kernels.pool_parts(labels, share, np.zeros(4, dtype=np.float32), owner, total)
+    assert 8 * total.sum() == pytest.approx(float(share.sum()), rel=1e-5)
+    for block in np.ndindex(shape):
+        cut = tuple(slice(2 * place, 2 * place + 2) for place in block)
+        filled = np.bincount(labels[cut].ravel(), share[cut].ravel(), 4)
+        assert owner[block] == (filled[1:].argmax() + 1 if filled[1:].any() else 0)
 
 
 def test_a_sheet_thinner_than_a_voxel_keeps_its_volume():

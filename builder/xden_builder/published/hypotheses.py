@@ -132,7 +132,7 @@ def log_prior(tried: Hypotheses, volume_cm3: float) -> Float64[np.ndarray, "h"]:
     --------
     >>> tried = hypotheses()
     >>> means = [np.exp(log_prior(tried, cm3)) @ tried.density_g_cm3 for cm3 in (1.0, 1000.0)]
-    >>> means[0] > means[1]
+    >>> bool(means[0] > means[1])
     True
     """
     mass_g = tried.density_g_cm3 * volume_cm3

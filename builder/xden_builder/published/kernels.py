@@ -11,7 +11,20 @@ from jaxtyping import Float32, Float64, Int8, Int16, Int32, Int64, UInt8
 
 from xden1k.errors import require
 
-__all__ = ["assign", "cells", "cross", "near_levels", "plateaus", "quads", "vote", "ways"]
+__all__ = [
+    "assign",
+    "cells",
+    "cross",
+    "near_levels",
+    "plateaus",
+    "pool",
+    "pool_parts",
+    "quads",
+    "sides",
+    "volumes",
+    "vote",
+    "ways",
+]
 
 compiled = require("numba", "build").njit(cache=True, nogil=True)
 
@@ -240,6 +253,97 @@ def assign(
                 share[i, j, k] = min(value / levels[above - 1], 1.0) if air else 1.0
                 if alone:
                     guessed[above - 1] += share[i, j, k]
+
+
+@compiled
+@no_type_check
+def volumes(
+    labels: UInt8[np.ndarray, "x y z"],
+    share: Float32[np.ndarray, "x y z"],
+    total: Float64[np.ndarray, "labels"],
+) -> None:
+    """Add up how much of each label's voxels is filled."""
+    for i in range(labels.shape[0]):
+        for j in range(labels.shape[1]):
+            for k in range(labels.shape[2]):
+                total[labels[i, j, k]] += share[i, j, k]
+
+
+@compiled
+@no_type_check
+def sides(labels: UInt8[np.ndarray, "x y z"], count: Int64[np.ndarray, "labels"]) -> None:
+    """Count the sides of each label's voxels behind which another label begins."""
+    for i in range(labels.shape[0]):
+        for j in range(labels.shape[1]):
+            for k in range(labels.shape[2]):
+                here = labels[i, j, k]
+                for axis in range(3):
+                    a, b, c = i + (axis == 0), j + (axis == 1), k + (axis == 2)
+                    if a == labels.shape[0] or b == labels.shape[1] or c == labels.shape[2]:
+                        continue
+                    there = labels[a, b, c]
+                    if here != there:
+                        count[here] += 1
+                        count[there] += 1
+
+
+@compiled
+@no_type_check
+def pool(
+    values: Float32[np.ndarray, "x y z"],
+    pooled: Float32[np.ndarray, "i j k"],
+) -> None:
+    """Write the means over blocks of 2 x 2 x 2; an odd layer at the end is left out."""
+    for i in range(pooled.shape[0]):
+        for j in range(pooled.shape[1]):
+            for k in range(pooled.shape[2]):
+                total = np.float32(0)
+                for row in range(4):
+                    a, b = 2 * i + (row >> 1), 2 * j + (row & 1)
+                    total += values[a, b, 2 * k] + values[a, b, 2 * k + 1]
+                pooled[i, j, k] = total / np.float32(8)
+
+
+@compiled
+@no_type_check
+def pool_parts(
+    labels: UInt8[np.ndarray, "x y z"],
+    share: Float32[np.ndarray, "x y z"],
+    filled: Float32[np.ndarray, "labels"],
+    owner: UInt8[np.ndarray, "i j k"],
+    total: Float32[np.ndarray, "i j k"],
+) -> None:
+    """Write the label that fills most of each block of 2 x 2 x 2, and what all of them fill.
+
+    Parameters
+    ----------
+    labels, share
+        Owner of each voxel, 0 = air, and how much of it is filled; beyond them is air.
+    filled
+        To work in: zero for each label.
+    owner, total
+        Zeros, for half as many voxels along each axis, rounded up; written.
+    """
+    for i in range(owner.shape[0]):
+        for j in range(owner.shape[1]):
+            for k in range(owner.shape[2]):
+                c = 2 * k
+                for a in range(2 * i, min(2 * i + 2, labels.shape[0])):
+                    for b in range(2 * j, min(2 * j + 2, labels.shape[1])):
+                        here, one = labels[a, b, c], share[a, b, c] / np.float32(8)
+                        if c + 1 < labels.shape[2]:
+                            there, other = labels[a, b, c + 1], share[a, b, c + 1] / np.float32(8)
+                            if there == here:
+                                one += other
+                            else:
+                                filled[there] += other
+                        filled[here] += one
+                most = np.float32(0)
+                for part in range(1, len(filled)):
+                    if filled[part] > most:
+                        owner[i, j, k], most = part, filled[part]
+                    total[i, j, k] += filled[part]
+                filled[:] = 0
 
 
 @compiled

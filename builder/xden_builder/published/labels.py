@@ -71,8 +71,9 @@ class LabelVolume:
     @property
     def filled_voxels(self) -> Float64[np.ndarray, "parts"]:
         """Volume of each part."""
-        sums = np.bincount(self.labels.ravel(), self.share.ravel(), len(self.names) + 1)
-        return np.asarray(sums[1:])
+        total = np.zeros(len(self.names) + 1)
+        kernels.volumes(self.labels, self.share, total)
+        return total[1:]
 
 
 class _Voxels(NamedTuple):

@@ -85,7 +85,7 @@ def fit_pair(
         if known.middle is not None:
             shift = SHARE_SIZE * ((volume.low + volume.high) / 2 - known.middle) / known.sides
     pairs = [(way.oriented(body), other) for body in mesh.versions for other in volume.versions]
-    starts = [_placed(*pair, factors, shift) for pair in pairs]
+    starts = [_placed(body, np.pad(other, MARGIN), factors, shift) for body, other in pairs]
     best = int(np.argmax([start.iou for start in starts]))
     if known is not None and known.middle is not None:
         return starts[best]
@@ -102,23 +102,21 @@ def mesh_box(
 
 def _placed(
     mesh: Float32[np.ndarray, "n n n"],
-    volume: Float32[np.ndarray, "n n n"],
+    target: Float32[np.ndarray, "m m m"],
     factors: Float64[np.ndarray, "3"],
     shift: Float64[np.ndarray, "3"],
 ) -> Fit:
-    target = np.pad(volume, MARGIN)
     return Fit(factors, shift, resampled(mesh, factors, shift, MARGIN), target)
 
 
 def _refined(mesh: Float32[np.ndarray, "n n n"], fit: Fit, free_scales: int) -> Fit:
     """Step while the loss falls; a step that raises it is halved once."""
-    inner = (slice(MARGIN, -MARGIN),) * 3
     for _ in range(MOST_STEPS):
         scales, shifts = _step(mesh, fit, free_scales)
         for share in (1.0, 0.5):
             better = _placed(
                 mesh,
-                fit.volume[inner],
+                fit.volume,
                 fit.factors * np.exp(share * scales),
                 fit.shift + share * shifts,
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -12,6 +13,7 @@ from jaxtyping import Float32, Float64, UInt8
 
 from xden1k.errors import DataError
 from xden1k.values.arrays import Faces
+from xden_builder.published import kernels
 from xden_builder.published.labels import LabelVolume
 from xden_builder.published.nets import Net, part_nets, surface_size
 from xden_builder.published.shares import enclosed
@@ -95,15 +97,10 @@ def _coarse(
     volume: LabelVolume,
 ) -> tuple[UInt8[np.ndarray, "x y z"], Float32[np.ndarray, "x y z"]]:
     """Pool blocks of voxels: each goes to the part that fills most of it."""
-    odd = [(0, side % BLOCK) for side in volume.labels.shape]
-    labels, share = np.pad(volume.labels, odd), np.pad(volume.share, odd)
-    shape = [size for side in labels.shape for size in (side // BLOCK, BLOCK)]
-    most = np.zeros(shape[::2], dtype=np.float32)
-    owner, total = np.zeros(most.shape, dtype=np.uint8), np.zeros_like(most)
-    for part in range(1, len(volume.names) + 1):
-        mine = np.where(labels == part, share, 0).reshape(shape).mean(axis=(1, 3, 5))
-        owner[mine > most] = part
-        most, total = np.maximum(most, mine), total + mine
+    shape = [math.ceil(side / BLOCK) for side in volume.labels.shape]
+    owner, total = np.zeros(shape, dtype=np.uint8), np.zeros(shape, dtype=np.float32)
+    filled = np.zeros(len(volume.names) + 1, dtype=np.float32)
+    kernels.pool_parts(volume.labels, volume.share, filled, owner, total)
     return owner, total
 
 
@@ -113,10 +110,6 @@ def thickness_voxels(volume: LabelVolume) -> Float64[np.ndarray, "parts"]:
     Volume over half of the surface, which columns along three axes count: a plane shows the sum of
     its three shadows, 1.5 times its area on average over all directions.
     """
-    sides = np.zeros(len(volume.names))
-    for axis in range(3):
-        labels = np.moveaxis(volume.labels, axis, 0)
-        for step in (1, -1):
-            edges = labels[::step][:-1][labels[::step][:-1] != labels[::step][1:]]
-            sides += np.bincount(edges, minlength=len(sides) + 1)[1:]
-    return np.asarray(2 * volume.filled_voxels / (sides / 1.5))
+    count = np.zeros(len(volume.names) + 1, dtype=np.int64)
+    kernels.sides(volume.labels, count)
+    return np.asarray(2 * volume.filled_voxels / (count[1:] / 1.5))
