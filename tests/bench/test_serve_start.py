@@ -10,7 +10,9 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
+from tests.phantoms import BAR, box_object
 from xden1k.access import hub
+from xden1k.folder import write_folder
 from xden_bench.cli import cli
 from xden_bench.serve import site
 
@@ -47,6 +49,17 @@ def test_a_port_that_is_taken_is_one_line_and_makes_nothing(
     )
     assert not started
     assert [one.name for one in tmp_path.iterdir()] == ["here"]
+
+
+def test_a_dataset_without_a_test_split_is_one_line_before_an_address_is_told(
+    serve: Serve, started: list[Any], tmp_path: Path
+) -> None:
+    root = tmp_path / "train"
+    write_folder([box_object("bar", BAR, split="train")], root, version="0.1.0", builder="tests")
+    done = serve("--root", root)
+    assert done.exit_code == 1
+    assert done.output == f"Error: {root}: no split 'test'; there are ['train']\n"
+    assert not started
 
 
 def test_nothing_is_kept_in_the_working_folder_unasked(
