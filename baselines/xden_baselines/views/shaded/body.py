@@ -14,10 +14,15 @@ from scipy.sparse.csgraph import connected_components
 from xden_baselines.views.rendering import Surface
 from xden_baselines.views.shaded.reflection import dot, facing, unit
 
-__all__ = ["Body", "Frame", "Hits"]
+__all__ = ["AIR", "Body", "Frame", "Group", "Hits"]
 
 Vectors = Float[np.ndarray, "n 3"]
+Parts = Int[np.ndarray, "n"]
 
+AIR = -1
+"""In place of the number of a part, where there is none."""
+STEP = 1e-4
+"""From a surface to what is certainly behind it, in diagonals of the object's box."""
 SMOOTH_RAD = np.radians(35.0)
 """Facets that meet at less than this stand for one curved surface."""
 
@@ -39,17 +44,14 @@ class Hits:
     flat, normals
         Unit normals of the facet and of the curved surface that it stands for, both towards where
         the ray came from.
-    entering
-        Whether the ray goes into the part.
     """
 
     points_cm: Vectors
     rays: Vectors
     distance_cm: Float[np.ndarray, "n"]
-    part: Int[np.ndarray, "n"]
+    part: Parts
     flat: Vectors
     normals: Vectors
-    entering: Bool[np.ndarray, "n"]
 
     def __len__(self) -> int:
         return len(self.rays)
@@ -63,7 +65,6 @@ class Hits:
             self.part[which],
             self.flat[which],
             self.normals[which],
-            self.entering[which],
         )
 
 
@@ -104,6 +105,29 @@ class Frame:
         return np.asarray(vectors @ self.axes)
 
 
+class Group:
+    """Some parts of an object, to ask which of them is around a point.
+
+    Parameters
+    ----------
+    triangles_cm, flat
+        Their facets and unit normals, outward.
+    part
+        Which part each facet is of.
+    """
+
+    def __init__(
+        self, triangles_cm: Float[np.ndarray, "faces 3 3"], flat: Vectors, part: Parts
+    ) -> None:
+        self._surface, self._flat, self._part = Surface(triangles_cm), flat, part
+
+    def around(self, points_cm: Vectors, rays: Vectors) -> Parts:
+        """Which of the parts is around points, seen by rays in any direction; ``AIR``: none."""
+        faces, _ = self._surface.first_hits(points_cm, rays)
+        leaving = (faces >= 0) & (dot(self._flat[faces], rays) > 0)
+        return np.where(leaving, self._part[faces], AIR)
+
+
 class Body:
     """The parts of an object, ready to be met by rays.
 
@@ -114,38 +138,36 @@ class Body:
     """
 
     def __init__(self, meshes: Sequence[trimesh.Trimesh]) -> None:
-        triangles = np.concatenate([np.asarray(mesh.triangles) for mesh in meshes])
-        self.surface = Surface(triangles)
-        self.alone = [Surface(np.asarray(mesh.triangles)) for mesh in meshes]
-        self.frames = [Frame.of(mesh) for mesh in meshes]
-        self.skip_cm = 1e-4 * float(np.linalg.norm(np.ptp(triangles.reshape(-1, 3), axis=0)))
+        self._triangles = np.concatenate([np.asarray(mesh.triangles) for mesh in meshes])
         self._flat = np.concatenate([np.asarray(mesh.face_normals) for mesh in meshes])
         self._corners = np.concatenate([_corner_normals(mesh) for mesh in meshes])
         self._part = np.repeat(np.arange(len(meshes)), [len(mesh.faces) for mesh in meshes])
+        self._surface = Surface(self._triangles)
+        self.frames = [Frame.of(mesh) for mesh in meshes]
+        size = np.ptp(self._triangles.reshape(-1, 3), axis=0)
+        self.skip_cm = STEP * float(np.linalg.norm(size))
 
     def cast(self, origins_cm: np.ndarray, rays: Vectors) -> tuple[Bool[np.ndarray, "n"], Hits]:
         """First hits of rays: which rays met anything, and where those did."""
-        faces, distance, spot = self.surface.hits(origins_cm, rays)
+        faces, distance, spot = self._surface.hits(origins_cm, rays)
         hit = faces >= 0
         face, ray, far = faces[hit], rays[hit], distance[hit].astype(np.float64)
         origin = np.broadcast_to(origins_cm, rays.shape)[hit]
         weights = np.column_stack([1 - spot[hit].sum(axis=1), spot[hit]])
         flat, smooth = self._flat[face], np.einsum("ij,ijk->ik", weights, self._corners[face])
-        entering = dot(flat, ray) < 0
-        side = np.where(entering, 1.0, -1.0)[:, None]
+        side = np.where(dot(flat, ray) < 0, 1.0, -1.0)[:, None]
         normals = facing(unit(smooth) * side, ray)
         points = origin + far[:, None] * ray
-        return hit, Hits(points, ray, far, self._part[face], flat * side, normals, entering)
+        return hit, Hits(points, ray, far, self._part[face], flat * side, normals)
 
     def blocked(self, points_cm: Vectors, rays: Vectors) -> Bool[np.ndarray, "n"]:
         """Whether anything is in the way of rays that leave a surface."""
-        return self.surface.first_hits(points_cm + self.skip_cm * rays, rays)[0] >= 0
+        return self._surface.first_hits(points_cm + self.skip_cm * rays, rays)[0] >= 0
 
-    def inside(self, part: int, points_cm: Vectors, rays: Vectors) -> Bool[np.ndarray, "n"]:
-        """Whether points are inside a part, seen by rays in any direction."""
-        faces, _ = self.alone[part].first_hits(points_cm, rays)
-        first = int(np.searchsorted(self._part, part))
-        return (faces >= 0) & (dot(self._flat[first + faces], rays) > 0)
+    def group(self, parts: Bool[np.ndarray, "parts"]) -> Group:
+        """Return some of the parts as a group."""
+        faces = parts[self._part]
+        return Group(self._triangles[faces], self._flat[faces], self._part[faces])
 
 
 def _corner_normals(mesh: trimesh.Trimesh) -> Float[np.ndarray, "faces 3 3"]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from xden_baselines.views.shaded.body import Hits
+from xden_baselines.views.shaded.body import AIR, Hits
 from xden_baselines.views.shaded.finishes import Look
 from xden_baselines.views.shaded.opaque import light_within, mirror_image
 from xden_baselines.views.shaded.reflection import dot, lobe_width_rad, refracted
@@ -23,66 +23,97 @@ INTERFACES = 8
 """That a ray is followed through."""
 LOST_BLUR_RAD = 0.3
 """Of the room that is taken for what lies behind the last of them."""
-AIR = -1
+SURE_STEPS = 4
+"""As far on either side of an interface it is asked what is there."""
+
+
+@dataclass(slots=True, eq=False)
+class _Beams:
+    """Rays on their way through clear parts.
+
+    Parameters
+    ----------
+    light
+        Of all rays that set out, what they have found so far.
+    ray
+        Which of them are still on their way.
+    carried
+        Share of the light further on that reaches the camera.
+    hits
+        The interfaces they are at.
+    """
+
+    light: Light
+    ray: Int[np.ndarray, "n"]
+    carried: Light
+    hits: Hits
+
+    def find(self, which: np.ndarray, light: Light) -> None:
+        """Add light that some of them find."""
+        self.light[self.ray[which]] += self.carried[which] * light
+
+    def keep(self, which: np.ndarray, hits: Hits) -> None:
+        """Follow only some of them, which are at these interfaces now."""
+        self.ray, self.carried, self.hits = self.ray[which], self.carried[which], hits
 
 
 def light_from_clear(scene: Scene, hits: Hits) -> Light:
     """Light through clear parts: reflected at the first interface, refracted at all."""
-    found, carried = np.zeros((len(hits), 3)), np.ones((len(hits), 3))
-    alive = np.arange(len(hits))
+    beams = _Beams(np.zeros((len(hits), 3)), np.arange(len(hits)), np.ones((len(hits), 3)), hits)
     for interface in range(INTERFACES):
-        if not len(hits):
-            break
-        skin = skin_at(scene, hits)
-        rays, reflectance, medium = _through(scene, hits, skin)
-        if interface == 0:
-            mirror = mirror_image(scene, hits, skin, np.ones(len(hits)))
-            found[alive] += reflectance[:, None] * mirror
-            carried *= 1 - reflectance[:, None]
-        met, following = scene.body.cast(hits.points_cm + scene.body.skip_cm * rays, rays)
-        haze = lobe_width_rad(skin.roughness[~met]) / 2
-        found[alive[~met]] += carried[~met] * scene.studio.radiance(rays[~met], haze)
-        following = _touching(scene, hits.take(met), following)
-        alive, carried = alive[met], carried[met] * _tint(scene, medium[met], following.distance_cm)
-        opaque = ~scene.clear[following.part]
-        found[alive[opaque]] += carried[opaque] * light_within(scene, following.take(opaque))
-        alive, carried, hits = alive[~opaque], carried[~opaque], following.take(~opaque)
-    found[alive] += carried * scene.studio.radiance(hits.rays, np.full(len(hits), LOST_BLUR_RAD))
-    return found
+        if len(beams.hits):
+            behind = _behind(scene, beams)
+            _cross(scene, beams, behind, first=interface == 0)
+    blur_rad = np.full(len(beams.hits), LOST_BLUR_RAD)
+    beams.find(np.s_[:], scene.studio.radiance(beams.hits.rays, blur_rad))
+    return beams.light
 
 
-def _touching(scene: Scene, hits: Hits, following: Hits) -> Hits:
-    """Give what is hit behind an interface: that itself, where what is opaque touches it.
-
-    A ray that leaves an opaque part was in it from the start.
-    """
-    touching = ~scene.clear[following.part] & ~following.entering
-    return replace(
-        following,
-        points_cm=np.where(touching[:, None], hits.points_cm, following.points_cm),
-        distance_cm=np.where(touching, 0.0, following.distance_cm),
-        flat=np.where(touching[:, None], hits.flat, following.flat),
-        normals=np.where(touching[:, None], hits.normals, following.normals),
-    )
+def _behind(scene: Scene, beams: _Beams) -> Parts:
+    """Which part is behind the interfaces; rays end where what is opaque touches them."""
+    hits = beams.hits
+    step = SURE_STEPS * scene.body.skip_cm * hits.rays
+    behind = scene.around(hits.points_cm + step, hits.rays)
+    touched = (behind != AIR) & ~scene.clear[behind]
+    touching = replace(hits.take(touched), part=behind[touched])
+    beams.find(touched, light_within(scene, touching))
+    beams.keep(~touched, hits.take(~touched))
+    return behind[~touched]
 
 
-def _through(scene: Scene, hits: Hits, skin: Skin) -> tuple[Vectors, Float[np.ndarray, "n"], Parts]:
-    """Directions behind an interface, its reflectance, and which part is there, or ``AIR``."""
-    step = 4 * scene.body.skip_cm * hits.rays
-    before = _medium(scene, hits.points_cm - step, -hits.rays)
-    behind = _medium(scene, hits.points_cm + step, hits.rays)
-    index = np.array([*(look.finish.refractive_index for look in scene.looks), 1.0])
+def _cross(scene: Scene, beams: _Beams, behind: Parts, *, first: bool) -> None:
+    """Refract rays at their interfaces, and follow them to what they meet next."""
+    hits, skin = beams.hits, skin_at(scene, beams.hits)
+    rays, reflectance, medium = _refracted(scene, hits, skin, behind)
+    if first:
+        mirror = mirror_image(scene, hits, skin, np.ones(len(hits)))
+        beams.find(np.s_[:], reflectance[:, None] * mirror)
+        beams.carried = beams.carried * (1 - reflectance[:, None])
+    met, following = scene.body.cast(hits.points_cm + scene.body.skip_cm * rays, rays)
+    haze_rad = lobe_width_rad(skin.roughness[~met]) / 2
+    beams.find(~met, scene.studio.radiance(rays[~met], haze_rad))
+    beams.keep(met, following)
+    beams.carried = beams.carried * _tint(scene, medium[met], following.distance_cm)
+    opaque = ~scene.clear[following.part]
+    beams.find(opaque, light_within(scene, following.take(opaque)))
+    beams.keep(~opaque, following.take(~opaque))
+
+
+def _refracted(
+    scene: Scene, hits: Hits, skin: Skin, behind: Parts
+) -> tuple[Vectors, Float[np.ndarray, "n"], Parts]:
+    """Directions behind interfaces, reflectances, and which part the rays are in then."""
+    step = SURE_STEPS * scene.body.skip_cm * hits.rays
+    before = scene.around(hits.points_cm - step, -hits.rays)
+    index = np.array([*(_index(look) for look in scene.looks), 1.0])
     rays, reflectance = refracted(hits.rays, skin.normals, index[before] / index[behind])
     total = dot(rays, skin.normals) > 0
     return rays, reflectance, np.where(total, before, behind)
 
 
-def _medium(scene: Scene, points_cm: Vectors, rays: Vectors) -> Parts:
-    """Which clear part is around points; ``AIR`` where there is none."""
-    found = np.full(len(points_cm), AIR)
-    for part in np.flatnonzero(scene.clear):
-        found[scene.body.inside(int(part), points_cm, rays)] = part
-    return found
+def _index(look: Look) -> float:
+    """Refractive index; that of air for what is opaque, which no ray is in."""
+    return look.finish.refractive_index if look.clear else 1.0
 
 
 def _tint(scene: Scene, medium: Parts, distance_cm: Float[np.ndarray, "n"]) -> Light:

@@ -24,7 +24,7 @@ from xden1k.values.types import Part
 
 __all__ = ["Finish", "Look", "draw_looks", "finishes_of"]
 
-PAINT = "paint"
+PAINT, CLOUDY = "paint", "cloudy"
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +90,11 @@ class Look:
     def clear(self) -> bool:
         """Whether one can see through it."""
         return self.finish.refractive_index > 0
+
+    @property
+    def holds_others(self) -> bool:
+        """Whether other parts may stick in it, their surfaces on its own, and be seen there."""
+        return self.clear or self.finish.name == CLOUDY
 
 
 def draw_looks(object_id: str, parts: Sequence[Part]) -> list[Look]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from xden_baselines.views.shaded.body import Body, Hits
+from xden_baselines.views.shaded.body import AIR, Body, Group, Hits
 from xden_baselines.views.shaded.finishes import Look
 from xden_baselines.views.shaded.reflection import facing, unit
 from xden_baselines.views.shaded.studio import Studio
@@ -20,7 +21,7 @@ ROUGHER = 0.3
 """By which share a texture makes a surface rougher or smoother."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Scene:
     """An object and the room around it.
 
@@ -38,10 +39,27 @@ class Scene:
     looks: Sequence[Look]
     studio: Studio
 
-    @property
+    @cached_property
     def clear(self) -> Bool[np.ndarray, "parts"]:
         """Which parts can be seen through."""
         return np.array([look.clear for look in self.looks])
+
+    def around(
+        self, points_cm: Float[np.ndarray, "n 3"], rays: Float[np.ndarray, "n 3"]
+    ) -> Int[np.ndarray, "n"]:
+        """Which part is around points, seen by rays in any direction; ``AIR``: none."""
+        found = np.full(len(points_cm), AIR)
+        for group in self._groups:
+            part = group.around(points_cm, rays)
+            found = np.where(part == AIR, found, part)
+        return found
+
+    @cached_property
+    def _groups(self) -> list[Group]:
+        """Parts that hold others, each alone, and all the rest: so no two of a group touch."""
+        holders = np.array([look.holds_others for look in self.looks])
+        alone = np.eye(len(self.looks), dtype=bool)[holders]
+        return [self.body.group(parts) for parts in (~holders, *alone) if parts.any()]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
