@@ -12,12 +12,13 @@ from PIL import Image
 
 from tests.baselines.painted import GREY, RED, painted
 from tests.phantoms import BAR
-from xden1k.errors import DataError
+from xden1k.errors import DataError, MissingObjectError
 from xden1k.folder import DatasetFolder, open_folder, write_folder
 from xden_baselines.views import exporting
 from xden_baselines.views.__main__ import cli
 from xden_baselines.views.cameras import Rig
 from xden_baselines.views.exporting import export_scenes
+from xden_baselines.views.page import page_of, write_page
 from xden_baselines.views.source import RenderedPhantoms, SceneFolders
 
 SOURCE = RenderedPhantoms(Rig(per_ring=1, size_px=40))
@@ -86,3 +87,18 @@ def test_the_command_says_what_it_wrote(folder: DatasetFolder, tmp_path: Path) -
     assert unknown.exit_code == 1
     assert "no split 'tset'" in unknown.output
     assert not (tmp_path / "x").exists()
+
+
+def test_a_page_has_a_row_of_views_for_each_object(folder: DatasetFolder, tmp_path: Path) -> None:
+    found = page_of(folder, ["bar-0002", "bar-0001"], SOURCE)
+    drawn = SOURCE(folder, "bar-0001").colors
+    np.testing.assert_array_equal(found[40:, :40], drawn[0])
+    assert found.shape == (80, 40 * len(drawn), 3)
+    write_page(found, tmp_path / "page.png", width_px=60)
+    with Image.open(tmp_path / "page.png") as image:
+        assert image.size == (60, 40)
+    for ids, name, message in [([], "page.png", "at least one object"), (["x-1"], "", "no object")]:
+        with pytest.raises((DataError, MissingObjectError), match=message):
+            write_page(page_of(folder, ids, SOURCE), tmp_path / name, width_px=60)
+    with pytest.raises(DataError, match=r"page\.oil"):
+        write_page(found, tmp_path / "page.oil", width_px=60)
