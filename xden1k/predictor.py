@@ -101,6 +101,8 @@ class Prediction:
         How many answers of a model it rests on, or would have.
     fallbacks
         For how many of them a substitute stood in.
+    unanswered
+        How many of them are missing, with nobody in their place.
     device
         Where it was computed.
     remark
@@ -115,6 +117,7 @@ class Prediction:
     fallbacks: int = 0
     device: str = "cpu"
     remark: str = ""
+    unanswered: int = 0
 
 
 @runtime_checkable

@@ -42,8 +42,9 @@ class Judged:
     answers: tuple[Answer, ...]
 
     def weights(self, *, weighted: bool) -> np.ndarray:
-        """Return the weight of each answer: its confidence, or 1."""
-        return np.array([one.confidence if weighted else 1.0 for one in self.answers])
+        """Return the weight of each answer: its confidence, or 1; 0 where there is none."""
+        plain = [0.0 if one.silent else 1.0 for one in self.answers]
+        return np.array([one.confidence for one in self.answers] if weighted else plain)
 
     @property
     def materials(self) -> Int64[np.ndarray, "regions"]:

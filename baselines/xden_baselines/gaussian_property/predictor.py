@@ -64,7 +64,8 @@ class _Voting(ABC):
     ----------
     zero_shot
         Whether it runs as the original does: a chat model chooses from the original's own list;
-        nothing is learned, and nobody answers in the model's place.
+        nothing is learned, and nobody answers in the model's place: a region without an answer that
+        makes sense has no vote.
 
     Raises
     ------
@@ -154,7 +155,13 @@ class _Voting(ABC):
         self._notes = f"{self._voter.source}; {self.masks}; {len(materials)} materials"
 
     def _chat_voter(self, model: ChatModel, fallback: Voter | None) -> ChatVoter:
-        return ChatVoter(model, self._materials, fallback, in_flight=self._chat.in_flight)
+        return ChatVoter(
+            model,
+            self._materials,
+            fallback,
+            in_flight=self._chat.in_flight,
+            may_be_silent=not self.trainable,
+        )
 
     @cached_property
     def _materials(self) -> ClosedList:
@@ -197,6 +204,7 @@ class _Voting(ABC):
             model=self._model.source if self._model else "",
             answers=sum(len(one.answers) for one in judged) if self._model else 0,
             fallbacks=sum(answer.fallback for one in judged for answer in one.answers),
+            unanswered=sum(answer.silent for one in judged for answer in one.answers),
         )
 
 
@@ -249,7 +257,9 @@ class GaussianProperty(_Voting):
         )
         voted = ballots.any(axis=1)
         if not voted.any():
-            raise DataError(f"{sample.object_id}: no view shows any of its surface")
+            raise DataError(
+                f"{sample.object_id}: no view shows any of its surface, or none got an answer"
+            )
         surface[surface] = voted
         return surface, ballots[voted]
 
@@ -300,7 +310,9 @@ class GaussianPropertyParts(_Voting):
         shown = [kept.astype(np.int64) - 1 for _, kept in found]
         ballots = vote_of_parts(len(meshes), shown, judged, self._materials)
         if not ballots.any():
-            raise DataError(f"{sample.object_id}: no view shows any of its parts")
+            raise DataError(
+                f"{sample.object_id}: no view shows any of its parts, or none got an answer"
+            )
         chosen = winners(with_hidden(ballots, meshes))
         density = middle_density_g_cm3(chosen, self._materials)
         mass_g = float(

@@ -45,11 +45,18 @@ class Answer:
         From 0 to 1.
     fallback
         Whether a substitute answered.
+    silent
+        Whether nobody did: then it is no vote.
     """
 
     material: int
     confidence: float
     fallback: bool = False
+    silent: bool = False
+
+
+SILENCE = Answer(material=0, confidence=0.0, silent=True)
+"""Of a region about which no answer made sense."""
 
 
 @runtime_checkable
@@ -106,6 +113,9 @@ class ChatVoter:
         Further questions after an answer that makes no sense.
     in_flight
         Regions asked about at the same time.
+    may_be_silent
+        Whether a region goes without a vote where no answer makes sense and nobody stands in, as
+        in the original; else the run ends there.
     """
 
     model: ChatModel
@@ -113,6 +123,7 @@ class ChatVoter:
     fallback: Voter | None
     retries: int = RETRIES
     in_flight: int = 1
+    may_be_silent: bool = False
 
     @property
     def source(self) -> str:
@@ -128,12 +139,12 @@ class ChatVoter:
         Raises
         ------
         ChatError
-            If no answer comes at all, or none makes sense and there is no fallback.
+            If no answer comes at all, or none makes sense where one is needed.
         """
         requests = self.requests(object_id, picture, segmentation)
         asked = at_once(self.ask, requests, self.in_flight)
         if self.fallback is None or None not in asked:
-            return tuple(filter(None, asked))
+            return tuple(answer or SILENCE for answer in asked)
         others = self.fallback.vote(object_id, picture, segmentation)
         return tuple(
             answer or Answer(other.material, other.confidence, fallback=True)
@@ -150,19 +161,19 @@ class ChatVoter:
             yield ChatRequest("part-material/2", object_id, text, (png(tiles),))
 
     def ask(self, request: ChatRequest) -> Answer | None:
-        """Ask about a region; None if no answer makes sense and the fallback stands in.
+        """Ask about a region; None if no answer makes sense, and one may be missing or substituted.
 
         Raises
         ------
         ChatError
-            If no answer comes at all, or none makes sense and there is no fallback.
+            If no answer comes at all, or none makes sense where one is needed.
         """
 
         def read(text: str) -> Answer:
             return parse_answer(text, self.materials)
 
         answer = ask(self.model, request, read, retries=self.retries)
-        if answer is None and self.fallback is None:
+        if answer is None and self.fallback is None and not self.may_be_silent:
             raise unanswered(request, self.retries)
         return answer
 

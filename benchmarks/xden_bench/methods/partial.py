@@ -42,7 +42,7 @@ class Facts:
     processor_s, peak_memory_gb
         Processor time of the method's process for it, and the most memory that process had held
         by then; None if not told.
-    mass_native_g, model, answers, fallbacks, device, remark
+    mass_native_g, model, answers, fallbacks, device, remark, unanswered
         As in :class:`xden1k.predictor.Prediction`.
     """
 
@@ -53,6 +53,7 @@ class Facts:
     fallbacks: int = 0
     device: str = "cpu"
     remark: str = ""
+    unanswered: int = 0
     processor_s: float | None = None
     peak_memory_gb: float | None = None
 

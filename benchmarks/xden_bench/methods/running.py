@@ -46,7 +46,10 @@ __all__ = ["Options", "Report", "refuse_without_radiographs", "run_predictor", "
 
 MOST_FALLBACKS: Final = 0.05
 """Of a model's answers: of more a row would not be the model's it names."""
-_SAID: Final = ("mass_native_g", "model", "answers", "fallbacks", "device", "remark")
+_SAID: Final = (
+    *("mass_native_g", "model", "answers", "fallbacks", "unanswered"),
+    *("device", "remark"),
+)
 """What a prediction says of itself that is kept."""
 
 
@@ -350,6 +353,9 @@ class _Run:
         if fallbacks := sum(one.fallbacks for one in facts):
             objects = sum(one.fallbacks > 0 for one in facts)
             yield f"{fallbacks} of {_answers(facts)} answers by the fallback, on {objects} objects"
+        if unanswered := sum(one.unanswered for one in facts):
+            objects = sum(one.unanswered > 0 for one in facts)
+            yield f"{unanswered} of {_answers(facts)} answers missing, on {objects} objects"
         if devices := sorted({one.device for one in facts} - {"cpu"}):
             yield f"computed on {', '.join(devices)}"
 
