@@ -48,7 +48,7 @@ class _Beams:
     carried: Light
     hits: Hits
 
-    def find(self, which: np.ndarray, light: Light) -> None:
+    def find(self, which: np.ndarray | slice, light: Light) -> None:
         """Add light that some of them find."""
         self.light[self.ray[which]] += self.carried[which] * light
 
@@ -65,7 +65,7 @@ def light_from_clear(scene: Scene, hits: Hits) -> Light:
             behind = _behind(scene, beams)
             _cross(scene, beams, behind, first=interface == 0)
     blur_rad = np.full(len(beams.hits), LOST_BLUR_RAD)
-    beams.find(np.s_[:], scene.studio.radiance(beams.hits.rays, blur_rad))
+    beams.find(slice(None), scene.studio.radiance(beams.hits.rays, blur_rad))
     return beams.light
 
 
@@ -78,7 +78,7 @@ def _behind(scene: Scene, beams: _Beams) -> Parts:
     touching = replace(hits.take(touched), part=behind[touched])
     beams.find(touched, light_within(scene, touching))
     beams.keep(~touched, hits.take(~touched))
-    return behind[~touched]
+    return np.asarray(behind[~touched])
 
 
 def _cross(scene: Scene, beams: _Beams, behind: Parts, *, first: bool) -> None:
@@ -87,7 +87,7 @@ def _cross(scene: Scene, beams: _Beams, behind: Parts, *, first: bool) -> None:
     rays, reflectance, medium = _refracted(scene, hits, skin, behind)
     if first:
         mirror = mirror_image(scene, hits, skin, np.ones(len(hits)))
-        beams.find(np.s_[:], reflectance[:, None] * mirror)
+        beams.find(slice(None), reflectance[:, None] * mirror)
         beams.carried = beams.carried * (1 - reflectance[:, None])
     met, following = scene.body.cast(hits.points_cm + scene.body.skip_cm * rays, rays)
     haze_rad = lobe_width_rad(skin.roughness[~met]) / 2
