@@ -145,7 +145,8 @@ class Rig:
         Of the cameras from the object's centre, in radii of its bounding sphere.
     fill
         Share of the picture's width that the bounding sphere takes up. The default leaves room
-        for a patch of 56 px around any point of the object.
+        for a patch of :data:`xden_baselines.features.encoder.PATCH_SHARE` of a picture around any
+        point of the object.
     """
 
     elevations_deg: tuple[float, ...] = (-45.0, 5.0, 50.0)
