@@ -24,11 +24,17 @@ from filelock import FileLock
 
 from tests.docs.blocks import Block
 from xden1k.cli import cli as xden
+from xden_baselines.views.__main__ import cli as views
 from xden_bench.cli import cli as xden_bench
 from xden_builder import workers
 from xden_builder.cli import cli as xden_build
 
-PROGRAMS = {"xden": xden, "xden-build": xden_build, "xden-bench": xden_bench}
+PROGRAMS = {
+    "xden": xden,
+    "xden-build": xden_build,
+    "xden-bench": xden_bench,
+    "python -m xden_baselines.views": views,
+}
 SMALL_TOOLS = ("cat", "cp", "ls", "mkdir", "rm")
 MAKERS = ("xden-build phantoms", "xden-build run", "xden-build audit", "xden show")
 """Commands whose results pages share, where they and all that stood before them are the same."""
@@ -97,6 +103,8 @@ class Player:
 
     def _command(self, line: str) -> tuple[int, str]:
         words = shlex.split(line, comments=True)
+        if words[:2] == ["python", "-m"]:
+            words = [" ".join(words[:3]), *words[3:]]
         if words[0] in SMALL_TOOLS:
             if words[0] not in ("cat", "ls"):
                 self.history.append(line)
