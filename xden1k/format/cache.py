@@ -1,4 +1,4 @@
-"""The user's cache: where it is, and the pieces of remote files in it, up to a size."""
+"""The user's cache: where it is, and pieces of remote files and pictures in it, up to a size."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from xden1k.errors import DataError
 __all__ = ["LIMIT_VARIABLE", "PieceCache", "cache_folder", "cache_limit"]
 
 LIMIT_VARIABLE = "XDEN1K_CACHE_GB"
-"""The environment variable that says how much may be kept of what was read from URLs."""
+"""The environment variable that says how much of each may be kept."""
 DEFAULT_GB: Final = 10.0
 KEPT: Final = 0.9
 """Share of the limit that is left when the oldest pieces go."""
@@ -36,7 +36,7 @@ def cache_folder() -> Path:
 
 
 def cache_limit() -> int:
-    """Bytes that may be kept of what was read from URLs: ``XDEN1K_CACHE_GB``, else 10 GB.
+    """Bytes that may be kept of remote files, and of pictures: ``XDEN1K_CACHE_GB``, else 10 GB.
 
     Raises
     ------
