@@ -2,9 +2,8 @@
 
 Embree (Intel's ray tracer, through ``embreex``, the binding trimesh recommends) runs on any CPU
 without a display or OpenGL driver, finds the nearest triangle exactly up to float32, and gives
-depth and visibility with the picture. pyrender and Blender need a GL context or a large install,
-Open3D pulls in 400 MB. A renderer with textures and global light would make nicer pictures of
-meshes that have one colour for each part, but none that tell more.
+depth and visibility with the picture. What materials look like beyond their colour is drawn by
+:mod:`xden_baselines.views.shaded`, on the same rays.
 """
 
 from __future__ import annotations
