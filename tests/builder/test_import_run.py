@@ -17,6 +17,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+import trimesh
 from click.testing import CliRunner, Result
 
 import xden1k
@@ -31,6 +32,7 @@ from xden1k.errors import DataError
 from xden1k.folder import open_folder
 from xden1k.folder.verify import verify_folder
 from xden1k.values.types import DensityObject, Split
+from xden_bench.serve.explorer import Explorer
 from xden_builder.capture import write_scanner
 from xden_builder.capture.writing import write_image
 from xden_builder.cli import cli as xden_build
@@ -382,6 +384,21 @@ def test_an_import_is_loaded_drawn_and_exported_as_any_dataset(
         ran = CliRunner().invoke(xden, [*told, "--root", str(twin_imported)])
         assert ran.exit_code == 0, ran.output
         assert any((tmp_path / format_).rglob("*.*"))
+
+
+@pytest.mark.slow
+def test_an_import_is_explored_in_the_web_app_as_any_dataset(
+    twin_imported: Path, tmp_path: Path
+) -> None:
+    explorer = Explorer(open_folder(twin_imported), lambda _: None, tmp_path)
+    (object_id, *_) = explorer.folder.ids()
+    fields = explorer.fields(object_id, None)
+    truth, prediction, error = explorer.slices(fields, axis=1, index=32)
+    assert truth.startswith("<svg")
+    assert prediction is error is None
+    model, _ = explorer.model(fields, "density sd", cut=True)
+    assert set(trimesh.load_scene(model).geometry) == {row[0] for row in explorer.parts(object_id)}
+    assert explorer.radiographs(object_id) == ()
 
 
 # Radiographs, where a mapping file says so
