@@ -18,7 +18,7 @@ from xden_builder.published.convention import vote
 from xden_builder.published.copies import copies
 from xden_builder.published.density import estimate
 from xden_builder.published.hypotheses import Hypotheses, families_of, hypotheses
-from xden_builder.published.likelihood import log_evidence, log_sd, reached
+from xden_builder.published.likelihood import BEYOND, log_evidence, log_sd, reached
 from xden_builder.published.orientation import ORIENTATIONS
 from xden_builder.published.release_fit import (
     BeamFit,
@@ -29,7 +29,7 @@ from xden_builder.published.release_fit import (
 )
 from xden_builder.published.survey import PartSeen, Survey
 
-BEAM = Beam(filter_mm_al=4.0, stray=0.02, knee=1.7, spread=1.0, axes=(0, 1))
+BEAM = Beam(filter_mm_al=4.0, stray=0.02, knee=2.1, spread=1.0, axes=(0, 1))
 
 
 def slab(thickness_cm: float, clear: float = 1.0, volume_cm3: float = 1.0) -> PartRays:
@@ -90,11 +90,12 @@ def test_aluminium_is_told_from_steel_by_its_attenuation_and_thickness():
 
 def test_the_fit_finds_ever_less_of_what_is_darker_but_never_less_than_of_the_lighter():
     depth = np.geomspace(0.01, 100.0, 50)
-    open_, hidden = (reached(depth, clear, BEAM.knee) for clear in (1.0, 0.1))
+    open_, hidden = (reached(depth, 1.0, clear, BEAM.knee) for clear in (1.0, 0.1))
     assert (np.diff(open_) > 0).all()
     assert (np.diff(open_ / depth) < 0).all()
     assert (hidden <= open_).all()
-    assert open_[-1] / open_[-2] == pytest.approx((depth[-1] / depth[-2]) ** 0.5, rel=1e-3)
+    assert (reached(depth, 0.1, 1.0, BEAM.knee) <= open_).all()
+    assert open_[-1] / open_[-2] == pytest.approx((depth[-1] / depth[-2]) ** BEYOND, rel=1e-3)
 
 
 def test_a_gross_error_does_not_outweigh_all_else_that_is_known():

@@ -43,7 +43,7 @@ class Beam:
     stray
         Stray light as a share of the open field.
     knee
-        Depth, coefficient times way, beyond which the fit finds ever less of a part; see
+        Depth, coefficient times way, beyond which the fit finds ever less of a part of 1 cm; see
         :func:`xden_builder.published.likelihood.reached`.
     spread
         How much wider than a light part's a strong absorber's coefficient scatters; see

@@ -15,10 +15,13 @@ __all__ = ["log_evidence", "log_likelihood", "log_sd", "reached"]
 
 BEND: Final = 3.0
 """How sharply depth bends at the knee."""
-BEYOND: Final = 0.5
+BEYOND: Final = 0.4
 """Power of the depth with which the fit's grows beyond it."""
-DARKER: Final = 0.27
+DARKER: Final = 0.25
 """Power of the transmission of all else with which the knee sinks: less light is left to see by."""
+THICKER: Final = 0.3
+"""Power of the mean way, in cm, with which it rises: meshes lie off their shadows by as much
+everywhere, which leaves less of thin parts."""
 LIGHT_SD: Final = 0.03
 """Standard deviation of the logarithm of a coefficient that nothing disturbs."""
 DEPTH_SD: Final = 0.10
@@ -39,13 +42,17 @@ LOST_RANGE: Final = 4.0
 """Of the logarithms that their coefficients fall below what is expected."""
 
 
-def reached(depth: Float64[np.ndarray, "h"], clear: float, knee: float) -> Float64[np.ndarray, "h"]:
+def reached(
+    depth: Float64[np.ndarray, "h"], mean_cm: float, clear: float, knee: float
+) -> Float64[np.ndarray, "h"]:
     """Depth that the fit reaches: a squared loss hardly sees what is darker than its errors.
 
     Parameters
     ----------
     depth
         Of a perfect fit: coefficient times mean way.
+    mean_cm
+        Mean way.
     clear
         Transmission of all else on the way.
     knee
@@ -53,10 +60,10 @@ def reached(depth: Float64[np.ndarray, "h"], clear: float, knee: float) -> Float
 
     Examples
     --------
-    >>> reached(np.array([0.1, 2.0, 8.0, 32.0]), 1.0, 2.0).round(2).tolist()
-    [0.1, 1.78, 3.99, 8.0]
+    >>> reached(np.array([0.1, 2.0, 8.0, 32.0]), 1.0, 1.0, 2.0).round(2).tolist()
+    [0.1, 1.74, 3.47, 6.06]
     """
-    knee *= clear**DARKER
+    knee *= clear**DARKER * mean_cm**THICKER
     return np.asarray(depth / (1 + (depth / knee) ** BEND) ** ((1 - BEYOND) / BEND))
 
 
@@ -100,7 +107,7 @@ def log_likelihood(
         Of the same filter and stray light.
     """
     found = lac_per_cm * rays.mean_cm
-    expected = reached(depth, rays.clear, beam.knee)
+    expected = reached(depth, rays.mean_cm, rays.clear, beam.knee)
     sd = log_sd(expected, rays.clear, beam.spread)
     off = np.log(found / expected) / sd
     lost = np.clip(LOST_CM / rays.mean_cm, LEAST_LOST, MOST_LOST) * -np.expm1(-depth / 2)

@@ -29,6 +29,9 @@ THIN: Final = 1.5
 """Voxels: the volume of a part that is thinner is uncertain by a tenth and more."""
 MOST_GUESSED: Final = 0.2
 """Share of a part's volume that may be guessed."""
+IN_COMMON: Final = 0.1
+"""Correlation of the errors of an object's parts, which lie in the same radiographs: 0.06 to 0.17
+in simulated releases."""
 COLOUR_SAMPLES: Final = 4000
 """Vertices of the mesh whose colour is looked at."""
 GREY: Final = (0.7, 0.7, 0.7)
@@ -185,8 +188,9 @@ def _object_flags(
 
 
 def _mass_sd_g(parts: tuple[Part, ...]) -> float:
-    """Return the standard deviation of the mass, densities of parts being independent."""
-    return math.hypot(*(part.mesh.volume * part.density_sd_g_cm3 for part in parts))
+    """Return the standard deviation of the mass."""
+    each = np.array([part.mesh.volume * part.density_sd_g_cm3 for part in parts])
+    return math.sqrt((1 - IN_COMMON) * float(each @ each) + IN_COMMON * float(each.sum()) ** 2)
 
 
 def _meta(

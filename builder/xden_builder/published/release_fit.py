@@ -22,13 +22,13 @@ __all__ = ["BeamFit", "ReleaseFit", "fit_release", "part_rays", "voxels_cm"]
 
 FILTERS_MM_AL: Final = (1.5, 2.5, 4.0, 7.0, 12.0, 20.0)
 STRAYS: Final = (0.0, 0.02, 0.04)
-KNEES: Final = (1.4, 1.7, 2.1)
+KNEES: Final = (1.7, 2.1, 2.6)
 SPREADS: Final = (0.8, 1.0, 1.25)
 USUAL_MM_AL: Final = 4.0
 USUAL_LOG_SD: Final = 0.5
 """Filtration of a 100 kV tube before any X-ray: 2.5 mm is the least that IEC 60601-1-3 asks for,
 and few add more than as much again (assumed). Parts alone hardly tell 4 from 20 mm."""
-USUAL_KNEE: Final = 1.7
+USUAL_KNEE: Final = 2.1
 USUAL_SPREAD: Final = 1.0
 FIT_LOG_SD: Final = 0.2
 """Knee and spread of the paper's fit to radiographs of a simulated scanner, and how far another
