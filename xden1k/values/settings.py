@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 from xden1k.errors import DataError
 
-__all__ = ["load_settings", "read_toml"]
+__all__ = ["load_settings", "read_toml", "settings_of"]
 
 Settings = TypeVar("Settings")
 
@@ -36,11 +37,30 @@ def load_settings(cls: type[Settings], path: Path) -> Settings:
     DataError
         If the file is not TOML, has an unknown key, or lacks a needed one.
     """
-    values = read_toml(path)
+    return settings_of(cls, read_toml(path), str(path))
+
+
+def settings_of(cls: type[Settings], values: Mapping[str, Any], where: str) -> Settings:
+    """Make a settings dataclass of a table.
+
+    Parameters
+    ----------
+    cls
+        The dataclass.
+    values
+        By key.
+    where
+        What the message of an error begins with: the file, and the table in it.
+
+    Raises
+    ------
+    DataError
+        If there is an unknown key, or a needed one is missing.
+    """
     known = {field.name for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
     if unknown := sorted(values.keys() - known):
-        raise DataError(f"{path}: unknown keys {unknown}; known keys are {sorted(known)}")
+        raise DataError(f"{where}: unknown keys {unknown}; known keys are {sorted(known)}")
     try:
         return cls(**values)
     except TypeError as err:
-        raise DataError(f"{path}: {err}") from err
+        raise DataError(f"{where}: {err}") from err

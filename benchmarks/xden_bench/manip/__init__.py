@@ -1,0 +1,5 @@
+"""What a centre of mass is worth to a gripper: picks of the dataset's objects, in simulation.
+
+``protocol`` has the numbers; ``draws`` what chance decides; ``closed_forms`` what mechanics says
+without a simulator; ``statistics`` how sure a share of successes is.
+"""
