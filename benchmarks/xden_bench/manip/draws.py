@@ -98,12 +98,15 @@ def draw_of(
     assert weight < max_load * regime.most_friction_n, "no draw of this regime holds the object"
     redrawn = 0
     while True:
-        friction, force = (
-            generator.uniform(*ends) for ends in (regime.friction, regime.grip_force_n)
-        )
-        if weight <= max_load * 2 * friction * force:
+        friction = _between(generator, regime.friction)
+        force_n = _between(generator, regime.grip_force_n)
+        if weight <= max_load * 2 * friction * force_n:
             break
         redrawn += 1
-    return Draw(
-        friction, force, generator.uniform(*shake_rad), generator.uniform(0, 2 * pi), redrawn
-    )
+    shake = _between(generator, shake_rad)
+    return Draw(friction, force_n, shake, _between(generator, (0, 2 * pi)), redrawn)
+
+
+def _between(generator: np.random.Generator, ends: Sequence[float]) -> float:
+    low, high = ends
+    return generator.uniform(low, high)
