@@ -1,5 +1,7 @@
 """What a centre of mass is worth to a gripper: picks of the dataset's objects, in simulation.
 
 ``protocol`` has the numbers; ``draws`` what chance decides; ``closed_forms`` what mechanics says
-without a simulator; ``statistics`` how sure a share of successes is.
+without a simulator; ``statistics`` how sure a share of successes is. ``shape`` is an object's outer
+surface, ``hulls`` what is felt of it (files of ``arrays``); ``grasps`` are candidates, of the
+``sampler`` or of other detectors (``graspnet``), that have ``clearance``; ``pose`` moves them.
 """
