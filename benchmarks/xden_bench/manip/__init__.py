@@ -4,4 +4,5 @@
 without a simulator; ``statistics`` how sure a share of successes is. ``shape`` is an object's outer
 surface, ``hulls`` what is felt of it (files of ``arrays``); ``grasps`` are candidates, of the
 ``sampler`` or of other detectors (``graspnet``), that have ``clearance``; ``pose`` moves them.
+In MuJoCo, ``scene`` builds table, object and gripper, ``rest`` drops the object, ``trial`` picks it.
 """

@@ -141,6 +141,7 @@ class TrialRules:
     shake_rad: Sequence[float]
     min_rise_held_cm: float
     min_rise_shaken_cm: float
+    min_rise_in_hand_cm: float
     max_turn_deg: float
     max_load: float
     max_best_load: float
