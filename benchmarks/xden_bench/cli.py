@@ -9,6 +9,7 @@ from xden_bench.commands.board import leaderboard
 from xden_bench.commands.coverage import coverage
 from xden_bench.commands.dataset import dataset
 from xden_bench.commands.entries import compare, verify, withdraw
+from xden_bench.commands.manip import manip
 from xden_bench.commands.methods import baseline
 from xden_bench.commands.sealing import keygen, seal, verify_sealed
 from xden_bench.commands.speed import speed
@@ -35,6 +36,7 @@ cli.add_command(withdraw)
 cli.add_command(coverage)
 cli.add_command(baseline)
 cli.add_command(dataset)
+cli.add_command(manip)
 cli.add_command(speed)
 cli.add_command(keygen)
 cli.add_command(seal)

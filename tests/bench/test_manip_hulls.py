@@ -14,7 +14,7 @@ from xden_bench.manip.hulls import contact_error_cm, content_key, hulls_of, volu
 from xden_bench.manip.protocol import load_manip_protocol
 from xden_bench.manip.shape import shape_of
 
-RULES = replace(load_manip_protocol().hulls, max_hulls=8, resolution=20_000)
+RULES = replace(load_manip_protocol().hulls, max_hulls=8)
 
 
 def ell() -> trimesh.Trimesh:
@@ -26,16 +26,21 @@ def ell() -> trimesh.Trimesh:
     return trimesh.boolean.union(boxes, engine="manifold")
 
 
-def test_the_pieces_of_an_ell_fill_it_and_its_one_hull_does_not(tmp_path: Path) -> None:
-    pieces = hulls_of(ell(), RULES, tmp_path)
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("hulls")
+
+
+def test_the_pieces_of_an_ell_fill_it_and_its_one_hull_does_not(cache: Path) -> None:
+    pieces = hulls_of(ell(), RULES, cache)
     assert volume_error(pieces, 8.0) < 0.15
     assert volume_error([ell().convex_hull], 8.0) == pytest.approx(0.75)
 
 
-def test_hulls_are_made_once_and_read_as_they_were(tmp_path, monkeypatch) -> None:
-    first = hulls_of(ell(), RULES, tmp_path)
+def test_hulls_are_made_once_and_read_as_they_were(cache: Path, monkeypatch) -> None:
+    first = hulls_of(ell(), RULES, cache)
     monkeypatch.setattr(made, "_decomposed", None)  # may not be called again
-    again = hulls_of(ell(), RULES, tmp_path)
+    again = hulls_of(ell(), RULES, cache)
     for one, other in zip(first, again, strict=True):
         np.testing.assert_array_equal(one.vertices, other.vertices)
         np.testing.assert_array_equal(one.faces, other.faces)

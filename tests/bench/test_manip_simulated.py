@@ -95,6 +95,7 @@ def test_a_rod_too_heavy_for_its_friction_is_lost_at_its_centre_too() -> None:
     assert picked(0.0, replace(DRAW, friction=0.1)).outcome == "slipped"
 
 
+@pytest.mark.slow
 def test_the_same_pick_gives_the_same_bits() -> None:
     assert picked(3.0) == picked(3.0)
 

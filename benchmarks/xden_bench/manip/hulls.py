@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import trimesh
@@ -19,6 +19,8 @@ from xden_bench.manip.protocol import HullRules
 
 __all__ = ["contact_error_cm", "content_key", "hulls_of", "volume_error"]
 
+FLAT: Final = 1e-6
+"""Of the whole volume: a piece of less is none."""
 VERSION: Final = "vhacdx 0.1"
 """Of the code that makes hulls: another is another key."""
 
@@ -33,36 +35,45 @@ def hulls_of(
     surface
         cm.
     rules
-        How many, and how finely.
+        How many.
     cache
         Folder in which they are kept, by :func:`content_key`.
 
     Raises
     ------
     MissingExtraError
-        If vhacdx is not installed.
+        If vhacdx or manifold3d is not installed.
     """
     path = cache / f"{content_key(surface, rules)}.npz"
     if path.is_file():
         return unpack_meshes(read_arrays(path), "hulls")
-    made = _decomposed(surface, rules)
+    made = _decomposed(surface, rules.max_hulls)
     cache.mkdir(parents=True, exist_ok=True)
     write_arrays(path, pack_meshes(made, "hulls"))
     return made
 
 
-def _decomposed(surface: trimesh.Trimesh, rules: HullRules) -> tuple[trimesh.Trimesh, ...]:
+def _decomposed(surface: trimesh.Trimesh, max_hulls: int) -> tuple[trimesh.Trimesh, ...]:
+    """Run V-HACD; pieces without volume, of which there are some, can be left out."""
     vhacdx = require("vhacdx", "sim")
     faces = np.asarray(surface.faces, dtype=np.uint32)
-    pieces = vhacdx.compute_vhacd(
+    made = vhacdx.compute_vhacd(
         np.asarray(surface.vertices, dtype=np.float64),
         np.column_stack([np.full(len(faces), 3, dtype=np.uint32), faces]).ravel(),
-        maxConvexHulls=rules.max_hulls,
-        resolution=rules.resolution,
+        maxConvexHulls=max_hulls,
         asyncACD=False,
     )
-    # its faces may have holes, a hull of its vertices has none
-    return tuple(trimesh.convex.convex_hull(vertices) for vertices, _ in pieces)
+    solids = [_hull(vertices) for vertices, _ in made]
+    least_cm3 = FLAT * abs(float(surface.volume))
+    meshes = [solid.to_mesh64() for solid in solids if solid.volume() > least_cm3]
+    return tuple(
+        trimesh.Trimesh(mesh.vert_properties, mesh.tri_verts, process=False) for mesh in meshes
+    )
+
+
+def _hull(vertices_cm: Points) -> Any:
+    """Convex hull as a solid of manifold3d, empty where the points are in one plane."""
+    return require("manifold3d", "build").Manifold.hull_points(np.asarray(vertices_cm))
 
 
 def content_key(surface: trimesh.Trimesh, rules: HullRules) -> str:
@@ -81,9 +92,10 @@ def volume_error(hulls: Sequence[trimesh.Trimesh], volume_cm3: float) -> float:
     MissingExtraError
         If manifold3d, which joins them, is not installed.
     """
-    require("manifold3d", "build")
-    union = trimesh.boolean.union(list(hulls), engine="manifold")
-    return abs(float(union.volume) / volume_cm3 - 1)
+    manifold3d = require("manifold3d", "build")
+    solids = [_hull(hull.vertices) for hull in hulls]
+    union = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add)
+    return abs(float(union.volume()) / volume_cm3 - 1)
 
 
 def contact_error_cm(

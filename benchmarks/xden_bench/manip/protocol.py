@@ -55,7 +55,6 @@ class HullRules:
     """How the outer surface becomes convex pieces, and how good they must be."""
 
     max_hulls: int
-    resolution: int
     max_volume_error: float
     max_contact_error_cm: float
 

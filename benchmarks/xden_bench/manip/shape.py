@@ -37,6 +37,12 @@ class Shape:
         """Inside the surface."""
         return float(self.surface.volume)
 
+    @property
+    def thickness_cm(self) -> float:
+        """Least extent along a principal axis of the volume."""
+        _, axes = np.linalg.eigh(np.asarray(self.surface.moment_inertia))
+        return float(np.ptp(np.asarray(self.surface.vertices) @ axes, axis=0).min())
+
     def along_cm(self, point_cm: Vec3) -> float:
         """Where a point lies along the longest axis, from the centroid.
 

@@ -1,0 +1,339 @@
+"""``xden-bench manip``: what a centre of mass is worth to a gripper, in simulation."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from xden1k.commands import json_option, print_json
+from xden_bench.commands.shared import (
+    FILE,
+    FOLDER,
+    command_line,
+    interval_text,
+    open_reference,
+    progress_bar,
+    root_option,
+    split_option,
+)
+
+if TYPE_CHECKING:
+    from xden_bench.manip.choosing import Chooser
+    from xden_bench.manip.item import Item
+    from xden_bench.manip.scenes import Scenes
+    from xden_bench.manip.table import Line
+
+__all__ = ["manip"]
+
+TOLD = "Simulated picks of simulated objects; no robot was used."
+
+
+@click.group(epilog="Example: xden-bench manip prepare data --out scenes")
+def manip() -> None:
+    """Try centres of mass on simulated picks.
+
+    Everything that these commands give is simulated.
+    """
+
+
+@manip.command(epilog="Example: xden-bench manip prepare data --out scenes --tier quick")
+@click.argument("root", type=FOLDER)
+@click.option("--out", type=FOLDER, required=True, help="Folder of scenes to write.")
+@click.option(
+    "--tier",
+    type=click.Choice(["quick", "full"]),
+    default="quick",
+    show_default=True,
+    help="How many objects and draws.",
+)
+@split_option
+@click.option("--grasps", type=FOLDER, help="Grasps of another detector, ID.npz for each object.")
+@click.option("--hulls", type=FOLDER, help="Where hulls are kept.  [default: OUT.hulls]")
+@json_option
+def prepare(
+    root: Path,
+    out: Path,
+    tier: str,
+    split: str,
+    grasps: Path | None,
+    hulls: Path | None,
+    as_json: bool,
+) -> None:
+    """Choose objects of the dataset ROOT, and freeze all that trials of them need.
+
+    Prints how many objects each rule took out.
+    """
+    from xden_bench.manip.preparing import Examiner, choose
+    from xden_bench.manip.protocol import load_manip_protocol
+    from xden_bench.manip.scenes import open_scenes, write_scenes
+
+    rules, reference = load_manip_protocol(), open_reference(root, split)
+    examiner = Examiner(
+        reference.folder,
+        rules,
+        rules.tiers[tier].draws,
+        hulls or out.with_name(f"{out.name}.hulls"),
+        grasps,
+    )
+    chosen = choose(reference.ids, examiner, rules.tiers[tier], progress_bar)
+    dataset = {
+        "revision": reference.revision,
+        "manifest_sha256": reference.manifest_sha256,
+        "split": split,
+    }
+    write_scenes(chosen, rules, dataset, tier, out)
+    scenes = open_scenes(out)
+    if as_json:
+        print_json({**scenes.facts, "sha256": scenes.sha256})
+    else:
+        _echo_scenes(scenes)
+
+
+@manip.command(epilog="Example: xden-bench manip run scenes preds.npz --out rows --root data")
+@click.argument("scenes", type=FOLDER)
+@click.argument("submissions", type=FILE, nargs=-1)
+@click.option("--control", "names", multiple=True, help="Only this control; can be given again.")
+@click.option("--no-controls", is_flag=True, help="The submissions alone.")
+@click.option("--out", type=FOLDER, required=True, help="Folder of rows to write.")
+@root_option
+@click.option(
+    "--vary",
+    metavar="NAME=VALUE",
+    multiple=True,
+    help="Another number of the protocol's [solver]; the rows say so.",
+)
+@click.option("--homogeneous", is_flag=True, help="Spread each object's mass evenly.")
+@click.option(
+    "--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Processes."
+)
+@json_option
+@click.pass_context
+def run(
+    context: click.Context,
+    scenes: Path,
+    submissions: tuple[Path, ...],
+    names: tuple[str, ...],
+    no_controls: bool,
+    out: Path,
+    root: Path | str | None,
+    vary: tuple[str, ...],
+    homogeneous: bool,
+    workers: int,
+    as_json: bool,
+) -> None:
+    """Try controls, and SUBMISSIONS, on the same candidates and draws.
+
+    Can be stopped and started again: what is done is kept in the folder of rows.
+    """
+    from xden_bench.entries.provenance import code_commit
+    from xden_bench.manip.running import Tries, Variant, run_rows
+    from xden_bench.manip.scenes import open_scenes
+
+    if names and no_controls:
+        raise click.UsageError("Of --control and --no-controls give one.")
+    opened = open_scenes(scenes)
+    items = {item.object_id: item for item in opened.items()}
+    choosers = [
+        *_controls(items, opened, names, no_controls=no_controls),
+        *_submitted(submissions, items, opened, root),
+    ]
+    if not choosers:
+        raise click.UsageError("give a submission, or leave --no-controls away")
+    facts = {"command": command_line(context), "commit": code_commit()}
+    tries = Tries(opened, choosers, Variant(_numbers(vary), homogeneous))
+    paths = run_rows(tries, out, facts, workers, progress_bar)
+    if as_json:
+        print_json({"rows": [str(path) for path in paths]})
+    else:
+        click.echo(f"{TOLD} {len(paths)} rows in {out}")
+
+
+@manip.command(epilog="Example: xden-bench manip table rows/*.json")
+@click.argument("rows", type=FILE, nargs=-1, required=True)
+@json_option
+def table(rows: tuple[Path, ...], as_json: bool) -> None:
+    """Compare ROWS on each stratum, with `uniform` and with `true`."""
+    from xden_bench.manip.protocol import load_manip_protocol
+    from xden_bench.manip.rows import read_rows
+    from xden_bench.manip.table import closed_form_agreement, lines
+
+    read = read_rows(rows)
+    found = lines(read, load_manip_protocol().statistics)
+    closed = closed_form_agreement(read)
+    warnings = sum(
+        int(trial.warnings > 0) for row in read for one in row.objects for trial in one.trials
+    )
+    if as_json:
+        told = [asdict(line) for line in found]
+        print_json({"simulated": True, "lines": told, "closed_form": closed, "warnings": warnings})
+        return
+    facts = read[0].facts
+    departs = "".join(f", {name} {value:g}" for name, value in facts["varied"].items())
+    even = ", mass spread evenly" if facts["homogeneous"] else ""
+    click.echo(
+        f"{TOLD} {facts['protocol']}, tier {facts['tier']}, MuJoCo {facts['mujoco']}{departs}{even}"
+    )
+    _echo_lines(found)
+    click.echo(
+        f"\nclosed form: agrees with {closed['agreement']:.1%} of {closed['trials']} different "
+        f"trials, by a patch of {closed['patch_radius_cm']:g} cm; trials with a warning of the "
+        f"solver: {warnings}"
+    )
+
+
+@manip.command(epilog="Example: xden-bench manip show hammer-0008 scenes")
+@click.argument("object_id")
+@click.argument("scenes", type=FOLDER)
+@json_option
+def show(object_id: str, scenes: Path, as_json: bool) -> None:
+    """Tell what is frozen of one object of SCENES."""
+    from xden_bench.manip.scenes import open_scenes
+
+    item = open_scenes(scenes).item(object_id)
+    facts = {
+        "object_id": item.object_id,
+        "category": item.category,
+        "stratum": item.stratum,
+        "mass_g": item.mass.mass_g,
+        "com_cm": item.mass.com_cm.tolist(),
+        "uniform_cm": item.uniform_cm.tolist(),
+        "long_axis": item.long_axis.tolist(),
+        "rest_rotation": item.rest.rotation.tolist(),
+        "rest_origin_cm": item.rest.origin_cm.tolist(),
+        "hulls": len(item.hulls),
+        "candidates": len(item.grasps),
+        "draws": {name: [asdict(draw) for draw in draws] for name, draws in item.draws.items()},
+    }
+    if as_json:
+        print_json(facts)
+    else:
+        _echo_item(item)
+
+
+def _controls(
+    items: Mapping[str, Item], scenes: Scenes, names: tuple[str, ...], *, no_controls: bool
+) -> Sequence[Chooser]:
+    from xden_bench.manip.choosing import by_name, controls
+
+    if no_controls:
+        return ()
+    every = controls(items, scenes.rules)
+    return by_name(every, names) if names else tuple(every)
+
+
+def _submitted(
+    paths: Sequence[Path], items: Mapping[str, Item], scenes: Scenes, root: Path | str | None
+) -> Sequence[Chooser]:
+    from xden1k.errors import DataError
+    from xden_bench.manip.choosing import submitted
+
+    if not paths:
+        return ()
+    dataset = scenes.facts["dataset"]
+    reference = open_reference(root, dataset["split"])
+    if reference.manifest_sha256 != dataset["manifest_sha256"]:
+        raise DataError(
+            f"{scenes.path}: of another dataset, {dataset['manifest_sha256'][:12]}, than "
+            f"{reference.folder.root}, {reference.manifest_sha256[:12]}"
+        )
+    return [submitted(path, items, reference, progress_bar) for path in paths]
+
+
+def _numbers(vary: Sequence[str]) -> dict[str, float]:
+    """Read NAME=VALUE."""
+    found = {}
+    for text in vary:
+        if not (match := re.fullmatch(r"(\w+)=([-+.\deE]+)", text)):
+            raise click.UsageError(f"--vary: expected NAME=VALUE, got {text!r}")
+        try:
+            found[match[1]] = float(match[2])
+        except ValueError as err:
+            raise click.UsageError(f"--vary: {err}") from err
+    return found
+
+
+def _echo_scenes(scenes: Scenes) -> None:
+    from tabulate import tabulate
+
+    from xden_bench.manip.preparing import RULES
+
+    facts = scenes.facts
+    columns = (
+        "object_id",
+        "stratum",
+        "mass_g",
+        "uniform_along_cm",
+        "hulls",
+        "candidates",
+        "redrawn",
+    )
+    rows = [[one[name] for name in columns] for one in facts["objects"]]
+    click.echo(TOLD)
+    click.echo(tabulate(rows, columns, floatfmt=".1f"))
+    for rule, out in facts["taken_out"].items():
+        click.echo(f"taken out, {rule}: {len(out)} ({RULES[rule]})")
+    click.echo(f"not examined further, stratum full: {facts['not_needed']}")
+
+
+def _echo_lines(found: Sequence[Line]) -> None:
+    from tabulate import tabulate
+
+    headings = (
+        *(
+            "row",
+            "success",
+            "95 % (Wilson)",
+            "95 % over objects",
+            "vs uniform",
+            "p",
+            "vs true",
+            "p",
+        ),
+        *("wrist, N·m", "turn, °", "|axial error|, cm", "ladder"),
+    )
+    for stratum in dict.fromkeys(line.stratum for line in found):
+        rows = [_cells(line) for line in found if line.stratum == stratum]
+        click.echo(f"\nstratum {stratum}")
+        click.echo(tabulate(rows, headings, disable_numparse=True))
+
+
+def _cells(line: Line) -> list[str]:
+    low, high = line.wilson
+    compared = [
+        cell
+        for name in ("uniform", "true")
+        for cell in (
+            f"{line.against[name].difference.mean:+.1%}",
+            f"{line.against[name].trials.p_equal:.2g}",
+        )
+    ]
+    return [
+        line.name,
+        f"{line.success:.1%}",
+        f"{low:.1%} to {high:.1%}",
+        interval_text(line.over_objects, ".1%"),
+        *compared,
+        f"{line.figures['wrist_moment_nm']:.3f}",
+        f"{line.figures['turn_deg']:.1f}",
+        "-" if line.axial_error_cm is None else f"{line.axial_error_cm:.2f}",
+        "-" if line.expected is None else f"{line.expected:.1%}",
+    ]
+
+
+def _echo_item(item: Item) -> None:
+    click.echo(
+        f"{item.object_id}: {item.category}, stratum {item.stratum}, {item.mass.mass_g:.1f} g, "
+        f"centroid {item.along_cm(item.uniform_cm):+.2f} cm from the centre of mass along the "
+        f"longest axis; {len(item.hulls)} hulls, {len(item.grasps)} candidates"
+    )
+    for regime, draws in item.draws.items():
+        for number, draw in enumerate(draws):
+            click.echo(
+                f"{regime} {number}: friction {draw.friction:.3f}, {draw.grip_force_n:.1f} N a "
+                f"finger, shaken by {draw.shake_rad:.3f} rad, drawn anew {draw.redrawn} times"
+            )

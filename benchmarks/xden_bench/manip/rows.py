@@ -1,0 +1,210 @@
+"""Rows: what came of one method or control, a JSON file each. All of it is simulated."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+from xden1k.errors import DataError
+from xden_bench.entries.durable import write_text
+from xden_bench.manip.choosing import Chooser
+from xden_bench.manip.item import Item, Stratum
+from xden_bench.manip.scenes import Scenes
+from xden_bench.manip.trial import Outcome
+
+__all__ = ["ObjectRow", "Row", "TrialRow", "read_rows", "write_row"]
+
+SCHEMA: Final = 1
+SAME: Final = ("scenes_sha256", "protocol", "mujoco", "tier", "varied", "homogeneous")
+"""What rows of one table agree on."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrialRow:
+    """One trial of a row.
+
+    Parameters
+    ----------
+    regime, draw
+        Which.
+    friction, grip_force_n
+        Of the draw.
+    candidate
+        Index of the grasp.
+    score, width_cm, height_cm
+        Of the grasp: by shape alone, between the contacts, above the table.
+    lever_cm
+        With which the true weight turns the object about the closing axis.
+    outcome, wrist_moment_nm, turn_deg, warnings
+        As in :class:`xden_bench.manip.trial.Trial`.
+    """
+
+    regime: str
+    draw: int
+    friction: float
+    grip_force_n: float
+    candidate: int
+    score: float
+    width_cm: float
+    height_cm: float
+    lever_cm: float
+    outcome: Outcome
+    wrist_moment_nm: float
+    turn_deg: float
+    warnings: int
+
+    @property
+    def is_held(self) -> bool:
+        """Whether it is a success."""
+        return self.outcome == "held"
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectRow:
+    """One object of a row.
+
+    Parameters
+    ----------
+    object_id, category, stratum, mass_g
+        Of the object.
+    axial_error_cm
+        Of the centre that was taken, along the longest axis; None where none was.
+    trials
+        In the order of regimes and draws.
+    """
+
+    object_id: str
+    category: str
+    stratum: Stratum
+    mass_g: float
+    axial_error_cm: float | None
+    trials: tuple[TrialRow, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What came of one method or control.
+
+    Parameters
+    ----------
+    name
+        Of it.
+    facts
+        All else that the file says.
+    objects
+        In the order of the scenes.
+    """
+
+    name: str
+    facts: Mapping[str, Any]
+    objects: tuple[ObjectRow, ...]
+
+    def held(self, stratum: Stratum) -> Bool[np.ndarray, "objects trials"]:
+        """Successes on a stratum, shape (objects, trials)."""
+        return np.array([[one.is_held for one in trials] for trials in self._trials(stratum)])
+
+    def figures(self, stratum: Stratum, name: str) -> Float64[np.ndarray, "objects trials"]:
+        """Return a number of each trial of a stratum, shape (objects, trials)."""
+        return np.array(
+            [[float(getattr(one, name)) for one in trials] for trials in self._trials(stratum)]
+        )
+
+    def axial_errors_cm(self, stratum: Stratum) -> Float64[np.ndarray, "objects"]:
+        """Shape (objects,): not a number where no centre was taken."""
+        errors = [one.axial_error_cm for one in self.objects if one.stratum == stratum]
+        return np.array([np.nan if one is None else one for one in errors])
+
+    def _trials(self, stratum: Stratum) -> list[tuple[TrialRow, ...]]:
+        return [one.trials for one in self.objects if one.stratum == stratum]
+
+
+def write_row(
+    out: Path,
+    scenes: Scenes,
+    chooser: Chooser,
+    trials: Sequence[Sequence[TrialRow]],
+    facts: Mapping[str, Any],
+) -> Path:
+    """Write a row.
+
+    Parameters
+    ----------
+    out
+        Folder of the rows.
+    scenes
+        That were tried.
+    chooser
+        Whose row it is.
+    trials
+        Of each object of the scenes.
+    facts
+        More that it says.
+    """
+    values = {
+        "schema": SCHEMA,
+        "simulated": True,
+        "method": chooser.name,
+        "submission_sha256": chooser.submission_sha256,
+        "without_mass": list(chooser.without_mass),
+        "scenes_sha256": scenes.sha256,
+        **{name: scenes.facts[name] for name in ("protocol", "mujoco", "tier", "dataset")},
+        **facts,
+        "objects": [
+            asdict(_object(item, chooser, tuple(tried)))
+            for item, tried in zip(scenes.items(), trials, strict=True)
+        ],
+    }
+    path = out / f"{chooser.name}.json"
+    write_text(path, json.dumps(values, indent=1, allow_nan=False) + "\n")
+    return path
+
+
+def _object(item: Item, chooser: Chooser, trials: tuple[TrialRow, ...]) -> ObjectRow:
+    centre = chooser.centres_cm.get(item.object_id)
+    error = None if centre is None else item.along_cm(centre)
+    one = item
+    return ObjectRow(one.object_id, one.category, one.stratum, one.mass.mass_g, error, trials)
+
+
+def read_rows(paths: Sequence[Path]) -> tuple[Row, ...]:
+    """Read rows that belong into one table.
+
+    Raises
+    ------
+    DataError
+        If a file is no row, two are of one name, or they are of different scenes or variants.
+    """
+    rows = [_read(path) for path in paths]
+    for path, row in zip(paths, rows, strict=True):
+        for name in SAME:
+            if row.facts[name] != rows[0].facts[name]:
+                raise DataError(
+                    f"{path}: {name} is {row.facts[name]!r}, in {paths[0]} "
+                    f"{rows[0].facts[name]!r}: no rows of one table"
+                )
+    names = [row.name for row in rows]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise DataError(f"two rows of the name {min(twice)!r}")
+    return tuple(rows)
+
+
+def _read(path: Path) -> Row:
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+        objects = tuple(
+            ObjectRow(**{**one, "trials": tuple(TrialRow(**trial) for trial in one["trials"])})
+            for one in values.pop("objects")
+        )
+        row = Row(values["method"], values, objects)
+        missing = [name for name in SAME if name not in values]
+    except (ValueError, KeyError, TypeError, AttributeError) as err:
+        raise DataError(f"{path}: expected a row, from `xden-bench manip run`: {err}") from err
+    if missing:
+        raise DataError(f"{path}: expected a row, from `xden-bench manip run`; no {missing[0]!r}")
+    return row

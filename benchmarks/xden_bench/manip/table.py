@@ -1,0 +1,218 @@
+"""Rows side by side: success with intervals, and against ``uniform`` and ``true`` in pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+from xden1k.errors import DataError
+from xden_bench.manip.closed_forms import slip_ratio
+from xden_bench.manip.item import STRATA, Stratum
+from xden_bench.manip.protocol import StatisticsRules
+from xden_bench.manip.rows import Row, TrialRow
+from xden_bench.manip.statistics import Discordant, discordant, wilson_interval
+from xden_bench.scoring.bootstrap import Estimate, estimate
+
+__all__ = ["Line", "closed_form_agreement", "ladder", "lines"]
+
+AGAINST: Final = ("uniform", "true")
+"""With which every row is compared."""
+RADII_CM: Final = np.arange(0.1, 3.01, 0.1)
+"""Effective radii of a patch among which one is chosen."""
+
+
+@dataclass(frozen=True, slots=True)
+class Against:
+    """A row beside another, on the same trials.
+
+    Parameters
+    ----------
+    difference
+        Of the shares of success, with the bootstrap interval over objects.
+    without_one
+        Lowest and highest difference with each object left out in turn.
+    trials
+        In which only one of them succeeds.
+    """
+
+    difference: Estimate
+    without_one: tuple[float, float]
+    trials: Discordant
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A row on one stratum.
+
+    Parameters
+    ----------
+    name, stratum
+        Which.
+    success, wilson
+        Share of trials, and its interval as if they were independent.
+    over_objects
+        The same share with the bootstrap interval over objects.
+    against
+        By the name of the other row.
+    axial_error_cm
+        Mean absolute error of the centre along the longest axis; None where none was taken.
+    expected
+        Share of success that the ladder has at these errors; None where it does not reach.
+    figures
+        Means over trials: wrist moment, turn, score, width, height, lever.
+    """
+
+    name: str
+    stratum: Stratum
+    success: float
+    wilson: tuple[float, float]
+    over_objects: Estimate
+    against: Mapping[str, Against]
+    axial_error_cm: float | None
+    expected: float | None
+    figures: Mapping[str, float]
+
+
+FIGURES: Final = ("wrist_moment_nm", "turn_deg", "score", "width_cm", "height_cm", "lever_cm")
+
+
+def lines(rows: Sequence[Row], rules: StatisticsRules) -> tuple[Line, ...]:
+    """Compare rows on each stratum.
+
+    Parameters
+    ----------
+    rows
+        Of one table.
+    rules
+        Of the bootstrap.
+
+    Raises
+    ------
+    DataError
+        If there is no row of ``uniform`` or ``true``.
+    """
+    others = {row.name: row for row in rows if row.name in AGAINST}
+    if missing := [name for name in AGAINST if name not in others]:
+        raise DataError(f"every row is compared with {missing[0]!r}, but there is no row of it")
+    return tuple(_line(row, stratum, others, rows, rules) for stratum in STRATA for row in rows)
+
+
+def _line(
+    row: Row,
+    stratum: Stratum,
+    others: Mapping[str, Row],
+    rows: Sequence[Row],
+    rules: StatisticsRules,
+) -> Line:
+    held = row.held(stratum)
+    errors = row.axial_errors_cm(stratum)
+    (over_objects,) = estimate(held.mean(axis=1)[:, None], rules.resamples, rules.seed)
+    return Line(
+        name=row.name,
+        stratum=stratum,
+        success=float(held.mean()),
+        wilson=wilson_interval(int(held.sum()), held.size),
+        over_objects=over_objects,
+        against={
+            name: _against(held, other.held(stratum), rules) for name, other in others.items()
+        },
+        axial_error_cm=None if np.isnan(errors).any() else float(np.abs(errors).mean()),
+        expected=_expected(errors, ladder(rows, stratum)),
+        figures={name: float(row.figures(stratum, name).mean()) for name in FIGURES},
+    )
+
+
+def _against(
+    a: Bool[np.ndarray, "objects trials"],
+    b: Bool[np.ndarray, "objects trials"],
+    rules: StatisticsRules,
+) -> Against:
+    differences = a.mean(axis=1) - b.mean(axis=1)
+    (difference,) = estimate(differences[:, None], rules.resamples, rules.seed)
+    rest = (differences.sum() - differences) / max(len(differences) - 1, 1)
+    return Against(
+        difference, (float(rest.min()), float(rest.max())), discordant(a.ravel(), b.ravel())
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ladder:
+    """Success of the true centre shifted along the longest axis.
+
+    Parameters
+    ----------
+    shifts_cm
+        Shape (shifts,), ascending.
+    success
+        Shape (shifts, objects).
+    """
+
+    shifts_cm: Float64[np.ndarray, "shifts"]
+    success: Float64[np.ndarray, "shifts objects"]
+
+
+def ladder(rows: Sequence[Row], stratum: Stratum) -> Ladder:
+    """Take the ladder from the rows of ``true`` and its shifts.
+
+    Examples
+    --------
+    >>> ladder([], "off").shifts_cm.size
+    0
+    """
+    steps = [
+        (float(np.mean(row.axial_errors_cm(stratum))), row.held(stratum).mean(axis=1))
+        for row in rows
+        if row.name == "true" or row.name.startswith(("true+", "true-"))
+    ]
+    steps.sort(key=lambda step: step[0])
+    shifts = np.array([shift for shift, _ in steps])
+    return Ladder(shifts, np.array([share for _, share in steps]).reshape(len(steps), -1))
+
+
+def _expected(errors_cm: Float64[np.ndarray, "objects"], steps: Ladder) -> float | None:
+    """Mean over objects of the ladder of each, between its steps, at the error of each."""
+    if np.isnan(errors_cm).any() or len(steps.shifts_cm) < 2:
+        return None
+    if errors_cm.min() < steps.shifts_cm[0] or errors_cm.max() > steps.shifts_cm[-1]:
+        return None
+    shares = [
+        np.interp(error, steps.shifts_cm, share)
+        for error, share in zip(errors_cm, steps.success.T, strict=True)
+    ]
+    return float(np.mean(shares))
+
+
+def closed_form_agreement(rows: Sequence[Row]) -> dict[str, Any]:
+    """Compare the slip ratio with what the simulator did, by one radius of the contact patch.
+
+    Returns
+    -------
+    dict
+        The radius that agrees with most trials, cm; the share that it agrees with; and how many
+        different trials there are: those that several rows share count once.
+    """
+    trials = {
+        (one.object_id, trial.regime, trial.draw, trial.candidate): (one.mass_g, trial)
+        for row in rows
+        for one in row.objects
+        for trial in one.trials
+    }
+    shares = [
+        float(np.mean([_agrees(mass_g, trial, radius) for mass_g, trial in trials.values()]))
+        for radius in RADII_CM
+    ]
+    best = int(np.argmax(shares))
+    return {
+        "patch_radius_cm": round(float(RADII_CM[best]), 1),
+        "agreement": shares[best],
+        "trials": len(trials),
+    }
+
+
+def _agrees(mass_g: float, trial: TrialRow, radius_cm: float) -> bool:
+    ratio = slip_ratio(mass_g, trial.grip_force_n, trial.friction, trial.lever_cm, radius_cm)
+    return (ratio < 1) == trial.is_held

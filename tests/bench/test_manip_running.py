@@ -1,0 +1,358 @@
+"""Scenes are frozen, rows are made in as many goes as it takes, tables compare like with like."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from click.testing import CliRunner
+
+from tests.phantoms import Box, box_object
+from xden1k.errors import DataError, MissingObjectError
+from xden1k.folder import open_folder, write_folder
+from xden1k.values.mass import mass_of_meshes
+from xden_bench.cli import cli
+from xden_bench.manip import running
+from xden_bench.manip.choosing import Chooser, by_name, controls
+from xden_bench.manip.draws import Draw
+from xden_bench.manip.grasps import Grasps
+from xden_bench.manip.item import Item
+from xden_bench.manip.pose import Pose
+from xden_bench.manip.preparing import Chosen, Examiner, choose
+from xden_bench.manip.protocol import Tier, load_manip_protocol
+from xden_bench.manip.rows import read_rows
+from xden_bench.manip.running import Tries, Variant, run_rows
+from xden_bench.manip.scenes import Scenes, open_scenes, write_scenes
+from xden_bench.manip.table import closed_form_agreement, lines
+from xden_bench.manip.trial import Trial
+
+RULES = load_manip_protocol()
+DOWN = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])
+DATASET = {"revision": "0.1.0", "manifest_sha256": "0" * 64, "split": "test"}
+PLACES_CM = (-9.0, -4.0, 0.0, 4.0, 9.0)
+"""Along a bar of 20 cm, where its candidates are."""
+
+
+@cache
+def bar(name: str, heavy_end_cm: float) -> Item:
+    """A bar of 20 cm along x, its centre of mass so far from the middle; it weighs 0.5 kg."""
+    whole = trimesh.creation.box((20, 2.4, 2.4))
+    even = mass_of_meshes([whole], [500 / whole.volume])
+    mass = replace(even, com_cm=np.array([heavy_end_cm, 0, 0]))
+    count = len(PLACES_CM)
+    centres = np.array([[x, 0, 1.5] for x in PLACES_CM])
+    score = np.linspace(1, 0.9, count)
+    rotation = np.tile(DOWN, (count, 1, 1))
+    return Item(
+        object_id=name,
+        category=name.split("-")[0],
+        stratum="off" if heavy_end_cm else "balanced",
+        mass=mass,
+        homogeneous=even,
+        uniform_cm=np.zeros(3),
+        long_axis=np.array([1.0, 0, 0]),
+        hulls=(whole,),
+        rest=Pose(np.eye(3), np.array([0, 0, 1.2])),
+        grasps=Grasps(score, np.full(count, 2.4), rotation, centres),
+        draws={"easy": (Draw(0.4, 15.0, 0.04, 1.0, 0), Draw(0.3, 20.0, 0.04, 2.0, 1))},
+    )
+
+
+@pytest.fixture
+def scenes(tmp_path: Path) -> Scenes:
+    items = (bar("hammer-1", 8.8), bar("chisel-1", -4.4), bar("ruler-1", 0.0))
+    chosen = Chosen(items, {"heavy": ("safe-1",)}, 7)
+    write_scenes(chosen, RULES, DATASET, "quick", tmp_path / "scenes")
+    return open_scenes(tmp_path / "scenes")
+
+
+def levered(model: object, rest: Pose, grasp: Pose, width_cm: float, draw: Draw, rules: object):
+    """A gripper without a simulator: holds what it takes less than 3 cm from the middle."""
+    del model, rest, width_cm, draw, rules
+    held = abs(grasp.origin_cm[0]) < 3
+    return Trial("held" if held else "slipped", 0.01 * abs(grasp.origin_cm[0]), 1.0, 0)
+
+
+@pytest.fixture
+def unsimulated(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(running, "pick", levered)
+
+
+AS_RELEASED = Variant({})
+
+
+def tries(scenes: Scenes, *names: str, variant: Variant = AS_RELEASED) -> Tries:
+    items = {one.object_id: one for one in scenes.items()}
+    every = controls(items, scenes.rules)
+    return Tries(scenes, by_name(every, names) if names else tuple(every), variant)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.glob("*.json"))}
+
+
+def test_an_item_comes_back_from_its_arrays_as_it_was() -> None:
+    item = bar("hammer-1", 8.8)
+    again = Item.of_arrays(item.arrays())
+    assert again.draws == item.draws
+    assert again.arrays().keys() == item.arrays().keys()
+    for name, values in item.arrays().items():
+        np.testing.assert_array_equal(again.arrays()[name], values, err_msg=name)
+
+
+def test_the_lever_is_across_the_closing_axis() -> None:
+    item = bar("hammer-1", 8.8)
+    assert item.lever_cm(2, item.mass.com_cm) == pytest.approx(8.8)
+    assert item.lever_cm(2, np.array([0, 1.0, 5.0])) == pytest.approx(0)
+
+
+def test_the_same_choice_makes_the_same_bytes(tmp_path: Path, scenes: Scenes) -> None:
+    chosen = Chosen(tuple(scenes.items()), {"heavy": ("safe-1",)}, 7)
+    write_scenes(chosen, RULES, DATASET, "quick", tmp_path / "again")
+    assert open_scenes(tmp_path / "again").sha256 == scenes.sha256
+
+
+@pytest.mark.parametrize("name", ["objects/hammer-1.npz", "scenes.json", "protocol.toml"])
+def test_a_scene_that_was_changed_is_refused_by_its_file(scenes: Scenes, name: str) -> None:
+    with (scenes.path / name).open("ab") as file:
+        file.write(b" ")
+    with pytest.raises(DataError, match=f"{name}: missing, or changed since"):
+        open_scenes(scenes.path)
+
+
+def test_scenes_of_another_mujoco_or_protocol_are_refused(scenes, monkeypatch) -> None:
+    from xden_bench.manip import scenes as module
+
+    monkeypatch.setattr(module, "mujoco_version", lambda: "3.0.0")
+    with pytest.raises(DataError, match=r"made for another MuJoCo, 4.*, here is 3.0.0"):
+        open_scenes(scenes.path)
+    monkeypatch.setattr(module, "load_manip_protocol", lambda: replace(RULES, sha256="f" * 64))
+    with pytest.raises(DataError, match="made for another protocol"):
+        open_scenes(scenes.path)
+
+
+def test_a_folder_without_scenes_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="expected a folder of scenes"):
+        open_scenes(tmp_path)
+
+
+def test_an_object_that_is_not_there_is_named_with_its_neighbour(scenes: Scenes) -> None:
+    with pytest.raises(MissingObjectError, match=r"no scene of hammer-2; did you mean hammer-1"):
+        scenes.item("hammer-2")
+
+
+def test_each_control_takes_the_candidate_that_its_name_says(scenes, tmp_path, unsimulated) -> None:
+    run_rows(tries(scenes), tmp_path / "rows", {})
+    rows = {row.name: row for row in read_rows(sorted((tmp_path / "rows").glob("*.json")))}
+    places = {
+        name: [PLACES_CM[trial.candidate] for trial in row.objects[0].trials]
+        for name, row in rows.items()
+    }
+    assert places["top"] == [-9, -9]
+    assert places["uniform"] == [0, 0]
+    assert places["true"] == [9, 9]
+    assert places["true-5cm"] == [4, 4]
+    assert places["true+8cm"] == [9, 9]
+    assert len(rows) == 4 + 2 * len(RULES.shifts_cm)
+
+
+def test_a_run_that_is_cut_off_goes_on_and_gives_the_same_rows(
+    scenes: Scenes, tmp_path: Path, unsimulated: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_rows(tries(scenes, "random", "true"), tmp_path / "whole", {})
+    asked: list[str] = []
+    tried = Tries.tried
+
+    def cut(self: Tries, object_id: str) -> np.ndarray:
+        asked.append(object_id)
+        if asked.count("chisel-1") == 1 and object_id == "chisel-1":
+            raise KeyboardInterrupt
+        return tried(self, object_id)
+
+    monkeypatch.setattr(Tries, "tried", cut)
+    with pytest.raises(KeyboardInterrupt):
+        run_rows(tries(scenes, "random", "true"), tmp_path / "cut", {})
+    assert contents(tmp_path / "cut") == {}
+    run_rows(tries(scenes, "random", "true"), tmp_path / "cut", {})
+    assert asked == ["hammer-1", "chisel-1", "chisel-1", "ruler-1"]
+    assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
+
+
+def test_rows_that_choose_alike_share_a_trial(scenes, tmp_path, monkeypatch) -> None:
+    picked: list[tuple[float, int]] = []
+
+    def counted(*arguments: object) -> Trial:
+        picked.append((arguments[2].origin_cm[0], arguments[4].shake_azimuth_rad))
+        return levered(*arguments)
+
+    monkeypatch.setattr(running, "pick", counted)
+    tries(scenes).tried("ruler-1")
+    assert len(picked) == len(set(picked)) == 2 * len(PLACES_CM)
+
+
+def test_a_table_says_which_row_is_better_on_which_stratum(scenes, tmp_path, unsimulated) -> None:
+    few = tries(scenes, "top", "uniform", "true", "true+8cm", "true-8cm")
+    run_rows(few, tmp_path / "rows", {})
+    found = lines(read_rows(sorted((tmp_path / "rows").glob("*.json"))), RULES.statistics)
+    by_key = {(line.stratum, line.name): line for line in found}
+    uniform, true = by_key["off", "uniform"], by_key["off", "true"]
+    # without a simulator the middle holds: the true centre, far from it, loses every trial
+    assert (uniform.success, true.success) == (1, 0)
+    assert true.against["uniform"].difference.mean == -1
+    assert true.against["uniform"].trials.only_b == 4
+    assert true.against["uniform"].without_one == (-1, -1)
+    assert uniform.axial_error_cm == pytest.approx((8.8 + 4.4) / 2)
+    assert by_key["balanced", "true"].success == 1
+    assert true.expected == 0
+    assert by_key["off", "top"].expected is None
+
+
+def test_a_table_needs_the_rows_that_all_are_compared_with(scenes, tmp_path, unsimulated) -> None:
+    paths = run_rows(tries(scenes, "true", "top"), tmp_path / "rows", {})
+    with pytest.raises(DataError, match="compared with 'uniform', but there is no row of it"):
+        lines(read_rows(paths), RULES.statistics)
+
+
+def test_rows_of_other_variants_or_twice_are_no_table(scenes, tmp_path, unsimulated) -> None:
+    (one,) = run_rows(tries(scenes, "true"), tmp_path / "one", {})
+    stiff = Variant({"timestep_s": 0.001})
+    (other,) = run_rows(tries(scenes, "uniform", variant=stiff), tmp_path / "other", {})
+    with pytest.raises(DataError, match=r"uniform.json: varied is .*timestep_s.*no rows of one"):
+        read_rows([one, other])
+    with pytest.raises(DataError, match="two rows of the name 'true'"):
+        read_rows([one, one])
+
+
+def test_what_is_no_row_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text("{}")
+    with pytest.raises(DataError, match=r"a.json: expected a row"):
+        read_rows([tmp_path / "a.json"])
+
+
+def test_a_variant_of_a_number_that_is_none_is_refused(scenes: Scenes) -> None:
+    variant = Variant({"torsional_friction": 0.02})
+    with pytest.raises(DataError, match=r"no number 'torsional_friction'; did you mean"):
+        _ = tries(scenes, variant=variant).rules
+    assert (
+        tries(scenes, variant=Variant({"noslip_iterations": 0.0})).rules.solver.noslip_iterations
+        == 0
+    )
+
+
+def test_the_closed_form_finds_the_patch_that_it_was_told(scenes, tmp_path, monkeypatch) -> None:
+    from xden_bench.manip.closed_forms import slip_ratio
+
+    def by_ratio(model, rest, grasp, width_cm, draw, rules) -> Trial:
+        ratio = slip_ratio(500, draw.grip_force_n, draw.friction, abs(grasp.origin_cm[0]), 1.2)
+        return Trial("held" if ratio < 1 else "rotated", 0.0, 0.0, 0)
+
+    monkeypatch.setattr(running, "pick", by_ratio)
+    run_rows(tries(scenes), tmp_path / "rows", {})
+    rows = read_rows(sorted((tmp_path / "rows").glob("*.json")))
+    alone = [replace(row, objects=row.objects[2:]) for row in rows]  # its lever is the place
+    assert closed_form_agreement(alone)["agreement"] == 1
+
+
+HEADED = (
+    Box("handle", (-16, -1.3, 0), (0, 1.3, 2.6), 0.7),
+    Box("head", (0, -2, 0), (4, 2, 4), 7.8, material="steel"),
+)
+EVEN = (Box("bar", (-10, -1.3, 0), (10, 1.3, 2.6), 1.0),)
+BALL = (Box("block", (-6, -6, -6), (6, 6, 6), 0.3),)
+SAFE = (Box("safe", (-8, -8, -8), (8, 8, 8), 7.8),)
+
+
+@pytest.fixture(scope="module")
+def tools(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A mallet, a ruler, a block that is too wide and a safe that is too heavy."""
+    root = tmp_path_factory.mktemp("tools") / "dataset"
+    objects = [
+        box_object("block-0001", BALL, category="block"),
+        box_object("mallet-0001", HEADED, category="mallet"),
+        box_object("ruler-0001", EVEN, category="ruler"),
+        box_object("safe-0001", SAFE, category="safe"),
+    ]
+    write_folder(objects, root, version="0.1.0", builder="tests")
+    return root
+
+
+@pytest.mark.slow
+def test_objects_are_chosen_by_their_stratum_and_the_others_told_by_rule(tools, tmp_path) -> None:
+    rules = replace(
+        RULES,
+        grasps=replace(RULES.grasps, surface_points=1500, collision_points=1000),
+    )
+    folder = open_folder(tools)
+    examiner = Examiner(folder, rules, 1, tmp_path)
+    chosen = choose(folder.ids("test"), examiner, Tier(2, 2, 1))
+    assert [(one.object_id, one.stratum) for one in chosen.items] == [
+        ("mallet-0001", "off"),
+        ("ruler-0001", "balanced"),
+    ]
+    assert chosen.taken_out["wide"] == ("block-0001",)
+    assert chosen.taken_out["heavy"] == ("safe-0001",)
+    mallet = chosen.items[0]
+    exact = folder.object("mallet-0001").mass_properties
+    np.testing.assert_allclose(mallet.mass.com_cm, exact.com_cm, atol=1e-6)
+    assert mallet.along_cm(mallet.uniform_cm) == pytest.approx(-5.0, abs=1.0)
+    assert (mallet.grasps.centre_cm[:, 2] > 0.5 + 0.85 - 1e-9).all()
+
+
+def test_a_density_that_is_unknown_is_refused_by_the_object(tmp_path: Path) -> None:
+    objects = [box_object("bar-0001", EVEN, density_known=False)]
+    write_folder(objects, tmp_path / "data", version="0.1.0", builder="tests")
+    folder = open_folder(tmp_path / "data")
+    with pytest.raises(DataError, match="bar-0001: expected the density of every part"):
+        choose(folder.ids("test"), Examiner(folder, RULES, 1, tmp_path), Tier(1, 1, 1))
+
+
+@pytest.mark.slow
+def test_the_commands_lead_from_a_dataset_to_a_table(tools: Path, tmp_path: Path) -> None:
+    def told(*arguments: str) -> dict:
+        done = CliRunner().invoke(cli, ["manip", *arguments, "--json"])
+        assert done.exit_code == 0, done.output
+        return json.loads(done.stdout)
+
+    scenes, rows = str(tmp_path / "scenes"), str(tmp_path / "rows")
+    assert told("prepare", str(tools), "--out", scenes)["taken_out"]["wide"] == ["block-0001"]
+    asked = ("run", scenes, "--control", "true", "--control", "uniform", "--out", rows)
+    made = told(*asked)["rows"]
+    found = {(one["stratum"], one["name"]): one for one in told("table", *made)["lines"]}
+    assert found["off", "true"]["success"] > found["off", "uniform"]["success"]
+    assert found["balanced", "true"]["success"] == found["balanced", "uniform"]["success"]
+    first = contents(tmp_path / "rows")
+    told(
+        "run", scenes, "--control", "true", "--control", "uniform", "--out", rows, "--workers", "2"
+    )
+    assert contents(tmp_path / "rows") == first
+    assert told("show", "mallet-0001", scenes)["stratum"] == "off"
+
+
+def test_scenes_of_another_dataset_do_not_try_a_submission(
+    scenes: Scenes, tmp_path: Path, submission: Callable[..., Path], dataset: Path
+) -> None:
+    asked = ["manip", "run", str(scenes.path), str(submission()), "--root", str(dataset)]
+    done = CliRunner().invoke(cli, [*asked, "--out", str(tmp_path / "rows")])
+    assert done.exit_code == 1
+    assert "of another dataset, 000000000000, than" in done.output
+    assert not (tmp_path / "rows").exists()
+
+
+def test_a_submission_is_tried_at_the_centre_of_its_score(
+    reference, submission: Callable[..., Path]
+) -> None:
+    from xden_bench.manip.choosing import submitted
+
+    items = {"bar-0002": bar("hammer-1", 8.8), "hollow-0002": bar("ruler-1", 0.0)}
+    path = submission(lambda name, grid: 0 * grid if name == "hollow-0002" else grid)
+    chooser = submitted(path, items, reference)
+    np.testing.assert_allclose(chooser.centres_cm["bar-0002"], [25 / 18, 1, 2], atol=0.02)
+    np.testing.assert_allclose(chooser.centres_cm["hollow-0002"], 0, atol=1e-6)
+    assert chooser.without_mass == ("hollow-0002",)
+    assert isinstance(chooser, Chooser)
