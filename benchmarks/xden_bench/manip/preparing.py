@@ -48,6 +48,29 @@ class TakenOut(Exception):
     """An object that a rule takes out; the argument is the rule's name."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Outline:
+    """What is cheap to know of an object.
+
+    Parameters
+    ----------
+    object_id
+        Which.
+    row
+        Of the dataset.
+    stratum
+        Where it belongs.
+    shape, mass
+        Its outer surface, and its true mass properties.
+    """
+
+    object_id: str
+    row: Row
+    stratum: Stratum
+    shape: Shape
+    mass: MassProperties
+
+
 @dataclass(frozen=True, slots=True)
 class Chosen:
     """The objects that are tried, and those that are not.
@@ -91,8 +114,8 @@ class Examiner:
     cache: Path
     grasps: Path | None = None
 
-    def outline(self, object_id: str) -> tuple[Stratum, Row, Shape, MassProperties]:
-        """Say what is cheap to say: the stratum, and what it follows from.
+    def outline(self, object_id: str) -> Outline:
+        """Say what is cheap to say.
 
         Raises
         ------
@@ -114,7 +137,7 @@ class Examiner:
         stratum = self._stratum(shape.along_cm(mass.com_cm))
         if shape.thickness_cm > rules.objects.max_width_cm:
             raise TakenOut("wide")
-        return stratum, row, shape, mass
+        return Outline(object_id, row, stratum, shape, mass)
 
     def _stratum(self, along_cm: float) -> Stratum:
         if abs(along_cm) > self.rules.objects.off_cm:
@@ -123,9 +146,7 @@ class Examiner:
             return "balanced"
         raise TakenOut("between")
 
-    def item(
-        self, object_id: str, stratum: Stratum, row: Row, shape: Shape, mass: MassProperties
-    ) -> Item:
+    def item(self, outline: Outline) -> Item:
         """Make an object ready to be tried.
 
         Raises
@@ -135,7 +156,8 @@ class Examiner:
         DataError
             If its grasps of another detector are missing or bad.
         """
-        rules = self.rules
+        rules, object_id = self.rules, outline.object_id
+        shape, mass = outline.shape, outline.mass
         hulls = hulls_of(shape.surface, rules.hulls, self.cache)
         if volume_error(hulls, shape.volume_cm3) > rules.hulls.max_volume_error:
             raise TakenOut("hulls")
@@ -150,11 +172,11 @@ class Examiner:
             raise TakenOut("few grasps")
         return Item(
             object_id,
-            row["category"],
-            stratum,
+            outline.row["category"],
+            outline.stratum,
             mass,
             _homogeneous(shape.surface, mass.mass_g),
-            _centroid_cm(row),
+            _centroid_cm(outline.row),
             shape.long_axis,
             hulls,
             rest.pose,
@@ -224,13 +246,14 @@ class _Choice:
             self.not_needed += 1
             return
         try:
-            stratum, row, shape, mass = self.examiner.outline(object_id)
-            if self.is_full(stratum):
+            found = self.examiner.outline(object_id)
+            chosen = self.items[found.stratum]
+            if self.is_full(found.stratum):
                 self.not_needed += 1
-            elif not again and row["category"] in {one.category for one in self.items[stratum]}:
+            elif not again and found.row["category"] in {one.category for one in chosen}:
                 self.waiting.append(object_id)
             else:
-                self.items[stratum].append(self.examiner.item(object_id, stratum, row, shape, mass))
+                chosen.append(self.examiner.item(found))
         except TakenOut as rule:
             self.taken_out[str(rule)].append(object_id)
 
