@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -332,6 +334,34 @@ def test_the_commands_lead_from_a_dataset_to_a_table(tools: Path, tmp_path: Path
     )
     assert contents(tmp_path / "rows") == first
     assert told("show", "mallet-0001", scenes)["stratum"] == "off"
+
+
+@pytest.mark.slow
+def test_a_picture_shows_a_row_of_frames_for_each_pick(scenes: Scenes, tmp_path: Path) -> None:
+    from PIL import Image
+
+    asked = ["manip", "show", "hammer-1", scenes.path, "--regime", "easy", "--json", "--picture"]
+    # a process of its own: MuJoCo asks once what it can draw with
+    done = subprocess.run(  # noqa: S603
+        [sys.executable, "-c", "from xden_bench.cli import cli; cli()", *asked, "hammer.png"],
+        capture_output=True,
+        cwd=tmp_path,
+        check=False,
+    )
+    if b"pictures need EGL" in done.stderr:
+        pytest.skip("neither EGL nor OSMesa")
+    assert json.loads(done.stdout)["outcomes"] == {"uniform": "rotated", "true": "held"}
+    with Image.open(tmp_path / "hammer.png") as picture:
+        assert picture.size == (5 * 240, 2 * 240)
+        assert np.asarray(picture).std() > 10
+
+
+def test_a_draw_that_there_is_not_is_refused(scenes: Scenes, tmp_path: Path) -> None:
+    asked = ["manip", "show", "hammer-1", str(scenes.path), "--regime", "easy", "--draw", "2"]
+    done = CliRunner().invoke(cli, [*asked, "--picture", str(tmp_path / "hammer.png")])
+    assert done.exit_code == 1
+    assert done.output == "Error: --draw: hammer-1 has 2 draws, 0 to 1\n"
+    assert not (tmp_path / "hammer.png").exists()
 
 
 def test_scenes_of_another_dataset_do_not_try_a_submission(

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -186,15 +187,26 @@ def table(rows: tuple[Path, ...], as_json: bool) -> None:
     )
 
 
-@manip.command(epilog="Example: xden-bench manip show hammer-0008 scenes")
+@manip.command(epilog="Example: xden-bench manip show hammer-0008 scenes --picture hammer.png")
 @click.argument("object_id")
 @click.argument("scenes", type=FOLDER)
+@click.option("--picture", type=FILE, help="Draw picks by `uniform` and by `true`, one a row.")
+@click.option("--regime", type=click.Choice(["easy", "hard"]), default="hard", show_default=True)
+@click.option("--draw", type=click.IntRange(min=0), default=0, show_default=True)
 @json_option
-def show(object_id: str, scenes: Path, as_json: bool) -> None:
-    """Tell what is frozen of one object of SCENES."""
+def show(
+    object_id: str, scenes: Path, picture: Path | None, regime: str, draw: int, as_json: bool
+) -> None:
+    """Tell what is frozen of one object of SCENES, and draw picks of it.
+
+    Pictures need EGL or OSMesa, and no display.
+    """
+    os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is imported
     from xden_bench.manip.scenes import open_scenes
 
-    item = open_scenes(scenes).item(object_id)
+    opened = open_scenes(scenes)
+    item = opened.item(object_id)
+    outcomes = _drawn(opened, item, picture, regime, draw) if picture else {}
     facts = {
         "object_id": item.object_id,
         "category": item.category,
@@ -207,12 +219,39 @@ def show(object_id: str, scenes: Path, as_json: bool) -> None:
         "rest_origin_cm": item.rest.origin_cm.tolist(),
         "hulls": len(item.hulls),
         "candidates": len(item.grasps),
-        "draws": {name: [asdict(draw) for draw in draws] for name, draws in item.draws.items()},
+        "draws": {name: [asdict(one) for one in draws] for name, draws in item.draws.items()},
+        "outcomes": outcomes,
     }
     if as_json:
         print_json(facts)
-    else:
-        _echo_item(item)
+        return
+    _echo_item(item)
+    for name, outcome in outcomes.items():
+        click.echo(f"{picture}: {name}, {regime} {draw}, simulated: {outcome}")
+
+
+def _drawn(scenes: Scenes, item: Item, picture: Path, regime: str, draw: int) -> dict[str, str]:
+    """Draw picks by uniform and by true, and return what became of each."""
+    import numpy as np
+    from PIL import Image
+
+    from xden1k.errors import DataError
+    from xden_bench.manip.grasps import nearest
+    from xden_bench.manip.pictures import strip
+
+    draws = item.draws[regime]
+    if draw >= len(draws):
+        raise DataError(f"--draw: {item.object_id} has {len(draws)} draws, 0 to {len(draws) - 1}")
+    strips: list[Any] = []
+    outcomes: dict[str, str] = {}
+    for name, centre_cm in (("uniform", item.uniform_cm), ("true", item.mass.com_cm)):
+        (centre,) = item.rest.to_world(centre_cm[None])
+        frames, outcomes[name] = strip(
+            item, nearest(item.grasps, centre), draws[draw], scenes.rules
+        )
+        strips.append(frames)
+    Image.fromarray(np.concatenate(strips)).save(picture)
+    return outcomes
 
 
 def _controls(

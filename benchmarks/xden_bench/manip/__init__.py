@@ -7,5 +7,6 @@ surface, ``hulls`` what is felt of it (files of ``arrays``); ``grasps`` are cand
 In MuJoCo, ``scene`` builds table, object and gripper, ``rest`` drops the object, ``trial`` picks.
 
 ``preparing`` chooses objects and makes each an ``item``, ``scenes`` freezes them. ``choosing``
-says which candidate a row takes, ``running`` tries it, ``rows`` keep it, ``table`` compares.
+says which candidate a row takes, ``running`` tries it, ``rows`` keep it, ``table`` compares;
+``pictures`` draw it.
 """
