@@ -194,7 +194,7 @@ def parse_answer(text: str, materials: ClosedList) -> Answer:
     Examples
     --------
     >>> parse_answer("(a blade, shiny, **Steel**, 90%)", ClosedList(("wood_oak", "steel"), (1, 1)))
-    Answer(material=1, confidence=0.9, fallback=False)
+    Answer(material=1, confidence=0.9, fallback=False, silent=False)
     """
     found = [fields for line in answer_lines(text) if (fields := _fields(bare(line)))]
     if len(found) != 1:
