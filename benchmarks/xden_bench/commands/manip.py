@@ -156,8 +156,9 @@ def run(
 
 @manip.command(epilog="Example: xden-bench manip table rows/*.json")
 @click.argument("rows", type=FILE, nargs=-1, required=True)
+@click.option("--figure", type=FILE, help="Draw success against the error of the centre of mass.")
 @json_option
-def table(rows: tuple[Path, ...], as_json: bool) -> None:
+def table(rows: tuple[Path, ...], figure: Path | None, as_json: bool) -> None:
     """Compare ROWS on each stratum, with `uniform` and with `true`."""
     from xden_bench.manip.protocol import load_manip_protocol
     from xden_bench.manip.rows import read_rows
@@ -169,16 +170,15 @@ def table(rows: tuple[Path, ...], as_json: bool) -> None:
     warnings = sum(
         int(trial.warnings > 0) for row in read for one in row.objects for trial in one.trials
     )
+    if figure:
+        from xden_bench.manip.figure import draw_ladder
+
+        draw_ladder(found, f"Simulated picks, stratum off, {_variant(read[0].facts)}", figure)
     if as_json:
         told = [asdict(line) for line in found]
         print_json({"simulated": True, "lines": told, "closed_form": closed, "warnings": warnings})
         return
-    facts = read[0].facts
-    departs = "".join(f", {name} {value:g}" for name, value in facts["varied"].items())
-    even = ", mass spread evenly" if facts["homogeneous"] else ""
-    click.echo(
-        f"{TOLD} {facts['protocol']}, tier {facts['tier']}, MuJoCo {facts['mujoco']}{departs}{even}"
-    )
+    click.echo(f"{TOLD} {_variant(read[0].facts)}")
     _echo_lines(found)
     click.echo(
         f"\nclosed form: agrees with {closed['agreement']:.1%} of {closed['trials']} different "
@@ -281,6 +281,13 @@ def _submitted(
             f"{reference.folder.root}, {reference.manifest_sha256[:12]}"
         )
     return [submitted(path, items, reference, progress_bar) for path in paths]
+
+
+def _variant(facts: Mapping[str, Any]) -> str:
+    """Say by what rules rows were made."""
+    departs = "".join(f", {name} {value:g}" for name, value in facts["varied"].items())
+    even = ", mass spread evenly" if facts["homogeneous"] else ""
+    return f"{facts['protocol']}, tier {facts['tier']}, MuJoCo {facts['mujoco']}{departs}{even}"
 
 
 def _numbers(vary: Sequence[str]) -> dict[str, float]:

@@ -8,5 +8,5 @@ In MuJoCo, ``scene`` builds table, object and gripper, ``rest`` drops the object
 
 ``preparing`` chooses objects and makes each an ``item``, ``scenes`` freezes them. ``choosing``
 says which candidate a row takes, ``running`` tries it, ``rows`` keep it, ``table`` compares;
-``pictures`` draw it.
+``pictures`` draw it, ``figure`` draws the ladder.
 """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -17,7 +18,7 @@ from xden_bench.manip.rows import Row, TrialRow
 from xden_bench.manip.statistics import Discordant, discordant, wilson_interval
 from xden_bench.scoring.bootstrap import Estimate, estimate
 
-__all__ = ["Line", "closed_form_agreement", "ladder", "lines"]
+__all__ = ["Line", "closed_form_agreement", "is_step", "ladder", "lines"]
 
 AGAINST: Final = ("uniform", "true")
 """With which every row is compared."""
@@ -155,22 +156,27 @@ class Ladder:
     success: Float64[np.ndarray, "shifts objects"]
 
 
-def ladder(rows: Sequence[Row], stratum: Stratum) -> Ladder:
-    """Take the ladder from the rows of ``true`` and its shifts.
+def is_step(name: str) -> bool:
+    """Whether a row is one of the ladder: the true centre, or that shifted.
 
     Examples
     --------
-    >>> ladder([], "off").shifts_cm.size
-    0
+    >>> [is_step(name) for name in ("true", "true+2cm", "true-mass-uniform")]
+    [True, True, False]
     """
+    return re.fullmatch(r"true([+-][\d.]+cm)?", name) is not None
+
+
+def ladder(rows: Sequence[Row], stratum: Stratum) -> Ladder:
+    """Take the ladder from the rows of ``true`` and its shifts, of which there is one at least."""
     steps = [
         (float(np.mean(row.axial_errors_cm(stratum))), row.held(stratum).mean(axis=1))
         for row in rows
-        if row.name == "true" or row.name.startswith(("true+", "true-"))
+        if is_step(row.name)
     ]
     steps.sort(key=lambda step: step[0])
     shifts = np.array([shift for shift, _ in steps])
-    return Ladder(shifts, np.array([share for _, share in steps]).reshape(len(steps), -1))
+    return Ladder(shifts, np.stack([share for _, share in steps]))
 
 
 def _expected(errors_cm: Float64[np.ndarray, "objects"], steps: Ladder) -> float | None:

@@ -1,0 +1,74 @@
+"""Success against the error of the centre of mass: the ladder, and methods beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from xden1k.errors import DataError, require
+from xden_bench.manip.table import Line, is_step
+
+__all__ = ["draw_ladder"]
+
+
+def draw_ladder(lines: Sequence[Line], title: str, path: Path) -> None:
+    """Draw the stratum *off*: success of every row that has a centre against its axial error.
+
+    Steps of the ladder with the bootstrap interval over objects, other rows as named points.
+
+    Parameters
+    ----------
+    lines
+        Of a table.
+    title
+        What the figure says above: that all is simulated, and how.
+    path
+        The picture to write.
+
+    Raises
+    ------
+    DataError
+        If the table has no step of the ladder but the true centre.
+    MissingExtraError
+        If matplotlib is not installed.
+    """
+    off = [one for one in lines if one.stratum == "off" and one.axial_error_cm is not None]
+    steps = [one for one in off if is_step(one.name)]
+    if len(steps) < 2:
+        raise DataError("a figure needs rows of the ladder: `true` and its shifts")
+    require("matplotlib", "view")
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 4), layout="constrained")
+    axes: Any = figure.add_subplot()
+    for sign, marker in (("+", ">"), ("-", "<")):
+        side = [one for one in steps if one.name == "true" or one.name.startswith(f"true{sign}")]
+        side.sort(key=lambda one: one.axial_error_cm or 0.0)
+        shares = [one.success for one in side]
+        ends = [one.over_objects.interval or (one.success, one.success) for one in side]
+        axes.errorbar(
+            [one.axial_error_cm for one in side],
+            shares,
+            [
+                [share - low for share, (low, _) in zip(shares, ends, strict=True)],
+                [high - share for share, (_, high) in zip(shares, ends, strict=True)],
+            ],
+            marker=marker,
+            capsize=3,
+            label=f"true centre, shifted to {sign}",
+        )
+    for one in off:
+        if not is_step(one.name):
+            axes.plot(one.axial_error_cm, one.success, "o", color="black")
+            axes.annotate(
+                one.name, (one.axial_error_cm, one.success), (5, 5), textcoords="offset points"
+            )
+    axes.set(
+        xlabel="error of the centre of mass along the longest axis, cm (mean over objects)",
+        ylabel="picks held",
+        ylim=(-0.02, 1.02),
+        title=title,
+    )
+    axes.legend()
+    figure.savefig(path, dpi=110)
