@@ -66,7 +66,7 @@ def export(
         click.echo(f"{out}: {count} scenes written, {source.description}")
 
 
-@cli.command(epilog=f"Example: {PROGRAM} page PAGE.png hammer-0003 mug-0005 --pictures shaded")
+@cli.command(epilog=f"Example: {PROGRAM} page PAGE.png hammer-0000 thermos-0001 --pictures shaded")
 @click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
 @click.argument("object_ids", nargs=-1, required=True)
 @root_option
