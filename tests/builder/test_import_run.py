@@ -396,7 +396,7 @@ def test_an_import_is_explored_in_the_web_app_as_any_dataset(
     truth, prediction, error = explorer.slices(fields, axis=1, index=32)
     assert truth.startswith("<svg")
     assert prediction is error is None
-    model, _ = explorer.model(fields, "density sd", cut=True)
+    model, _ = explorer.model(fields, "density sd", cut=False)
     assert set(trimesh.load_scene(model).geometry) == {row[0] for row in explorer.parts(object_id)}
     assert explorer.radiographs(object_id) == ()
 
