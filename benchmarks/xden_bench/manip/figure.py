@@ -58,12 +58,9 @@ def draw_ladder(lines: Sequence[Line], title: str, path: Path) -> None:
             capsize=3,
             label=f"true centre, shifted to {sign}",
         )
-    for one in off:
-        if not is_step(one.name):
-            axes.plot(one.axial_error_cm, one.success, "o", color="black")
-            axes.annotate(
-                one.name, (one.axial_error_cm, one.success), (5, 5), textcoords="offset points"
-            )
+    for place, names in _points(off).items():
+        axes.plot(*place, "o", color="black")
+        axes.annotate(", ".join(names), place, (5, -12), textcoords="offset points", size="small")
     axes.set(
         xlabel="error of the centre of mass along the longest axis, cm (mean over objects)",
         ylabel="picks held",
@@ -72,3 +69,13 @@ def draw_ladder(lines: Sequence[Line], title: str, path: Path) -> None:
     )
     axes.legend()
     figure.savefig(path, dpi=110)
+
+
+def _points(lines: Sequence[Line]) -> dict[tuple[float, float], list[str]]:
+    """Names of the rows that are no steps, by where they are."""
+    points: dict[tuple[float, float], list[str]] = {}
+    for one in lines:
+        if not is_step(one.name) and one.axial_error_cm is not None:
+            place = round(one.axial_error_cm, 2), round(one.success, 3)
+            points.setdefault(place, []).append(one.name)
+    return points
