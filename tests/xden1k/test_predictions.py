@@ -216,7 +216,7 @@ names, printable = lines("ascii"), lines("utf-8")
 )
 def test_meta_data_survive_the_way_through_json(values: dict[str, Any]) -> None:
     meta = SubmissionMeta(**values)
-    assert parse_meta(meta.to_json()) == (meta, [])
+    assert parse_meta(meta.to_json(), SubmissionMeta) == (meta, [])
 
 
 @given(npst.arrays(np.float32, 5, elements=st.floats(0, 1e4, width=32)))

@@ -13,7 +13,7 @@ method expects, in the same units. Baselines write it and the benchmark reads it
 strangers, so the reader trusts nothing in them.
 """
 
-from xden1k.predictions.meta import MAX_TEXT, SCHEMA, SubmissionMeta, Target, Units
+from xden1k.predictions.meta import MAX_TEXT, SCHEMA, MethodMeta, SubmissionMeta, Target, Units
 from xden1k.predictions.problems import (
     CODES,
     SUSPICIONS,
@@ -30,6 +30,7 @@ __all__ = [
     "MAX_TEXT",
     "SCHEMA",
     "SUSPICIONS",
+    "MethodMeta",
     "Predictions",
     "PredictionsWriter",
     "Problem",

@@ -5,17 +5,30 @@ from __future__ import annotations
 import json
 import re
 import reprlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Set
 from dataclasses import asdict, dataclass, fields
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 from xden1k.predictions.problems import Problem
 from xden1k.values.modality import INPUTS, Modality, Track, track_of
 
-__all__ = ["COMMENT_MARKS", "MAX_TEXT", "SCHEMA", "SubmissionMeta", "Target", "Units", "parse_meta"]
+__all__ = [
+    "COMMENT_MARKS",
+    "MAX_TEXT",
+    "SCHEMA",
+    "SEGMENTS_SCHEMA",
+    "MethodMeta",
+    "SegmentsMeta",
+    "SubmissionMeta",
+    "Target",
+    "Units",
+    "parse_meta",
+]
 
 SCHEMA = "xden-submission/1"
-"""The only schema there is."""
+"""Of densities, ``preds.npz``."""
+SEGMENTS_SCHEMA = "xden-segments/1"
+"""Of segments, ``segments.npz``."""
 Units = Literal["g/cm3", "kg/m3"]
 Target = Literal["density", "apparent_density"]
 MAX_TEXT = 500
@@ -28,8 +41,8 @@ _BRIEF.maxlevel, _BRIEF.maxstring = 3, 100
 
 
 @dataclass(frozen=True, slots=True)
-class SubmissionMeta:
-    """What a submission says about itself.
+class MethodMeta:
+    """What every submission says about its method, and what was predicted.
 
     Parameters
     ----------
@@ -44,10 +57,6 @@ class SubmissionMeta:
         Every data set trained on; may be empty.
     external_data
         True if anything beyond this data set was used, pretrained weights included.
-    units
-        Of the arrays as stored; readers get g/cm³ in either case.
-    target
-        ``density``, or ``apparent_density`` (LAC / 0.17, the paper's).
     code, paper, command, notes
         Where the code and the paper are, the command that made the file, and what a reader of
         the row must know; empty if nothing.
@@ -71,8 +80,6 @@ class SubmissionMeta:
     inputs: tuple[str, ...]
     training_data: tuple[str, ...]
     external_data: bool
-    units: Units = "g/cm3"
-    target: Target = "density"
     code: str = ""
     paper: str = ""
     command: str = ""
@@ -83,7 +90,6 @@ class SubmissionMeta:
     seed: int | None = None
     manifest_sha256: str = ""
     hardware: str = ""
-    schema: str = SCHEMA
 
     @property
     def reads(self) -> Modality:
@@ -101,8 +107,52 @@ class SubmissionMeta:
         return json.dumps(values, sort_keys=True, ensure_ascii=False)
 
 
-def parse_meta(text: str) -> tuple[SubmissionMeta | None, list[Problem]]:
+@dataclass(frozen=True, slots=True)
+class SubmissionMeta(MethodMeta):
+    """What a submission of densities says about itself, beside :class:`MethodMeta`.
+
+    Parameters
+    ----------
+    units
+        Of the arrays as stored; readers get g/cm³ in either case.
+    target
+        ``density``, or ``apparent_density`` (LAC / 0.17, the paper's).
+    """
+
+    units: Units = "g/cm3"
+    target: Target = "density"
+    schema: str = SCHEMA
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SegmentsMeta(MethodMeta):
+    """What a submission of segments says about itself, beside :class:`MethodMeta`.
+
+    Parameters
+    ----------
+    points_seed
+        Of the protocol: which points of each object are labelled.
+    points_sha256
+        Checksum of the points of all objects: :func:`xden1k.segmentation.points_sha256`.
+    """
+
+    points_seed: int
+    points_sha256: str
+    schema: str = SEGMENTS_SCHEMA
+
+
+Form = TypeVar("Form", bound=MethodMeta)
+
+
+def parse_meta(text: str, form: type[Form]) -> tuple[Form | None, list[Problem]]:
     """Read the text of ``__meta__``.
+
+    Parameters
+    ----------
+    text
+        Of the array.
+    form
+        What the file must say: :class:`SubmissionMeta` or :class:`SegmentsMeta`.
 
     Returns
     -------
@@ -115,13 +165,14 @@ def parse_meta(text: str) -> tuple[SubmissionMeta | None, list[Problem]]:
         return None, [Problem("E201", None, f"__meta__ is not JSON: {err}")]
     if not isinstance(values, dict):
         return None, [Problem("E201", None, "__meta__ must be a JSON object")]
-    if values.get("schema") != SCHEMA:
+    known = {field.name: field.default for field in fields(form)}
+    if values.get("schema") != known["schema"]:
         found = _shown(values.get("schema"))
-        return None, [Problem("E202", None, f"schema must be {SCHEMA!r}, got {found}")]
-    if problems := _field_problems(values):
+        return None, [Problem("E202", None, f"schema must be {known['schema']!r}, got {found}")]
+    if problems := _field_problems(values, known.keys()):
         return None, problems
     lists = {key: tuple(values[key]) for key in ("inputs", "training_data")}
-    return SubmissionMeta(**{**values, **lists}), []
+    return form(**{**values, **lists}), []
 
 
 def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -138,16 +189,15 @@ def _shown(value: object) -> str:
     return text if len(text) <= 60 else text[:60] + "..."
 
 
-def _field_problems(values: Mapping[str, Any]) -> list[Problem]:
+def _field_problems(values: Mapping[str, Any], known: Set[str]) -> list[Problem]:
     """Every field that is missing, unknown or wrong."""
-    known = {field.name for field in fields(SubmissionMeta)}
     problems = [
         Problem("E203", None, f"unknown field {_shown(key)}; known are {sorted(known)}")
         for key in sorted(values.keys() - known)
     ]
     for key, (code, expected, is_valid) in _RULES.items():
         if key not in values:
-            if key in _REQUIRED:
+            if key in _REQUIRED & known:
                 problems.append(Problem(code, None, f"{key} is missing: it must be {expected}"))
         elif not is_valid(values[key]):
             message = f"{key} must be {expected}, got {_shown(values[key])}"
@@ -218,6 +268,8 @@ _RULES: Mapping[str, tuple[str, str, Callable[[object], bool]]] = {
     "peak_memory_gb": _AMOUNT,
     "seed": ("E203", "an integer from 0 to 2**63 - 1", _is_seed),
     "manifest_sha256": ("E203", "64 hexadecimal digits", _is_sha256),
+    "points_seed": ("E203", "an integer from 0 to 2**63 - 1", _is_seed),
+    "points_sha256": ("E203", "64 hexadecimal digits", _is_sha256),
 }
 _REQUIRED = frozenset(
     {
@@ -228,5 +280,7 @@ _REQUIRED = frozenset(
         "inputs",
         "training_data",
         "external_data",
+        "points_seed",
+        "points_sha256",
     }
 )

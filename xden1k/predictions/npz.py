@@ -258,7 +258,7 @@ def _parse_header(info: zipfile.ZipInfo, head: bytes) -> Member:
     return Member(info, dtype, shape, found["fortran"] == "True", first + length)
 
 
-def check_size(member: Member, max_bytes: int) -> None:
+def check_size(member: Member, max_bytes: int, dtypes: str, in_words: str) -> None:
     """Refuse a dtype that is not a plain one, and values too many or too few for the member.
 
     Parameters
@@ -267,16 +267,18 @@ def check_size(member: Member, max_bytes: int) -> None:
         Of an archive.
     max_bytes
         The most its values may take.
+    dtypes
+        Pattern of the dtypes that it may have.
+    in_words
+        The same for people.
 
     Raises
     ------
     BadArchiveError
         E101, E102, E401.
     """
-    if not re.fullmatch(r"<f[24]|<U[1-9]\d{0,6}", member.dtype):
-        raise BadArchiveError(
-            "E401", f"dtype must be float32 or float16 ('<f4' or '<f2'), got {member.dtype!a}"
-        )
+    if not re.fullmatch(dtypes, member.dtype):
+        raise BadArchiveError("E401", f"dtype must be {in_words}, got {member.dtype!a}")
     if (size := member.info.file_size) > (most := max_bytes + MAX_HEADER_BYTES):
         raise BadArchiveError("E102", f"declares {size} bytes, at most {most}")
     count = 1

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
-import io
 import re
 import zipfile
-from collections.abc import Collection, Iterator, Mapping
-from functools import cached_property
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float32
 
 from xden1k.errors import MissingObjectError
-from xden1k.predictions.meta import SubmissionMeta, parse_meta
-from xden1k.predictions.npz import BadArchiveError, Member, NpzReader, check_size
-from xden1k.predictions.problems import Problem, listed, raise_errors, shortened
+from xden1k.predictions.archive import OBJECT_ID, Named, SubmissionArchive, open_flawless
+from xden1k.predictions.meta import SubmissionMeta
+from xden1k.predictions.npz import BadArchiveError, Member, check_size
+from xden1k.predictions.problems import Problem, listed, raise_errors
 from xden1k.values.types import FIELD_SIZE, MAX_PARTS
 
 __all__ = ["Predictions", "open_predictions"]
@@ -26,97 +23,36 @@ __all__ = ["Predictions", "open_predictions"]
 GRID_SHAPE: Final = (FIELD_SIZE,) * 3
 MAX_VALUE_BYTES: Final = 4 * FIELD_SIZE**3
 """One float32 grid: the largest member there may be."""
-MAX_META_BYTES: Final = 256 << 10
 MAX_VALUE: Final = 1e9
 """In the units as stored: far above any matter, and no sum over it overflows."""
 
-OBJECT_ID: Final = r"[A-Za-z0-9._-]{1,128}"
-_KEY: Final = re.compile(rf"(?P<kind>density|part_density)(?P<sd>_sd)?/(?P<id>{OBJECT_ID})\.npy")
-_META_NAME: Final = "__meta__.npy"
+_FLOATS: Final = ("<f[24]", "float32 or float16 ('<f4' or '<f2')")
 _SD_PREFIX: Final = "density_sd: "
 """Opens messages about a standard deviation, of grids and of parts."""
 
 
-class Predictions:
-    """An open submission. Opening reads the directory, the headers and the meta data only.
-
-    Use it as a context manager. :func:`open_predictions` is the same for files that must be
-    flawless.
+class Predictions(SubmissionArchive[SubmissionMeta]):
+    """An open ``preds.npz``. :func:`open_predictions` is the same for files that must be flawless.
 
     Parameters
     ----------
     path
-        The ``preds.npz``.
-
-    Attributes
-    ----------
-    problems
-        Everything wrong that shows without reading an array.
-    meta
-        What the file says about itself; None if that is not readable.
-    ids
-        Objects whose arrays can be read, sorted.
-    named_ids
-        Every object the file names, readable or not.
-
-    Raises
-    ------
-    OSError
-        If there is no such file. Whatever is wrong inside it is a problem, not an error.
+        The file.
     """
 
+    form = SubmissionMeta
+    key = re.compile(rf"(?P<kind>density|part_density)(?P<sd>_sd)?/(?P<id>{OBJECT_ID})\.npy")
+    keys = "__meta__, density/ID or part_density/ID, or these with _sd"
+    main = "density"
+
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.meta: SubmissionMeta | None = None
-        self.named_ids: frozenset[str] = frozenset()
-        self._members: dict[str, Member] = {}
         self._sd_members: dict[str, Member] = {}
-        # a named pipe would keep its reader waiting for ever
-        is_special = path.exists() and not path.is_file()
-        self._stream: io.BufferedReader | io.BytesIO = (
-            io.BytesIO() if is_special else path.open("rb")
-        )
-        try:
-            self._archive = NpzReader(self._stream)
-        except BadArchiveError as err:
-            self._stream.close()
-            self.problems: tuple[Problem, ...] = (Problem(err.code, None, str(err)),)
-        else:
-            self.problems = tuple(shortened(self._examine_directory()))
-
-    def __enter__(self) -> Predictions:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._stream.close()
-
-    @property
-    def ids(self) -> tuple[str, ...]:
-        """Objects whose arrays can be read, sorted."""
-        return tuple(sorted(self._members))
+        super().__init__(path)
 
     @property
     def has_sd(self) -> bool:
         """True if standard deviations come with the densities: of all objects, if sound."""
         return bool(self._sd_members)
-
-    @cached_property
-    def sha256(self) -> str:
-        """Checksum of the file as it was opened."""
-        self._stream.seek(0)
-        return hashlib.file_digest(self._stream, "sha256").hexdigest()
-
-    def __contains__(self, object_id: object) -> bool:
-        return object_id in self._members
 
     def examine(self, object_id: str) -> tuple[Float32[np.ndarray, "..."] | None, list[Problem]]:
         """Read one object and say what is wrong with its values.
@@ -206,51 +142,25 @@ class Predictions:
             values *= np.float32(1e-3)
         return values, []
 
-    def _examine_directory(self) -> Iterator[Problem]:
-        """Sort the members into meta data and objects; every problem on the way."""
-        kinds: dict[str, str] = {}
-        sd_kinds: dict[str, str] = {}
-        meta_kinds: dict[str, str] = {}
-        twice: list[str] = []
-        unknown: list[str] = []
-        for info in self._archive.entries:
-            name = info.orig_filename  # filename is cut at a NUL byte
-            found = _KEY.fullmatch(name)
-            if not found and name != _META_NAME:
-                unknown.append(name)
-                continue
-            key, kind = (found["id"], found["kind"]) if found else (name, "")
-            seen = meta_kinds if not found else sd_kinds if found["sd"] else kinds
-            if key in seen:
-                twice.append(name)
-            else:
-                seen[key] = kind
-                yield from self._examine_member(info, found)
-        self.named_ids = frozenset(kinds)
-        if not meta_kinds:
-            yield Problem("E201", None, "__meta__ is missing: a 0-d string array holding JSON")
-        yield from _name_problems(unknown, twice)
-        yield from _sd_problems(kinds, sd_kinds)
-        yield from self._length_problems()
+    def _slot(self, found: re.Match[str]) -> str:
+        return "sd" if found["sd"] else self.main
 
-    def _examine_member(
-        self, info: zipfile.ZipInfo, found: re.Match[str] | None
-    ) -> Iterator[Problem]:
-        """Take a member in by its header."""
-        if found is None:
-            yield from self._read_meta(info)
-            return
+    def _examine_member(self, info: zipfile.ZipInfo, found: re.Match[str]) -> Iterator[Problem]:
         prefix = _SD_PREFIX if found["sd"] else ""
         try:
             member = self._archive.member(info)
             _check_edge(found["kind"], member)
-            check_size(member, MAX_VALUE_BYTES)
-            _check_header(found["kind"], member)
+            check_size(member, MAX_VALUE_BYTES, *_FLOATS)
+            _check_shape(found["kind"], member)
         except BadArchiveError as err:
             yield Problem(err.code, found["id"], f"{prefix}{err}")
         else:
             members = self._sd_members if found["sd"] else self._members
             members[found["id"]] = member
+
+    def _slot_problems(self, named: Named) -> Iterator[Problem]:
+        yield from _sd_problems(named.get(self.main, {}), named.get("sd", {}))
+        yield from self._length_problems()
 
     def _length_problems(self) -> Iterator[Problem]:
         """Tell of standard deviations that are more or fewer than the densities."""
@@ -259,24 +169,6 @@ class Predictions:
             if density and density.shape != member.shape:
                 expected = f"shape must be the density's, {density.shape}"
                 yield Problem("E402", object_id, f"{_SD_PREFIX}{expected}, got {member.shape}")
-
-    def _read_meta(self, info: zipfile.ZipInfo) -> list[Problem]:
-        try:
-            member = self._archive.member(info)
-            check_size(member, MAX_META_BYTES)
-            values = self._archive.read(member)
-        except BadArchiveError as err:
-            code = "E201" if err.code == "E401" else err.code
-            return [Problem(code, None, f"__meta__: {err}")]
-        if member.shape != () or not member.dtype.startswith("<U"):
-            found = f"{member.dtype} {member.shape}"
-            return [Problem("E201", None, f"__meta__ must be a 0-d string array, got {found}")]
-        try:
-            text = values.tobytes().decode("utf-32-le").rstrip("\0")
-        except UnicodeDecodeError as err:
-            return [Problem("E201", None, f"__meta__ is not text: {err}")]
-        self.meta, problems = parse_meta(text)
-        return problems
 
 
 def open_predictions(path: Path) -> Predictions:
@@ -287,13 +179,7 @@ def open_predictions(path: Path) -> Predictions:
     SubmissionError
         With every problem found.
     """
-    predictions = Predictions(path)
-    try:
-        raise_errors(predictions.problems)
-    except BaseException:
-        predictions.close()
-        raise
-    return predictions
+    return open_flawless(Predictions(path))
 
 
 def pooling(shape: tuple[int, ...]) -> str:
@@ -319,25 +205,14 @@ def _check_edge(kind: str, member: Member) -> None:
         raise BadArchiveError("E402", f"shape must be {GRID_SHAPE}, got {member.shape}{how}")
 
 
-def _check_header(kind: str, member: Member) -> None:
-    """Compare a member's dtype and shape with the format."""
-    if not member.dtype.startswith("<f"):
-        raise BadArchiveError("E401", f"dtype must be float32 or float16, got {member.dtype!r}")
+def _check_shape(kind: str, member: Member) -> None:
+    """Compare a member's shape with the format."""
     if kind == "density" and member.shape != GRID_SHAPE:
         raise BadArchiveError("E402", f"shape must be {GRID_SHAPE}, got {member.shape}")
     if kind == "part_density" and not (
         len(member.shape) == 1 and 2 <= member.shape[0] <= MAX_PARTS + 1
     ):
         raise BadArchiveError("E402", f"shape must be (parts + 1,), got {member.shape}")
-
-
-def _name_problems(unknown: Collection[str], twice: Collection[str]) -> Iterator[Problem]:
-    """Tell of names that are no keys, and of keys that came before."""
-    if unknown:
-        expected = "__meta__, density/ID or part_density/ID, or these with _sd"
-        yield Problem("E104", None, f"keys must be {expected}; others {listed(unknown)}")
-    if twice:
-        yield Problem("E105", None, f"an object may come once; repeated members {listed(twice)}")
 
 
 def _sd_problems(kinds: Mapping[str, str], sd_kinds: Mapping[str, str]) -> Iterator[Problem]:

@@ -5,30 +5,87 @@ from __future__ import annotations
 import os
 import re
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 from xden1k.errors import DataError
-from xden1k.predictions.meta import SubmissionMeta, parse_meta
+from xden1k.predictions.archive import OBJECT_ID
+from xden1k.predictions.meta import MethodMeta, SubmissionMeta, parse_meta
 from xden1k.predictions.npz import write_member
 from xden1k.predictions.problems import raise_errors
-from xden1k.predictions.reader import GRID_SHAPE, MAX_VALUE, OBJECT_ID, pooling
+from xden1k.predictions.reader import GRID_SHAPE, MAX_VALUE, pooling
 
-__all__ = ["PredictionsWriter", "write_predictions"]
+__all__ = ["PredictionsWriter", "SubmissionWriter", "write_predictions"]
 
 
-class PredictionsWriter:
-    """Writes a submission object by object. The file appears when :meth:`finish` is called.
+class SubmissionWriter:
+    """Writes an archive object by object. The file appears when :meth:`finish` is called.
 
     Parameters
     ----------
     path
-        The ``preds.npz`` to write. One that is there is replaced.
+        The file to write. One that is there is replaced.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._seen: set[str] = set()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+        self._archive = zipfile.ZipFile(self._partial, "w")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._archive.close()
+        self._partial.unlink(missing_ok=True)
+
+    def finish(self, meta: MethodMeta) -> None:
+        """Write the meta data and put the file in its place.
+
+        Raises
+        ------
+        SubmissionError
+            If the meta data break the format.
+        """
+        text = meta.to_json()
+        raise_errors(parse_meta(text, type(meta))[1])
+        write_member(self._archive, "__meta__", np.array(text))
+        self._archive.close()
+        self._partial.replace(self._path)
+
+    def _check_id(self, object_id: str) -> None:
+        """Refuse an id that no dataset has, or that came before."""
+        if not re.fullmatch(OBJECT_ID, object_id):
+            raise DataError(f"{self._path}: object id {object_id!a} must match {OBJECT_ID}")
+        if object_id in self._seen:
+            raise DataError(f"{self._path}: {object_id} was predicted twice")
+
+    def _append(self, object_id: str, arrays: Mapping[str, Shaped[np.ndarray, "..."]]) -> None:
+        """Append the arrays of an object, by the first part of their names."""
+        self._seen.add(object_id)
+        for name, array in arrays.items():
+            write_member(self._archive, f"{name}/{object_id}", array)
+
+
+class PredictionsWriter(SubmissionWriter):
+    """Writes a ``preds.npz``.
+
+    Parameters
+    ----------
+    path
+        As in :class:`SubmissionWriter`.
     dtype
         Of the grids as stored. float16 keeps three digits, steps of 0.004 at 7.8 g/cm³.
 
@@ -43,25 +100,9 @@ class PredictionsWriter:
     """
 
     def __init__(self, path: Path, dtype: Literal["float32", "float16"] = "float32") -> None:
-        self._path = path
+        super().__init__(path)
         self._dtype = dtype
-        self._seen: set[str] = set()
         self._has_sd = False
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-        self._archive = zipfile.ZipFile(self._partial, "w")
-
-    def __enter__(self) -> PredictionsWriter:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._archive.close()
-        self._partial.unlink(missing_ok=True)
 
     def add(self, object_id: str, values: object, sd: object = None) -> None:
         """Append one object's prediction.
@@ -85,10 +126,7 @@ class PredictionsWriter:
             above 1e9 or not finite (float16 ends at 65,504), ``sd`` came for some objects only,
             the object came before, or its id has characters other than letters, digits, ``._-``.
         """
-        if not re.fullmatch(OBJECT_ID, object_id):
-            raise DataError(f"{self._path}: object id {object_id!a} must match {OBJECT_ID}")
-        if object_id in self._seen:
-            raise DataError(f"{self._path}: {object_id} was predicted twice")
+        self._check_id(object_id)
         if self._seen and self._has_sd != (sd is not None):
             raise DataError(f"{object_id}: sd must be given for all objects or for none")
         stored = self._stored(object_id, values)
@@ -99,23 +137,7 @@ class PredictionsWriter:
             if (found := arrays[f"{kind}_sd"].shape) != stored.shape:
                 raise DataError(f"{object_id}: sd: shape must be {stored.shape}, got {found}")
         self._has_sd = sd is not None
-        self._seen.add(object_id)
-        for name, array in arrays.items():
-            write_member(self._archive, f"{name}/{object_id}", array)
-
-    def finish(self, meta: SubmissionMeta) -> None:
-        """Write the meta data and put the file in its place.
-
-        Raises
-        ------
-        SubmissionError
-            If the meta data break the format.
-        """
-        text = meta.to_json()
-        raise_errors(parse_meta(text)[1])
-        write_member(self._archive, "__meta__", np.array(text))
-        self._archive.close()
-        self._partial.replace(self._path)
+        self._append(object_id, arrays)
 
     def _stored(self, where: str, values: object) -> Float[np.ndarray, "..."]:
         """Return an array as it will be stored; ``where`` opens each message."""

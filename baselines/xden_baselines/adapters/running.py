@@ -166,7 +166,8 @@ def adapt(
         With every object that the run lacks, whose files break their format, or of which it speaks
         in another frame, scale or unit.
     """
-    raise_errors(parse_meta(_meta(folder, split, row).to_json())[1])  # now, not after the work
+    stated = _meta(folder, split, row).to_json()
+    raise_errors(parse_meta(stated, SubmissionMeta)[1])  # now, not after the work
     objects, refused, digest = [], [], hashlib.sha256()
     ids = folder.ids(split)
     with PredictionsWriter(out) as writer:

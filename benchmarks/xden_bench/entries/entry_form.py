@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from xden1k.errors import DataError
-from xden1k.predictions import CODES
+from xden1k.predictions import CODES, SubmissionMeta
 from xden1k.predictions.meta import SCHEMA as SUBMISSION_SCHEMA
 from xden1k.predictions.meta import parse_meta
 from xden1k.values.types import PRIVATE
@@ -105,7 +105,7 @@ def _method_contradictions(entry: Mapping[str, Any]) -> Iterator[str]:
     values |= {"method": values.pop("name"), "target": entry["target"]}
     values |= {"schema": SUBMISSION_SCHEMA, "manifest_sha256": data["manifest_sha256"]}
     values |= {"dataset_revision": data["revision"], "config": data["config"]}
-    meta, problems = parse_meta(json.dumps({**values, "split": data["split"]}))
+    meta, problems = parse_meta(json.dumps({**values, "split": data["split"]}), SubmissionMeta)
     yield from map(str, problems)
     if meta is not None and meta.track != entry["track"]:
         yield f"track is {entry['track']!r}, the inputs lead to {meta.track!r}"
