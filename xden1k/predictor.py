@@ -1,8 +1,9 @@
-"""What a method is to the benchmark: something that sees a sample and gives a density grid.
+"""What a method is to the benchmark: something that sees a sample and gives what is inside.
 
-The benchmark finds methods by the entry-point group ``xden1k.predictors``; each names a class that
-gives a :class:`Predictor` when called, without arguments or with settings by keyword. Any package
-can add one. What only some can do is apart: :class:`Budgeted`, :class:`Storable`,
+A :class:`Predictor` gives a density grid, a :class:`Segmenter` says which points belong together;
+one class may be both. The benchmark finds methods by the entry-point group ``xden1k.predictors``;
+each names a class that gives a method when called, without arguments or with settings by keyword.
+Any package can add one. What only some can do is apart: :class:`Budgeted`, :class:`Storable`,
 :class:`Fingerprinted`, and giving a :class:`Prediction` in place of an array.
 """
 
@@ -21,6 +22,7 @@ from jaxtyping import Float
 
 from xden1k.access.samples import Example, Examples, PictureSource, SampleView
 from xden1k.errors import DataError
+from xden1k.segmentation import Segmentation, SegmentPoints
 from xden1k.values.arrays import Grid
 from xden1k.values.modality import Modality
 
@@ -32,10 +34,12 @@ __all__ = [
     "Examples",
     "Fingerprinted",
     "Illustrated",
+    "Method",
     "PictureSource",
     "Prediction",
     "Predictor",
     "SampleView",
+    "Segmenter",
     "Storable",
     "takes_budget",
 ]
@@ -121,8 +125,8 @@ class Prediction:
 
 
 @runtime_checkable
-class Predictor(Protocol):
-    """A method.
+class Method(Protocol):
+    """What predictors and segmenters share.
 
     Attributes
     ----------
@@ -154,8 +158,13 @@ class Predictor(Protocol):
         ...
 
     def fit(self, train: Examples, *, seed: int) -> None:
-        """Learn from examples. Called once before :meth:`predict`, only if ``trainable``."""
+        """Learn from examples. Called once before the first answer, only if ``trainable``."""
         ...
+
+
+@runtime_checkable
+class Predictor(Method, Protocol):
+    """A method that gives densities."""
 
     def predict(self, sample: SampleView) -> Grid | Float[np.ndarray, "parts"] | Prediction:
         """Predict the target in g/cm³.
@@ -168,7 +177,26 @@ class Predictor(Protocol):
 
 
 @runtime_checkable
-class Budgeted(Predictor, Protocol):
+class Segmenter(Method, Protocol):
+    """A method that says which points inside an object belong together. It reads ``GEOMETRY``."""
+
+    def segment(self, sample: SampleView, points: SegmentPoints) -> Segmentation:
+        """Label points.
+
+        The same sample and points give the same labels, whatever was asked before.
+
+        Parameters
+        ----------
+        sample
+            The object as the method may see it.
+        points
+            Inside its outer surface, enclosed cavities included.
+        """
+        ...
+
+
+@runtime_checkable
+class Budgeted(Method, Protocol):
     """A method that can be told how long to learn: :func:`takes_budget`."""
 
     def fit(self, train: Examples, *, seed: int, budget: Budget | None = None) -> None:
@@ -230,6 +258,6 @@ class AsksAhead(Protocol):
         ...
 
 
-def takes_budget(predictor: Predictor) -> TypeGuard[Budgeted]:
+def takes_budget(predictor: Method) -> TypeGuard[Budgeted]:
     """Whether a method is :class:`Budgeted`: its ``fit`` has a parameter ``budget``."""
     return "budget" in inspect.signature(predictor.fit).parameters

@@ -12,7 +12,7 @@ from xden1k.rays.grids import (
 )
 from xden1k.rays.lengths import PathLengths, path_lengths
 from xden1k.rays.priority import ownership_order
-from xden1k.rays.regions import disjoint_regions, half_beyond, outer_surface
+from xden1k.rays.regions import disjoint_regions, half_beyond, outer_surface, sealed
 from xden1k.rays.reprojection import reprojected
 from xden1k.rays.voxels import (
     CUBE_MARGIN,
@@ -45,5 +45,6 @@ __all__ = [
     "part_fractions",
     "path_lengths",
     "reprojected",
+    "sealed",
     "voxel_labels",
 ]

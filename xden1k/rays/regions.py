@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 else:
     manifold3d = require("manifold3d", "build")
 
-__all__ = ["disjoint_regions", "half_beyond", "outer_surface"]
+__all__ = ["disjoint_regions", "half_beyond", "outer_surface", "sealed"]
 
 NEGLIGIBLE = 1e-4
 """Parts share space if they share more than this of the smaller one's volume; less than this of a
@@ -97,15 +97,31 @@ def outer_surface(meshes: Sequence[trimesh.Trimesh]) -> trimesh.Trimesh:
     >>> float(hollow.volume), float(outer_surface([hollow]).volume)
     (7.0, 8.0)
     """
-    solids = [_solid(mesh, part) for part, mesh in enumerate(meshes) if len(mesh.faces)]
-    if len(solids) > 1:
-        boxes = np.array([solid.bounding_box() for solid in solids])
-        diagonal = float(np.linalg.norm(boxes[:, 3:].max(axis=0) - boxes[:, :3].min(axis=0)))
-        solids = [_grown(solid, SEAL * diagonal) for solid in solids]
+    solids = [solid for solid in _sealed_solids(meshes) if not solid.is_empty()]
     # The shells that face inwards bound cavities. The others, each taken as solid, cover the
     # cavities and all that floats in them.
     shells = _union(solids).decompose()
     return _mesh(_union([shell for shell in shells if shell.volume() > 0]))
+
+
+def sealed(meshes: Sequence[trimesh.Trimesh]) -> list[trimesh.Trimesh]:
+    """Parts as :func:`outer_surface` joins them: whatever is inside it and in none is a cavity.
+
+    Two or more are grown by ``SEAL`` of the object's diagonal.
+
+    Raises
+    ------
+    DataError
+        If a mesh is not closed or wound inwards.
+
+    Examples
+    --------
+    >>> left, right = trimesh.creation.box((1, 1, 1)), trimesh.creation.box((1, 1, 1))
+    >>> (grown, _) = sealed([left, right.apply_translation((1, 0, 0))])
+    >>> 1 < float(grown.volume) < 1.0001
+    True
+    """
+    return [_mesh(solid) for solid in _sealed_solids(meshes)]
 
 
 def half_beyond(mesh: trimesh.Trimesh, normal: Vec3, offset_cm: float) -> trimesh.Trimesh:
@@ -122,6 +138,17 @@ def half_beyond(mesh: trimesh.Trimesh, normal: Vec3, offset_cm: float) -> trimes
     2.0
     """
     return _mesh(_solid(mesh, 0).trim_by_plane(tuple(normal.tolist()), offset_cm))
+
+
+def _sealed_solids(meshes: Sequence[trimesh.Trimesh]) -> list[manifold3d.Manifold]:
+    """Parts, grown if there are two or more."""
+    solids = [_solid(mesh, part) for part, mesh in enumerate(meshes)]
+    filled = [solid for solid in solids if not solid.is_empty()]
+    if len(filled) < 2:
+        return solids
+    boxes = np.array([solid.bounding_box() for solid in filled])
+    diagonal = float(np.linalg.norm(boxes[:, 3:].max(axis=0) - boxes[:, :3].min(axis=0)))
+    return [one if one.is_empty() else _grown(one, SEAL * diagonal) for one in solids]
 
 
 def _solid(mesh: trimesh.Trimesh, part: int) -> manifold3d.Manifold:
