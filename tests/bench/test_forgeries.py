@@ -153,7 +153,7 @@ def shallow(monkeypatch: pytest.MonkeyPatch) -> None:
     """Intervals of few resamples: the same code, in no time."""
     quick = replace(RULES, bootstrap_resamples=20)
     for module in ("entries.reading", "entries.entry_form"):
-        monkeypatch.setattr(f"xden_bench.{module}.load_protocol", lambda _: quick)
+        monkeypatch.setattr(f"xden_bench.{module}.load_rules", lambda _: quick)
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,7 @@ from xden_bench.scoring.metrics import (
 )
 
 SD_METRICS = {"density_crps_g_cm3", "density_within_1sd", "density_within_2sd"}
+IOU_METRICS = {"iou_a", "iou_b_material", "iou_b_part", "iou_c"}
 SHAPE = (4, 5, 3)
 ORIGIN = np.array([-1.0, 2.0, 30.0])
 VOXEL = 0.5
@@ -104,7 +105,7 @@ def test_metrics_agree_with_loops(
     truth[0, 0, 0], envelope[0, 0, 0] = 1.0, 1.0
     scores = score_object(truth, guess, envelope, ORIGIN, VOXEL, EXTENT)
     expected = loop_reference(truth, guess, envelope)
-    assert scores.keys() == expected.keys() == METRICS.keys() - SD_METRICS
+    assert scores.keys() == expected.keys() == METRICS.keys() - SD_METRICS - IOU_METRICS
     for name, value in expected.items():
         assert scores[name] == pytest.approx(value, rel=1e-9, abs=1e-9), name
 
@@ -313,9 +314,11 @@ def test_a_nominal_value_is_the_share_of_the_normal_law() -> None:
         np.testing.assert_allclose(metric.loss(metric.nominal + np.array([-0.25, 0.25])), 0.25)
 
 
-def test_only_the_ratio_of_masses_is_better_the_higher() -> None:
+def test_only_the_ratio_of_masses_and_overlaps_are_better_the_higher() -> None:
     plain = {name: one for name, one in METRICS.items() if one.nominal is None}
-    assert {name for name, one in plain.items() if one.higher_is_better} == {"mass_mnre"}
+    higher = {name for name, one in plain.items() if one.higher_is_better}
+    assert higher == {"mass_mnre", *IOU_METRICS}
+    assert {METRICS[name].best for name in IOU_METRICS} == {100.0}
     assert {one.higher_is_better for one in plain.values()} == {True, False}
 
 
@@ -333,6 +336,7 @@ def test_only_the_ratio_of_masses_is_better_the_higher() -> None:
         ("density_crps_g_cm3", "density CRPS, g/cm³ ↓"),
         ("density_within_1sd", "within 1 sd (→ 0.683)"),
         ("density_within_2sd", "within 2 sd (→ 0.954)"),
+        ("iou_a", "IoU A, % ↑"),
     ],
 )
 def test_a_heading_gives_the_unit_and_which_way_is_better(name: str, heading: str) -> None:

@@ -140,6 +140,11 @@ class SegmentsMeta(MethodMeta):
     points_sha256: str
     schema: str = SEGMENTS_SCHEMA
 
+    @property
+    def target(self) -> str:
+        """What is predicted."""
+        return "segments"
+
 
 Form = TypeVar("Form", bound=MethodMeta)
 

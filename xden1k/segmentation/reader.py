@@ -24,7 +24,7 @@ from xden1k.segmentation.values import (
 __all__ = ["SEGMENT_CODES", "Segments", "open_segments"]
 
 SEGMENT_CODES: Final = {
-    **{code: meaning for code, meaning in CODES.items() if code <= "E302"},
+    **{code: meaning for code, meaning in CODES.items() if code <= "E302" and code != "E204"},
     "E102": "declared size or compression ratio beyond what the points allow",
     "E205": "revision, manifest, config, split, track or points are not what is being scored",
     "E304": "labels without free, or free without labels",

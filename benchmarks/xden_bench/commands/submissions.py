@@ -6,7 +6,7 @@ import datetime
 import functools
 import json
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,12 +15,18 @@ import click
 
 from xden1k.commands import json_option, print_json
 from xden1k.values.modality import TRACKS, Track
+from xden_bench.commands.entering import (
+    echo_groups,
+    echo_score,
+    entered,
+    refuse_the_sample,
+    standing_of,
+)
 from xden_bench.commands.shared import (
     FILE,
     RESULTS,
     command_line,
     echo_lines,
-    interval_text,
     key_option,
     open_reference,
     progress_bar,
@@ -33,7 +39,6 @@ from xden_bench.commands.shared import (
 )
 
 if TYPE_CHECKING:
-    from xden_bench.scoring.bootstrap import Estimate
     from xden_bench.scoring.reference import Reference
     from xden_bench.scoring.score import Score
 
@@ -178,9 +183,9 @@ def score(asked: Asked, out: Path | None, as_json: bool) -> None:
     if as_json:
         print_json(entry)
     else:
-        _echo_score(scored)
-        _echo_groups("size", scored.by_size())
-        _echo_groups("category", scored.by_category())
+        echo_score(scored)
+        echo_groups("size", scored.by_size())
+        echo_groups("category", scored.by_category())
 
 
 @click.command(epilog="Example: xden-bench submit preds.npz --signing-key team.key")
@@ -203,6 +208,7 @@ def submit(
     from xden_bench.entries.result import write_entry
     from xden_bench.entries.signing import read_signing_key
     from xden_bench.methods.trivial import check_trivial
+    from xden_bench.scoring.protocol import load_protocol
 
     if asked.sealed and out is None:
         raise click.UsageError(
@@ -214,9 +220,9 @@ def submit(
     key = read_signing_key(signing_key) if signing_key else None
     reference = asked.reference()
     if out is None:
-        _refuse_the_sample(reference)
+        refuse_the_sample(reference)
     scored, entry = _scored(asked, reference)
-    check_trivial(asked.submission, reference, scored.protocol)
+    check_trivial(asked.submission, reference, load_protocol(asked.protocol))
     path = write_entry(
         entry,
         scored,
@@ -225,60 +231,14 @@ def submit(
         archive_url=archive_url,
         key=key,
     )
-    standing = _standing(entry, path)
+    standing = standing_of(entry, path)
     if as_json:
         print_json({"file": str(path), "standing": standing, **entry})
     else:
-        _echo_score(scored)
+        echo_score(scored)
         click.echo(f"scored on the split {reference.split} of {reference.folder.root}")
         click.echo(standing)
-        click.echo(_entered(path, out))
-
-
-def _refuse_the_sample(reference: Reference) -> None:
-    """Keep scores of the packaged sample out of the results: they have a table of their own."""
-    from xden1k.access.hub import SAMPLE
-    from xden1k.errors import DataError
-
-    if reference.folder.root == SAMPLE:
-        raise DataError(
-            f"{len(reference.ids)} objects of the packaged sample are no entry of the leaderboard: "
-            "give --root ROOT, a folder that `xden-bench dataset XDen-P2000 --out ROOT` makes, or "
-            "--out FOLDER for results of your own"
-        )
-
-
-def _entered(path: Path, out: Path | None) -> str:
-    """Say where an entry went and what comes next."""
-    if out is None and not (RESULTS / "README.md").is_file():
-        return (
-            f"entered: {path.absolute()}\n"
-            "This is no checkout of the repository: to enter the leaderboard, add this file, the "
-            f".parquet beside it and what archive holds to {RESULTS} of one, in a pull request."
-        )
-    more = "" if out is None else f" --results {shlex.quote(str(out))}"
-    return f"entered: {path}\n`xden-bench leaderboard{more}` makes the table."
-
-
-def _standing(entry: Mapping[str, Any], path: Path) -> str:
-    """Say which rank an entry has among those beside it."""
-    from xden1k.errors import DataError
-    from xden_bench.entries.leaderboard import tables
-    from xden_bench.entries.merging import holds
-    from xden_bench.entries.ranking import ranks
-    from xden_bench.entries.reading import keep_best_of_teams, read_entry
-    from xden_bench.entries.result import entry_path, entry_paths
-    from xden_bench.entries.standing import standing
-
-    try:
-        entries = [read_entry(one) for one in entry_paths(path.parent)]
-        keep_best_of_teams(entries)
-        own = entry_path(entry)
-        rows, row = next((rows, row) for rows in tables(entries) for row in rows if holds(row, own))
-        found = ranks(rows)
-        return standing(row, found[rows.index(row)], found)
-    except DataError as err:
-        return f"no rank: {err}"
+        click.echo(entered(path, out))
 
 
 def _scored(asked: Asked, reference: Reference) -> tuple[Score, dict[str, Any]]:
@@ -294,43 +254,3 @@ def _scored(asked: Asked, reference: Reference) -> tuple[Score, dict[str, Any]]:
     today = datetime.datetime.now(tz=datetime.UTC).date()
     command = command_line(click.get_current_context())
     return scored, entry_of(scored, reference, command=command, date=today)
-
-
-def _echo_score(scored: Score) -> None:
-    from tabulate import tabulate
-
-    from xden_bench.scoring.metrics import METRICS
-
-    meta = scored.meta
-    click.echo(
-        f"{meta.method}: track {meta.track}, target {meta.target}, {len(scored.objects)} objects "
-        f"({' and '.join(scored.sources)}), protocol {scored.protocol.name}"
-    )
-    rows = [
-        (METRICS[name].heading, f"{one.mean:.4f}", *_beside(one))
-        for name, one in scored.metrics.items()
-    ]
-    headings = ["metric", "mean", "by category", "95 % interval"][: len(rows[0])]
-    click.echo(tabulate(rows, headings, disable_numparse=True))
-    echo_lines(None, scored.warnings)
-
-
-def _beside(one: Estimate) -> tuple[str, ...]:
-    """Return what is printed beside a mean; nothing by a protocol before v2."""
-    if one.macro_mean is None:
-        return ()
-    return f"{one.macro_mean:.4f}", interval_text(one, ".4f")
-
-
-def _echo_groups(title: str, groups: Mapping[str, tuple[int, Mapping[str, Estimate]]]) -> None:
-    from tabulate import tabulate
-
-    from xden_bench.scoring.metrics import METRICS
-
-    names = [name for name in METRICS if name in next(iter(groups.values()))[1]]
-    rows = [
-        (group, count, *(f"{metrics[name].mean:.4f}" for name in names))
-        for group, (count, metrics) in groups.items()
-    ]
-    headings = [title, "objects", *(METRICS[name].heading for name in names)]
-    click.echo("\n" + tabulate(rows, headings, disable_numparse=True))

@@ -16,7 +16,7 @@ from xden_bench.entries.entry_form import OF_FIRST_SCHEMA, read_form
 from xden_bench.methods.baseline import builtin_names
 from xden_bench.methods.rebuilt import NAMES as REBUILT
 from xden_bench.scoring.names import skeleton
-from xden_bench.scoring.protocol import is_trivial, load_protocol
+from xden_bench.scoring.protocol import is_trivial, load_rules
 
 __all__ = ["EnteredError", "Owners", "Quota", "check_admission", "light_entries", "owner"]
 
@@ -109,7 +109,7 @@ def check_admission(
         If its name or its team's belongs to another, or the team has used up its quota.
     """
     known, owners = list(others), Owners()
-    trivial = is_trivial(entry["method"]["name"], load_protocol(entry["protocol"]))
+    trivial = is_trivial(entry["method"]["name"], load_rules(entry["protocol"]))
     for path, other in known:
         same = _where(entry) == _where(other)
         if same and not trivial and entry["arrays_sha256"] == other.get("arrays_sha256"):
@@ -150,7 +150,7 @@ def _check_reserved(path: Path, entry: Entry) -> None:
     method = entry["method"]
     bare = skeleton(ADDITIONS.sub(" ", method["name"].casefold()))
     name = _reserved().get(bare) or _reserved().get(skeleton(method["name"]))
-    if name is None or is_trivial(method["name"], load_protocol(entry["protocol"])):
+    if name is None or is_trivial(method["name"], load_rules(entry["protocol"])):
         return  # a trivial method's values are compared with its own
     asked = "root" if name in REBUILT else name.replace(ZERO_SHOT, STYLE)
     former = name in FORMER_NAMES and entry["protocol"] not in OF_FIRST_SCHEMA

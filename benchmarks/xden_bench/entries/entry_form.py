@@ -11,13 +11,18 @@ from typing import Any, Final
 
 from xden1k.errors import DataError
 from xden1k.predictions import CODES, SubmissionMeta
-from xden1k.predictions.meta import SCHEMA as SUBMISSION_SCHEMA
-from xden1k.predictions.meta import parse_meta
+from xden1k.predictions.meta import SCHEMA as SCHEMA_OF_DENSITIES
+from xden1k.predictions.meta import SEGMENTS_SCHEMA, SegmentsMeta, parse_meta
 from xden1k.values.types import PRIVATE
 from xden_bench.entries.archive import check_url
 from xden_bench.entries.signing import is_public_key, is_signed
 from xden_bench.entries.untrusted import read_json
-from xden_bench.scoring.protocol import PROTOCOLS, load_protocol
+from xden_bench.scoring.protocol import (
+    PROTOCOLS,
+    SEGMENT_PROTOCOLS,
+    load_rules,
+    load_segment_protocol,
+)
 from xden_bench.scoring.reference import BY_ORGANISER, SELF_REPORTED
 
 __all__ = ["FIRST_SCHEMA", "KEYS", "MEASURED", "SCHEMA", "check_form", "read_form"]
@@ -102,20 +107,34 @@ def _method_contradictions(entry: Mapping[str, Any]) -> Iterator[str]:
     """Read the method as the meta data of a submission are read."""
     method, data = entry["method"], entry["dataset"]
     values = {key: value for key, value in method.items() if value is not None}
-    values |= {"method": values.pop("name"), "target": entry["target"]}
-    values |= {"schema": SUBMISSION_SCHEMA, "manifest_sha256": data["manifest_sha256"]}
+    values |= {"method": values.pop("name"), "manifest_sha256": data["manifest_sha256"]}
     values |= {"dataset_revision": data["revision"], "config": data["config"]}
-    meta, problems = parse_meta(json.dumps({**values, "split": data["split"]}), SubmissionMeta)
+    values |= {"split": data["split"], **_of_task(entry)}
+    form = SegmentsMeta if _is_of_segments(entry) else SubmissionMeta
+    meta, problems = parse_meta(json.dumps(values), form)
     yield from map(str, problems)
     if meta is not None and meta.track != entry["track"]:
         yield f"track is {entry['track']!r}, the inputs lead to {meta.track!r}"
 
 
+def _of_task(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the meta data of densities, or of segments, say beside what all say."""
+    if not _is_of_segments(entry):
+        return {"schema": SCHEMA_OF_DENSITIES, "target": entry["target"]}
+    seed = load_segment_protocol(entry["protocol"]).points_seed
+    points = {"points_seed": seed, "points_sha256": entry["points_sha256"]}
+    return {"schema": SEGMENTS_SCHEMA, **points}
+
+
+def _is_of_segments(entry: Mapping[str, Any]) -> bool:
+    return entry["protocol"] in SEGMENT_PROTOCOLS
+
+
 def _rule_contradictions(entry: Mapping[str, Any]) -> Iterator[str]:
     """Compare what follows from the protocol; one that does not exist is told elsewhere."""
-    if entry["protocol"] not in PROTOCOLS:
+    if entry["protocol"] not in (*PROTOCOLS, *SEGMENT_PROTOCOLS):
         return
-    rules = load_protocol(entry["protocol"])
+    rules = load_rules(entry["protocol"])
     if entry["schema"] == FIRST_SCHEMA and rules.name not in OF_FIRST_SCHEMA:
         yield f"entries of protocol {rules.name!r} are of schema {SCHEMA!r}"
     if not 1 <= entry["metric_version"] <= rules.metric_version:
@@ -186,6 +205,7 @@ _OPTIONAL: Final[dict[str, Any]] = {
     "team": {"name": str, "public_key": str},
     "signature": str,
     "archive": {"sha256": str, "url": str},
+    "points_sha256": str,
 }
 KEYS: Final = frozenset({*_SHAPE, *_OPTIONAL})
 """All but the numbers."""

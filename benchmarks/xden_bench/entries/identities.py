@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from math import erf, exp, isclose, isfinite, log, sqrt
+from math import erf, exp, isclose, isfinite, isnan, log, sqrt
 from typing import Final
 
-from xden_bench.scoring.protocol import Protocol
+from xden_bench.scoring.metrics import METRICS
+from xden_bench.scoring.protocol import Protocol, Rules
 
 __all__ = ["contradictions"]
 
@@ -21,7 +22,7 @@ the mean is."""
 Values = Mapping[str, float]
 
 
-def contradictions(values: Values, protocol: Protocol) -> Iterator[str]:
+def contradictions(values: Values, protocol: Rules) -> Iterator[str]:
     """Say what the metrics of one object contradict.
 
     Parameters
@@ -37,12 +38,27 @@ def contradictions(values: Values, protocol: Protocol) -> Iterator[str]:
     >>> next(contradictions({"com_l1_cm": 1.0, "com_l2_cm": 2.0}, load_protocol("v1")))
     'com_l2_cm <= com_l1_cm <= sqrt(3) com_l2_cm'
     """
+    if not isinstance(protocol, Protocol):
+        yield from _segment_contradictions(values)
+        return
     if bad := [name for name, value in values.items() if not (isfinite(value) and value >= 0)]:
         yield f"{bad[0]} is finite and not negative"
         return
     for rule, (names, holds) in _IDENTITIES.items():
         if names <= values.keys() and not holds(values, protocol):
             yield rule
+
+
+def _segment_contradictions(values: Values) -> Iterator[str]:
+    """Say what the metrics of segments contradict; where there is one region, A and B are none."""
+    known = {name: value for name, value in values.items() if not isnan(value)}
+    for name, value in known.items():
+        if not (value >= 0 and _at_most(value, METRICS[name].best)):
+            yield f"0 <= {name} <= {METRICS[name].best:g}"
+    if "iou_c" not in known or ("iou_a" in known) != ("iou_b_material" in known):
+        yield "iou_c is known, iou_a where iou_b_material is"
+    elif "iou_a" in known and not _at_most(known["iou_a"], known["iou_b_material"]):
+        yield "iou_a <= iou_b_material"
 
 
 def _masses_agree(one: Values, protocol: Protocol) -> bool:

@@ -21,9 +21,9 @@ from xden_bench.entries.ranking import (
     trusted_interval,
     unranked_because,
 )
-from xden_bench.entries.unseen import drop_table
+from xden_bench.entries.unseen import drop_table, track_title
 from xden_bench.scoring.metrics import METRICS
-from xden_bench.scoring.protocol import PROTOCOLS, load_protocol
+from xden_bench.scoring.protocol import PROTOCOLS, SEGMENT_PROTOCOLS, load_rules
 
 __all__ = [
     "check_leaderboard",
@@ -78,6 +78,10 @@ PRINTED: Final = (
     "mass_mnre",
     "density_crps_g_cm3",
     "density_within_1sd",
+    "iou_a",
+    "iou_b_material",
+    "iou_b_part",
+    "iou_c",
 )
 """Metrics of the tables, where a row has them; the others are in the results."""
 
@@ -124,7 +128,7 @@ def render(entries: Iterable[Entry]) -> str:
         From :func:`xden_bench.entries.reading.read_entries`.
     """
     every = tables(entries)
-    ranked = [rows for rows in every if load_protocol(rows[0]["protocol"]).is_ranked]
+    ranked = [rows for rows in every if load_rules(rows[0]["protocol"]).is_ranked]
     current = [rows for rows in ranked if not _is_old(rows[0])]
     drops = [drop_table(rows, every) for rows in current]
     old = [rows for rows in ranked if _is_old(rows[0])]
@@ -222,7 +226,7 @@ def _with_section(text: str, section: str, path: Path) -> str:
 def _table_key(entry: Entry) -> tuple[Any, ...]:
     data = entry["dataset"]
     return (
-        PROTOCOLS.index(entry["protocol"]),
+        (*PROTOCOLS, *SEGMENT_PROTOCOLS).index(entry["protocol"]),
         -entry["metric_version"],
         data["revision"],
         data["manifest_sha256"],
@@ -235,11 +239,12 @@ def _table_key(entry: Entry) -> tuple[Any, ...]:
 
 def _section(rows: Sequence[Entry]) -> str:
     """One table with its title and notes."""
-    rules = load_protocol(rows[0]["protocol"])
+    rules = load_rules(rows[0]["protocol"])
     metrics = [one for one in PRINTED if any(one in row["metrics"] for row in rows)]
     columns = [METRICS[one].heading for one in metrics]
     if rules.is_ranked:
-        columns.insert(1 + metrics.index(rules.rank_by), "by category ↓")
+        arrow = METRICS[rules.rank_by].heading.rsplit(maxsplit=1)[-1]
+        columns.insert(1 + metrics.index(rules.rank_by), f"by category {arrow}")
     headings = ["rank", "method", *columns, "looks at"]
     costs = [key for key in COSTS if any(row["method"].get(key) is not None for row in rows)]
     headings += ["trained on", "external data", "s / object"]
@@ -257,11 +262,11 @@ def _section(rows: Sequence[Entry]) -> str:
 
 
 def _is_old(row: Entry) -> bool:
-    return bool(row["metric_version"] != load_protocol(row["protocol"]).metric_version)
+    return bool(row["metric_version"] != load_rules(row["protocol"]).metric_version)
 
 
 def _group_table(rows: Sequence[Entry], key: str, metric: str | None) -> str:
-    name = metric or load_protocol(rows[0]["protocol"]).rank_by
+    name = metric or load_rules(rows[0]["protocol"]).rank_by
     if lacking := [row["method"]["name"] for row in rows if name not in row["metrics"]]:
         raise DataError(f"no {name} in the rows {lacking}; there are {list(rows[0]['metrics'])}")
     table = [
@@ -280,17 +285,25 @@ def _group_table(rows: Sequence[Entry], key: str, metric: str | None) -> str:
 def _title(row: Entry) -> str:
     data = row["dataset"]
     version = f", metric version {row['metric_version']}" if _is_old(row) else ""
-    choices = load_protocol(row["protocol"]).open_choices
+    choices = load_rules(row["protocol"]).open_choices
     said = "; ".join(f"{name.replace('_', ' ')}: {text}" for name, text in choices.items())
     return (
-        f"## Track `{row['track']}`, split {code(data['split'])}: {TRACK_TITLES[row['track']]}\n\n"
+        f"## {track_title(row)}, split {code(data['split'])}: {TRACK_TITLES[row['track']]}\n\n"
         f"Source of the objects: **{plain(data['source'])}**. Target `{row['target']}`, "
         f"split {code(data['split'])}, {row['n_objects']} objects, dataset "
         f"{plain(data['revision'])} (manifest {code(data['manifest_sha256'][:12])}), "
         f"protocol {plain(row['protocol'])}{version}. "
         "Means over objects."
+        + _left_out(row)
         + (f"\n\nChoices that the paper leaves open: {said}." if choices else "")
     )
+
+
+def _left_out(row: Entry) -> str:
+    """Say how many objects the ranking metric leaves out, where it does."""
+    rank_by = load_rules(row["protocol"]).rank_by
+    count = row.get("left_out", {}).get(rank_by, 0)
+    return f" {METRICS[rank_by].title}: without {count} objects of one region." if count else ""
 
 
 def _row(row: Entry, label: str, metrics: Sequence[str], costs: Sequence[str]) -> list[str]:
@@ -322,20 +335,21 @@ def _marked_name(row: Entry) -> str:
 
 def _figures(row: Entry, name: str) -> list[str]:
     """Cells of a metric: mean, spread over seeds and interval; by category too if it ranks."""
-    rules, found = load_protocol(row["protocol"]), row["metrics"].get(name, {})
+    rules, found = load_rules(row["protocol"]), row["metrics"].get(name, {})
     spread = seed_spread(row, name) if found else None
     cell = _mean(row["metrics"], name)
-    cell += "" if spread is None else f" ± {spread:.3f}"
+    digits = METRICS[name].digits
+    cell += "" if spread is None else f" ± {spread:.{digits}f}"
     if found and (ends := trusted_interval(row, name)):
-        cell += " [{:.3f}, {:.3f}]".format(*ends)
+        cell += f" [{ends[0]:.{digits}f}, {ends[1]:.{digits}f}]"
     if rules.is_ranked and name == rules.rank_by:
-        return [cell, f"{found['macro_mean']:.3f}"]
+        return [cell, f"{found['macro_mean']:.{digits}f}"]
     return [cell]
 
 
 def _mean(metrics: Mapping[str, Any], name: str) -> str:
     """Mean; empty where a row does not have the metric."""
-    return f"{metrics[name]['mean']:.3f}" if name in metrics else ""
+    return f"{metrics[name]['mean']:.{METRICS[name].digits}f}" if name in metrics else ""
 
 
 def _details(row: Entry) -> str:
@@ -363,7 +377,7 @@ def _details(row: Entry) -> str:
 
 def _seed_notes(row: Entry) -> list[str]:
     """Which seeds a row is the mean of, or that it should be of more."""
-    rules, seeds = load_protocol(row["protocol"]), row.get("seeds", ())
+    rules, seeds = load_rules(row["protocol"]), row.get("seeds", ())
     notes = [
         f"seed {one['method']['seed']}: {one['metrics'][rules.rank_by]['mean']:.3f}, "
         f"submission {code(one['submission_sha256'][:12])}"

@@ -17,7 +17,7 @@ from jaxtyping import Float64
 from xden_bench.entries.ranking import MERGED, Entry, unranked_because
 from xden_bench.entries.result import entry_path, figures, objects_of
 from xden_bench.scoring.metrics import METRICS
-from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.protocol import load_rules
 
 __all__ = ["entries_of", "few_seeds", "holds", "merged_rows", "place", "seed_spread"]
 
@@ -86,7 +86,7 @@ def few_seeds(row: Entry) -> str:
 
     The spread of such a row is not known.
     """
-    least = load_protocol(row["protocol"]).min_seeds
+    least = load_rules(row["protocol"]).min_seeds
     trained = row["method"]["training_data"] and unranked_because(row) is None
     if not trained or len(entries_of(row)) >= least:
         return ""
@@ -94,7 +94,7 @@ def few_seeds(row: Entry) -> str:
 
 
 def _loss(row: Entry) -> float:
-    name = load_protocol(row["protocol"]).rank_by
+    name = load_rules(row["protocol"]).rank_by
     mean: float = row["metrics"][name]["mean"]
     return -mean if METRICS[name].higher_is_better else mean
 
@@ -132,7 +132,7 @@ def _family(members: Sequence[Entry]) -> list[Entry]:
 
 def _mean_of_seeds(seeds: Sequence[Entry]) -> Entry:
     """Row whose objects have the means of their scores over seeds."""
-    first, rules = seeds[0], load_protocol(seeds[0]["protocol"])
+    first, rules = seeds[0], load_rules(seeds[0]["protocol"])
     every = [one["object_scores"] for one in seeds]
     columns = {name: values for name, values in every[0].items() if name not in METRICS}
     for name in set(METRICS).intersection(*every):
@@ -167,8 +167,8 @@ def _without_copies(families: Sequence[list[Entry]]) -> list[list[Entry]]:
 
 
 def _errors(row: Entry) -> Float64[np.ndarray, "objects"]:
-    name = load_protocol(row["protocol"]).rank_by
-    return np.abs(np.array(row["object_scores"][name], dtype=np.float64))
+    name = load_rules(row["protocol"]).rank_by
+    return np.abs(np.array(row["object_scores"][name], dtype=np.float64) - METRICS[name].best)
 
 
 def _is_copy(
@@ -184,7 +184,7 @@ def _is_copy(
         return False
     larger = np.maximum(errors, others)
     apart = np.divide(np.abs(errors - others), larger, out=np.zeros_like(larger), where=larger > 0)
-    return bool(np.median(apart) < NEAR)
+    return bool(np.median(apart[~np.isnan(larger)]) < NEAR)
 
 
 def _merged(row: Entry, reason: str) -> Mapping[str, Any]:

@@ -15,7 +15,7 @@ from xden_bench.methods.rebuilt import NAMES as REBUILT
 from xden_bench.scoring.bootstrap import SAME
 from xden_bench.scoring.intervals import sampled
 from xden_bench.scoring.metrics import METRICS
-from xden_bench.scoring.protocol import Protocol, is_trivial, load_protocol
+from xden_bench.scoring.protocol import Rules, is_trivial, load_rules
 from xden_bench.scoring.studentised import Sampled
 
 __all__ = [
@@ -141,10 +141,10 @@ def ranks(rows: Sequence[Entry]) -> list[int | None]:
     """
     found: list[int | None] = [None] * len(rows)
     places = [place for place, row in enumerate(rows) if unranked_because(row) is None]
-    if not places or not (rules := load_protocol(rows[0]["protocol"])).is_ranked:
+    if not places or not (rules := load_rules(rows[0]["protocol"])).is_ranked:
         return found
     counted = [rows[place] for place in places]
-    losses, categories = _losses(counted, rules.rank_by), counted[0]["object_scores"]["category"]
+    losses, categories = _losses(counted, rules.rank_by)
     worse = _worse(losses, categories, rules)
     for place, rank in zip(places, dense_ranks(losses.mean(axis=0), worse), strict=True):
         found[place] = rank
@@ -183,7 +183,7 @@ def unranked_because(row: Entry) -> str | None:
     """
     if row.get("disqualified"):
         return str(row["disqualified"])
-    if is_trivial(row["method"]["name"], load_protocol(row["protocol"])):
+    if is_trivial(row["method"]["name"], load_rules(row["protocol"])):
         return TRIVIAL
     if "truth" in row["method"]["inputs"]:
         return "oracle: it is told what only the truth tells"
@@ -212,31 +212,35 @@ def trusted_interval(row: Entry, metric: str) -> Sequence[float] | None:
     metric
         Its name.
     """
-    if not load_protocol(row["protocol"]).is_ranked or "truth" in row["method"]["inputs"]:
+    if not load_rules(row["protocol"]).is_ranked or "truth" in row["method"]["inputs"]:
         return None
     ends: Sequence[float] | None = row["metrics"][metric]["ci95"]
     return ends
 
 
 def _worse(
-    losses: Float64[np.ndarray, "objects rows"], categories: Sequence[str], rules: Protocol
+    losses: Float64[np.ndarray, "objects rows"], categories: Sequence[str], rules: Rules
 ) -> Bool[np.ndarray, "rows rows"]:
     """Which rows are worse by the mean, and beyond doubt by the bounded loss.
 
     ``loss / (loss + scale)`` ends at 1: a few objects that are far off neither decide nor widen
-    the doubt until nothing can be told apart.
+    the doubt until nothing can be told apart. A loss that has bounds itself is taken as it is.
     """
-    bounded = losses / (losses + rules.rank_scale)
+    bounded = losses / (losses + rules.rank_scale) if rules.rank_scale else losses
     return worse_beyond_doubt(
         sampled(bounded, categories, rules), rules.rank_error, rules.rank_methods
     )
 
 
-def _losses(rows: Sequence[Entry], metric: str) -> Float64[np.ndarray, "objects rows"]:
-    """Loss of every object in every row."""
+def _losses(
+    rows: Sequence[Entry], metric: str
+) -> tuple[Float64[np.ndarray, "objects rows"], Sequence[str]]:
+    """Loss of every object in every row, and their categories; without objects left out of it."""
     columns = [row["object_scores"] for row in rows]
     if any(one["object_id"] != columns[0]["object_id"] for one in columns):
         names = sorted({row["method"]["name"] for row in rows})
         raise DataError(f"rows of one table were scored on different objects: {names}")
     values = np.array([one[metric] for one in columns], dtype=np.float64).T
-    return METRICS[metric].loss(values)
+    counts = ~np.isnan(values).any(axis=1)
+    categories = np.array(columns[0]["category"])[counts]
+    return METRICS[metric].loss(values[counts]), categories.tolist()

@@ -21,7 +21,7 @@ from xden_bench.entries.result import entry_path, entry_paths, figures, objects_
 from xden_bench.entries.signing import read_maintainers
 from xden_bench.entries.untrusted import read_table
 from xden_bench.scoring.metrics import METRICS
-from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.protocol import load_rules
 from xden_bench.scoring.reference import RECOMPUTED
 
 __all__ = [
@@ -199,7 +199,7 @@ def keep_best_of_teams(entries: Iterable[dict[str, Any]]) -> None:
 
 def _loss(entry: Mapping[str, Any]) -> tuple[float, str]:
     """Sort by the mean that ranks, the best first."""
-    name = load_protocol(entry["protocol"]).rank_by
+    name = load_rules(entry["protocol"]).rank_by
     mean = float(entry["metrics"][name]["mean"])
     loss = -mean if METRICS[name].higher_is_better else mean
     return loss, entry["submission_sha256"]
@@ -214,7 +214,7 @@ def _checked_objects(path: Path, entry: Mapping[str, Any]) -> dict[str, list[Any
     if (found := hashlib.sha256(data).hexdigest()) != (stored := entry["objects"]["sha256"]):
         raise DataError(f"{objects}: sha256 is {found}, {path.name} says {stored}")
     try:
-        rules = load_protocol(entry["protocol"])
+        rules = load_rules(entry["protocol"])
         table = read_table(data)
         columns: dict[str, list[Any]] = table.to_pydict()
         scores = objects_of(columns, rules)

@@ -14,6 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from xden1k.errors import DataError
+from xden1k.segmentation import SegmentsMeta
 from xden_bench.entries.admission import (
     EnteredError,
     check_admission,
@@ -28,9 +29,16 @@ from xden_bench.entries.recomputed import SUFFIX
 from xden_bench.entries.signing import SigningKey
 from xden_bench.scoring.bootstrap import Estimate
 from xden_bench.scoring.metrics import METRICS
-from xden_bench.scoring.protocol import Protocol
+from xden_bench.scoring.protocol import Rules
 from xden_bench.scoring.reference import Reference
-from xden_bench.scoring.score import ObjectScore, Score, by_category, by_size, summary
+from xden_bench.scoring.score import (
+    ObjectScore,
+    Score,
+    by_category,
+    by_size,
+    left_out,
+    summary,
+)
 
 __all__ = [
     "EnteredError",
@@ -63,6 +71,7 @@ def entry_of(
         When.
     """
     meta, rules = score.meta, score.protocol
+    points = {"points_sha256": meta.points_sha256} if isinstance(meta, SegmentsMeta) else {}
     return {
         "schema": SCHEMA,
         "method": {
@@ -92,6 +101,7 @@ def entry_of(
         },
         "submission_sha256": score.submission_sha256,
         "arrays_sha256": score.arrays_sha256,
+        **points,
         "xden_version": package_version(),
         "commit": code_commit(),
         "command": command,
@@ -223,7 +233,7 @@ def entry_paths(results: Path, *, strict: bool = True) -> list[Path]:
     return entries
 
 
-def objects_of(columns: Mapping[str, Sequence[Any]], rules: Protocol) -> tuple[ObjectScore, ...]:
+def objects_of(columns: Mapping[str, Sequence[Any]], rules: Rules) -> tuple[ObjectScore, ...]:
     """Scores of the objects, from the columns of :func:`object_columns`.
 
     Raises
@@ -239,7 +249,7 @@ def objects_of(columns: Mapping[str, Sequence[Any]], rules: Protocol) -> tuple[O
     )
 
 
-def figures(objects: Sequence[ObjectScore], rules: Protocol) -> dict[str, Any]:
+def figures(objects: Sequence[ObjectScore], rules: Rules) -> dict[str, Any]:
     """Every number of an entry that follows from its objects.
 
     Parameters
@@ -249,10 +259,11 @@ def figures(objects: Sequence[ObjectScore], rules: Protocol) -> dict[str, Any]:
     rules
         The protocol.
     """
-    metrics = summary(objects, rules)
+    metrics, without = summary(objects, rules), left_out(objects)
     return {
         "bootstrap": {"seed": rules.bootstrap_seed, "resamples": rules.bootstrap_resamples},
         "n_objects": len(objects),
+        **({"left_out": dict(without)} if without else {}),
         "metrics": _metrics(metrics),
         "higher_is_better": {name: METRICS[name].higher_is_better for name in metrics},
         "by_category": _groups(by_category(objects, rules)),

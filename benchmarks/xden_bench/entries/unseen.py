@@ -10,7 +10,7 @@ from tabulate import tabulate
 from xden_bench.entries.markdown import plain
 from xden_bench.entries.ranking import Entry
 from xden_bench.scoring.metrics import METRICS
-from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.protocol import SEGMENT_PROTOCOLS, load_rules
 
 __all__ = ["DROP_HEADINGS", "UNSEEN", "drop_rows", "drop_table"]
 
@@ -33,13 +33,19 @@ def drop_table(rows: Sequence[Entry], tables: Iterable[Sequence[Entry]]) -> str:
     lines = [[plain(method), *figures] for method, *figures in drop_rows(rows, tables)]
     if not lines:
         return ""
-    metric = load_protocol(rows[0]["protocol"]).rank_by
+    metric = load_rules(rows[0]["protocol"]).rank_by
     return (
-        f"## Track `{rows[0]['track']}`: from seen to unseen categories\n\n"
+        f"## {track_title(rows[0])}: from seen to unseen categories\n\n"
         f"{METRICS[metric].title}, means over objects. `unseen` has categories that no training "
         "object is of. The objects differ too: a method without training shows by how much.\n\n"
         f"{tabulate(lines, DROP_HEADINGS, tablefmt='pipe', disable_numparse=True)}"
     )
+
+
+def track_title(row: Entry) -> str:
+    """Return how a table is called: by its track, and what is scored if that is no density."""
+    segments = row["protocol"] in SEGMENT_PROTOCOLS
+    return f"{'Segments, track' if segments else 'Track'} `{row['track']}`"
 
 
 def drop_rows(rows: Sequence[Entry], tables: Iterable[Sequence[Entry]]) -> list[list[str]]:
@@ -47,7 +53,7 @@ def drop_rows(rows: Sequence[Entry], tables: Iterable[Sequence[Entry]]) -> list[
     if rows[0]["dataset"]["split"] != "test":
         return []
     other = next((one for one in tables if _is_counterpart(rows[0], one[0])), [])
-    unseen, metric = _by_method(other), load_protocol(rows[0]["protocol"]).rank_by
+    unseen, metric = _by_method(other), load_rules(rows[0]["protocol"]).rank_by
     return [
         _line(row, unseen[method], metric)
         for method, row in _by_method(rows).items()

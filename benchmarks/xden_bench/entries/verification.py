@@ -12,7 +12,7 @@ from xden1k.errors import DataError
 from xden_bench.entries.entry_form import FIRST_SCHEMA, MEASURED
 from xden_bench.entries.result import entry_of, object_columns
 from xden_bench.scoring.bootstrap import SAME
-from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.protocol import load_rules
 from xden_bench.scoring.reference import RECOMPUTED, Reference
 from xden_bench.scoring.score import Score
 
@@ -84,7 +84,7 @@ def check_reference(entry: Mapping[str, Any], reference: Reference) -> None:
     DataError
         If the dataset or the metrics' code is not what the entry was made with.
     """
-    data, rules = entry["dataset"], load_protocol(entry["protocol"])
+    data, rules = entry["dataset"], load_rules(entry["protocol"])
     for name, stated, found in (
         ("manifest", data["manifest_sha256"], reference.manifest_sha256),
         ("split", data["split"], reference.split),
@@ -173,7 +173,12 @@ def _leaves(value: Any, where: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    return isinstance(value, int | float) and not isinstance(value, bool) and not _is_nan(value)
+
+
+def _is_nan(value: Any) -> bool:
+    """Whether an object is left out of a metric."""
+    return isinstance(value, float) and math.isnan(value)
 
 
 def _relative(one: float, other: float) -> float:
@@ -185,4 +190,4 @@ def _relative(one: float, other: float) -> float:
 def _same(one: Any, other: Any, tolerance: float) -> bool:
     if _is_number(one) and _is_number(other):
         return math.isclose(one, other, rel_tol=tolerance, abs_tol=SAME)
-    return type(one) is type(other) and bool(one == other)
+    return type(one) is type(other) and bool(one == other or (_is_nan(one) and _is_nan(other)))

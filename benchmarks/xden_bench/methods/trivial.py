@@ -12,7 +12,14 @@ from typing import Final
 import numpy as np
 
 from xden1k.errors import DataError
-from xden1k.predictions import CODES, Predictions, Problem, Target, open_predictions
+from xden1k.predictions import (
+    CODES,
+    Predictions,
+    Problem,
+    SubmissionMeta,
+    Target,
+    open_predictions,
+)
 from xden1k.values.modality import Track
 from xden_bench.methods.baseline import find_predictor
 from xden_bench.methods.running import Options, run_predictor
@@ -62,6 +69,7 @@ def trivial_twin(scored: Score, reference: Reference) -> str | None:
     reference
         What it predicts; the trivial methods learn from its training split.
     """
+    assert isinstance(scored.meta, SubmissionMeta)  # segments have no densities to fill with
     fills = scored.even_fills_g_cm3
     enough = SHARE * len(scored.objects)
     if len(fills) <= enough or is_trivial(scored.meta.method, scored.protocol):

@@ -14,8 +14,8 @@ from xden1k.errors import DataError
 from xden_bench.scoring.bootstrap import SAME, Estimate
 from xden_bench.scoring.clusters import CategorySums, category_sums
 from xden_bench.scoring.intervals import protocol_intervals
-from xden_bench.scoring.metrics import METRICS, Metric
-from xden_bench.scoring.protocol import Protocol
+from xden_bench.scoring.metrics import METRICS
+from xden_bench.scoring.protocol import Rules
 
 __all__ = ["Comparison", "ObjectPair", "Scored", "compare"]
 
@@ -94,7 +94,7 @@ class Comparison:
     largest: tuple[ObjectPair, ...]
 
 
-def compare(a: Scored, b: Scored, protocol: Protocol, largest: int = 5) -> Mapping[str, Comparison]:
+def compare(a: Scored, b: Scored, protocol: Rules, largest: int = 5) -> Mapping[str, Comparison]:
     """Compare two methods by every metric that both have.
 
     Paired: both are seen on the same objects, and categories are what is drawn, for the interval
@@ -126,31 +126,32 @@ def compare(a: Scored, b: Scored, protocol: Protocol, largest: int = 5) -> Mappi
     names = [name for name in protocol.metrics_of(has_sd=True) if name in a.columns]
     names = [name for name in names if name in b.columns]
     values = np.array([[one.columns[name] for name in names] for one in (a, b)], dtype=np.float64)
-    categories = a.columns["category"]
-    differences = (values[0] - values[1]).T
-    intervals = protocol_intervals(differences, categories, names, protocol)
+    known = [np.flatnonzero(~np.isnan(one).any(axis=0)).tolist() for one in values.swapaxes(0, 1)]
     return {
         name: _compared(
-            METRICS[name],
-            ids,
-            values[:, place],
-            Estimate(float(differences[:, place].mean()), intervals.get(name)),
-            categories,
+            name,
+            [ids[i] for i in kept],
+            values[:, place, kept],
+            [a.columns["category"][i] for i in kept],
+            protocol,
             largest,
         )
-        for place, name in enumerate(names)
+        for place, (name, kept) in enumerate(zip(names, known, strict=True))
     }
 
 
 def _compared(
-    metric: Metric,
+    name: str,
     ids: Sequence[str],
     values: Float64[np.ndarray, "2 objects"],
-    difference: Estimate,
     categories: Sequence[str],
+    protocol: Rules,
     largest: int,
 ) -> Comparison:
-    """Compare by one metric."""
+    """Compare by one metric, on the objects for which it is a number."""
+    metric, apart_by = METRICS[name], values[0] - values[1]
+    intervals = protocol_intervals(apart_by[:, None], categories, [name], protocol)
+    difference = Estimate(float(apart_by.mean()), intervals.get(name))
     worse = metric.loss(values[0]) - metric.loss(values[1])
     signs = _signs(worse)
     apart = np.abs(values[0] - values[1])

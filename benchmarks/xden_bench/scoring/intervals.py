@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from xden_bench.scoring.clusters import category_sums
-from xden_bench.scoring.protocol import Protocol
+from xden_bench.scoring.protocol import Rules
 from xden_bench.scoring.strata import strata
 from xden_bench.scoring.studentised import Sampled, studentised_intervals
 
@@ -20,7 +20,7 @@ def protocol_intervals(
     values: Float64[np.ndarray, "objects metrics"],
     categories: Sequence[str],
     names: Sequence[str],
-    protocol: Protocol,
+    protocol: Rules,
 ) -> Mapping[str, tuple[float, float]]:
     """Intervals of the means that a protocol trusts, by metric; of others there is none.
 
@@ -46,7 +46,7 @@ def protocol_intervals(
 
 
 def sampled(
-    values: Float64[np.ndarray, "objects columns"], categories: Sequence[str], protocol: Protocol
+    values: Float64[np.ndarray, "objects columns"], categories: Sequence[str], protocol: Rules
 ) -> Sampled:
     """Say how objects were drawn.
 
@@ -68,7 +68,7 @@ def sampled(
     return category_sums(values, categories)
 
 
-def _is_enough(categories: Sequence[str], protocol: Protocol) -> bool:
+def _is_enough(categories: Sequence[str], protocol: Rules) -> bool:
     """Whether there are so many objects that intervals cover."""
     sizes = Counter(categories)
     if len(categories) < protocol.min_interval_objects:

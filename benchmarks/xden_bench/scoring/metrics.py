@@ -9,7 +9,8 @@ A prediction of no mass has no centre of mass. It is given the envelope's centro
 matter spread evenly through the object ends up as its density goes to zero: any other choice could
 be had, or escaped, by predicting 1e-6 everywhere.
 
-:mod:`xden_bench.scoring.calibration` has the metrics that need a standard deviation.
+:mod:`xden_bench.scoring.calibration` has the metrics that need a standard deviation, and
+:mod:`xden_bench.scoring.overlap` those of segments.
 """
 
 from __future__ import annotations
@@ -56,11 +57,17 @@ class Metric:
         False for errors; None where neither is better and ``nominal`` is right.
     nominal
         The value of a method that knows its own errors, where there is such a value.
+    best
+        The value of the truth.
+    digits
+        Decimals in tables.
     """
 
     title: str
     higher_is_better: bool | None = False
     nominal: float | None = None
+    best: float = 0.0
+    digits: int = 3
 
     @property
     def heading(self) -> str:
@@ -82,6 +89,10 @@ class Metric:
         return -values if self.higher_is_better else values
 
 
+def _iou(protocol: str) -> Metric:
+    return Metric(f"IoU {protocol}, %", higher_is_better=True, best=100.0, digits=1)
+
+
 METRICS: Final[Mapping[str, Metric]] = {
     "density_mae_g_cm3": Metric("density MAE, g/cm³"),
     "density_relative_error": Metric("relative density error"),
@@ -90,12 +101,16 @@ METRICS: Final[Mapping[str, Metric]] = {
     "com_l2_cm": Metric("CoM L2, cm"),
     "mass_mape": Metric("mass MAPE"),
     "mass_alde": Metric("mass ALDE"),
-    "mass_mnre": Metric("mass MnRE", higher_is_better=True),
+    "mass_mnre": Metric("mass MnRE", higher_is_better=True, best=1.0),
     "inertia_error": Metric("inertia error"),
     "nonuniformity_error": Metric("non-uniformity error"),
     "density_crps_g_cm3": Metric("density CRPS, g/cm³"),
     "density_within_1sd": Metric("within 1 sd", None, nominal=0.683),
     "density_within_2sd": Metric("within 2 sd", None, nominal=0.954),
+    "iou_a": _iou("A"),
+    "iou_b_material": _iou("B, materials"),
+    "iou_b_part": _iou("B, parts"),
+    "iou_c": _iou("C"),
 }
 """Every metric by name."""
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 from xden1k.errors import DataError
 from xden1k.predictions import Target
@@ -14,15 +14,29 @@ from xden1k.values.settings import load_settings
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.names import skeleton
 
-__all__ = ["PROTOCOLS", "Protocol", "is_trivial", "load_protocol"]
+__all__ = [
+    "PROTOCOLS",
+    "SEGMENT_PROTOCOLS",
+    "Protocol",
+    "Rules",
+    "SegmentProtocol",
+    "is_trivial",
+    "load_protocol",
+    "load_rules",
+    "load_segment_protocol",
+]
 
 PROTOCOLS: Final = ("v2", "v1", "paper")
-"""Every protocol there is, the default first."""
+"""Every protocol of densities, the default first."""
+SEGMENT_PROTOCOLS: Final = ("segment-v1",)
+"""Every protocol of segments, the default first."""
+
+AnyRules = TypeVar("AnyRules", bound="Rules")
 
 
-@dataclass(frozen=True, slots=True)
-class Protocol:
-    """How submissions are scored.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rules:
+    """What every protocol says, whatever it scores.
 
     Parameters
     ----------
@@ -41,27 +55,12 @@ class Protocol:
         More of them, of submissions that give a standard deviation.
     rank_by
         One of them.
-    mass_ratio_limit
-        ``mass_alde`` ends at the logarithm of it.
     bootstrap_resamples, bootstrap_seed
         Of the intervals.
     size_edges_cm
         Ascending borders between the classes of the table by size.
-    max_density_g_cm3
-        By target: a higher value gets the footnote W501, or is refused as E407.
-    max_outside_share
-        More of the mass outside the object gets the footnote W503.
-    max_identical_share
-        Of the objects that are not homogeneous: more that equal the reference are the warning W504.
-    refuse_above_limit
-        Whether it is refused.
     unranked
         Names of methods that are printed without a rank.
-    copied_within
-        An object equals the reference where its
-        :func:`xden_bench.scoring.metrics.relative_error` is below this.
-    open_choices
-        What a source that this protocol follows leaves open, and what is taken here.
     dataset
         Name of the benchmark's dataset; empty where the protocol names none.
     unseen_categories
@@ -78,11 +77,12 @@ class Protocol:
     rank_methods
         Up to which number of methods in a table that holds; 0 where nothing is ranked.
     rank_scale
-        Ranks are told apart by ``loss / (loss + rank_scale)``, in the unit of ``rank_by``.
+        Ranks are told apart by ``loss / (loss + rank_scale)``, in the unit of ``rank_by``; by the
+        loss itself where it is 0, for metrics that have bounds.
     min_seeds
         A trained row of fewer says so.
-    refuse_above_max_density
-        Whether a value above ``max_density_g_cm3`` is an error.
+    open_choices
+        What a source that this protocol follows leaves open, and what is taken here.
 
     Raises
     ------
@@ -92,22 +92,15 @@ class Protocol:
 
     name: str
     config: str
-    targets: Sequence[Target]
+    targets: Sequence[str]
     metric_version: int
     metrics: Sequence[str]
-    sd_metrics: Sequence[str]
+    sd_metrics: Sequence[str] = ()
     rank_by: str
-    mass_ratio_limit: float
     bootstrap_resamples: int
     bootstrap_seed: int
     size_edges_cm: Sequence[float]
-    max_density_g_cm3: Mapping[str, float]
-    max_outside_share: float
-    max_identical_share: float
     unranked: Sequence[str]
-    copied_within: float = 0.002
-    refuse_above_limit: bool = False
-    open_choices: Mapping[str, str] = field(default_factory=dict)
     dataset: str = ""
     unseen_categories: Sequence[str] = ()
     interval_metrics: Sequence[str] = ()
@@ -118,17 +111,12 @@ class Protocol:
     rank_methods: int = 0
     rank_scale: float = 1.0
     min_seeds: int = 1
-    refuse_above_max_density: bool = False
+    open_choices: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if unknown := sorted({*self.metrics, *self.sd_metrics} - METRICS.keys()):
             raise DataError(
                 f"protocol {self.name}: unknown metrics {unknown}; known: {list(METRICS)}"
-            )
-        if set(self.max_density_g_cm3) != set(self.targets):
-            raise DataError(
-                f"protocol {self.name}: max_density_g_cm3 must name the targets "
-                f"{list(self.targets)}, got {list(self.max_density_g_cm3)}"
             )
         if self.rank_by not in self.metrics:
             raise DataError(f"protocol {self.name}: rank_by {self.rank_by!r} is not in metrics")
@@ -147,8 +135,68 @@ class Protocol:
         return (*self.metrics, *(self.sd_metrics if has_sd else ()))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Protocol(Rules):
+    """How densities are scored.
+
+    Parameters
+    ----------
+    mass_ratio_limit
+        ``mass_alde`` ends at the logarithm of it.
+    max_density_g_cm3
+        By target: a higher value gets the footnote W501, or is refused as E407.
+    max_outside_share
+        More of the mass outside the object gets the footnote W503.
+    max_identical_share
+        Of the objects that are not homogeneous: more that equal the reference are the warning W504.
+    copied_within
+        An object equals the reference where its
+        :func:`xden_bench.scoring.metrics.relative_error` is below this.
+    refuse_above_limit
+        Whether a value above ``max_density_g_cm3`` is refused.
+
+    Raises
+    ------
+    DataError
+        As :class:`Rules`, or if ``max_density_g_cm3`` does not name the targets.
+    """
+
+    targets: Sequence[Target]
+    mass_ratio_limit: float
+    max_density_g_cm3: Mapping[str, float]
+    max_outside_share: float
+    max_identical_share: float
+    copied_within: float = 0.002
+    refuse_above_limit: bool = False
+
+    def __post_init__(self) -> None:
+        Rules.__post_init__(self)
+        if set(self.max_density_g_cm3) != set(self.targets):
+            raise DataError(
+                f"protocol {self.name}: max_density_g_cm3 must name the targets "
+                f"{list(self.targets)}, got {list(self.max_density_g_cm3)}"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SegmentProtocol(Rules):
+    """How segments are scored.
+
+    Parameters
+    ----------
+    points_seed
+        Of the points of each object.
+    region_gap_g_cm3
+        Two materials are of two regions if between their densities, in the order of all of the
+        object, there is a larger gap.
+    """
+
+    points_seed: int
+    region_gap_g_cm3: float
+
+
 def load_protocol(name: str = PROTOCOLS[0]) -> Protocol:
-    """Return a protocol by name.
+    """Return a protocol of densities by name.
 
     Raises
     ------
@@ -160,14 +208,44 @@ def load_protocol(name: str = PROTOCOLS[0]) -> Protocol:
     >>> load_protocol("v1").rank_by
     'density_mae_g_cm3'
     """
-    if name not in PROTOCOLS:
-        raise DataError(f"no protocol {name!r}; there are {list(PROTOCOLS)}")
-    file = resources.files("xden_bench.scoring") / f"protocol-{name}.toml"
-    with resources.as_file(file) as path:
-        return load_settings(Protocol, Path(path))
+    return _load(Protocol, name, f"protocol-{name}.toml", PROTOCOLS)
 
 
-def is_trivial(method: str, protocol: Protocol) -> bool:
+def load_segment_protocol(name: str = SEGMENT_PROTOCOLS[0]) -> SegmentProtocol:
+    """Return a protocol of segments by name.
+
+    Raises
+    ------
+    DataError
+        If there is none of that name.
+
+    Examples
+    --------
+    >>> load_segment_protocol().rank_by
+    'iou_a'
+    """
+    return _load(SegmentProtocol, name, f"{name}.toml", SEGMENT_PROTOCOLS)
+
+
+def load_rules(name: str) -> Rules:
+    """Return a protocol by name, whatever it scores.
+
+    Raises
+    ------
+    DataError
+        If there is none of that name.
+    """
+    return load_segment_protocol(name) if name in SEGMENT_PROTOCOLS else load_protocol(name)
+
+
+def _load(kind: type[AnyRules], name: str, file: str, names: Sequence[str]) -> AnyRules:
+    if name not in names:
+        raise DataError(f"no protocol {name!r}; there are {list(names)}")
+    with resources.as_file(resources.files("xden_bench.scoring") / file) as path:
+        return load_settings(kind, Path(path))
+
+
+def is_trivial(method: str, protocol: Rules) -> bool:
     """Whether a name is one of a trivial method, however it is written.
 
     Examples

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from math import isnan
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float64
 
 from xden1k.predictions import Predictions, Problem, SubmissionMeta, raise_errors
+from xden1k.segmentation import SegmentsMeta
 from xden1k.values.arrays import Grid
 from xden1k.values.modality import Track
 from xden_bench.scoring.bootstrap import Estimate, estimate
@@ -19,7 +22,7 @@ from xden_bench.scoring.calibration import score_sd
 from xden_bench.scoring.clusters import category_sums
 from xden_bench.scoring.intervals import protocol_intervals
 from xden_bench.scoring.metrics import score_object
-from xden_bench.scoring.protocol import Protocol
+from xden_bench.scoring.protocol import Protocol, Rules
 from xden_bench.scoring.reference import Reference, Truth
 from xden_bench.scoring.submission import Check, Progress
 
@@ -28,6 +31,7 @@ __all__ = [
     "Score",
     "by_category",
     "by_size",
+    "left_out",
     "score",
     "summary",
 ]
@@ -76,13 +80,13 @@ class Score:
         Density of each object that it fills evenly, by id.
     """
 
-    meta: SubmissionMeta
+    meta: SubmissionMeta | SegmentsMeta
     submission_sha256: str
     arrays_sha256: str
     objects: tuple[ObjectScore, ...]
-    protocol: Protocol
-    warnings: tuple[Problem, ...]
-    even_fills_g_cm3: Mapping[str, float]
+    protocol: Rules
+    warnings: tuple[Problem, ...] = ()
+    even_fills_g_cm3: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def metrics(self) -> Mapping[str, Estimate]:
@@ -103,8 +107,12 @@ class Score:
         return by_size(self.objects, self.protocol)
 
 
-def summary(objects: Sequence[ObjectScore], protocol: Protocol) -> Mapping[str, Estimate]:
-    """Mean over objects and interval, by metric."""
+def summary(objects: Sequence[ObjectScore], protocol: Rules) -> Mapping[str, Estimate]:
+    """Mean over objects and interval, by metric.
+
+    An object for which a metric is not a number is left out of its mean; a metric that is none for
+    every object has no mean.
+    """
     names = tuple(objects[0].metrics)
     values: Float64[np.ndarray, "objects metrics"] = np.array(
         [[one.metrics[name] for name in names] for one in objects]
@@ -112,22 +120,44 @@ def summary(objects: Sequence[ObjectScore], protocol: Protocol) -> Mapping[str, 
     if not protocol.interval_metrics:
         estimates = estimate(values, protocol.bootstrap_resamples, protocol.bootstrap_seed)
         return dict(zip(names, estimates, strict=True))
-    categories = [one.category for one in objects]
+    categories = np.array([one.category for one in objects])
+    counts = ~np.isnan(values)
+    found: dict[str, Estimate] = {}
+    for kept in np.unique(counts[:, counts.any(axis=0)], axis=1).T:  # most metrics keep the same
+        places = np.flatnonzero((counts == kept[:, None]).all(axis=0))
+        some = [names[place] for place in places]
+        found |= _estimates(values[kept][:, places], categories[kept].tolist(), some, protocol)
+    return {name: found[name] for name in names if name in found}
+
+
+def _estimates(
+    values: Float64[np.ndarray, "objects metrics"],
+    categories: Sequence[str],
+    names: Sequence[str],
+    protocol: Rules,
+) -> Mapping[str, Estimate]:
+    """Means and intervals of metrics that are numbers for every object."""
     sums = category_sums(values, categories)
     intervals = protocol_intervals(values, categories, names, protocol)
     means = zip(names, sums.means.tolist(), sums.macro_means.tolist(), strict=True)
     return {name: Estimate(micro, intervals.get(name), macro) for name, micro, macro in means}
 
 
+def left_out(objects: Sequence[ObjectScore]) -> Mapping[str, int]:
+    """How many objects are left out of the mean of a metric, by metric; none where all count."""
+    counts = Counter(name for one in objects for name, it in one.metrics.items() if isnan(it))
+    return dict(sorted(counts.items()))
+
+
 def by_category(
-    objects: Sequence[ObjectScore], protocol: Protocol
+    objects: Sequence[ObjectScore], protocol: Rules
 ) -> Mapping[str, tuple[int, Mapping[str, Estimate]]]:
     """Objects and metrics of each category."""
     return _groups(objects, protocol, lambda one: one.category)
 
 
 def by_size(
-    objects: Sequence[ObjectScore], protocol: Protocol
+    objects: Sequence[ObjectScore], protocol: Rules
 ) -> Mapping[str, tuple[int, Mapping[str, Estimate]]]:
     """Objects and metrics of each class of size, smallest first."""
     edges = protocol.size_edges_cm
@@ -137,7 +167,7 @@ def by_size(
 
 
 def _groups(
-    objects: Sequence[ObjectScore], protocol: Protocol, key: Callable[[ObjectScore], str]
+    objects: Sequence[ObjectScore], protocol: Rules, key: Callable[[ObjectScore], str]
 ) -> Mapping[str, tuple[int, Mapping[str, Estimate]]]:
     groups: dict[str, list[ObjectScore]] = {}
     for one in objects:

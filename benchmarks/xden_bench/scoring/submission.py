@@ -7,19 +7,30 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from xden1k.predictions import CODES, Predictions, Problem, SubmissionMeta, listed
+from xden1k.predictions.archive import SubmissionArchive
+from xden1k.segmentation import SegmentsMeta
 from xden1k.values.arrays import Grid
 from xden1k.values.modality import Modality, Track
 from xden_bench.scoring.axes import AxesWatch
 from xden_bench.scoring.expand import PartShares, grid_of_parts, part_shares, sd_grid_of_parts
 from xden_bench.scoring.metrics import nonuniformity, relative_error
-from xden_bench.scoring.protocol import Protocol
+from xden_bench.scoring.protocol import Protocol, Rules
 from xden_bench.scoring.reference import Reference, Truth, xray_refusal
 
-__all__ = ["PLACEHOLDER", "Check", "Progress", "even_fill_g_cm3", "validate"]
+__all__ = [
+    "PLACEHOLDER",
+    "Check",
+    "Progress",
+    "even_fill_g_cm3",
+    "id_problems",
+    "meta_problems",
+    "validate",
+]
 
 Progress = Callable[[Sequence[str]], Iterable[str]]
 """What shows a bar while it goes through ids."""
@@ -79,8 +90,8 @@ class Check:
         meta = self.predictions.meta
         if meta is None:
             return
-        self._found += _meta_problems(meta, self.reference, self.protocol, self.track)
-        self._found += _id_problems(self.predictions, self.reference)
+        self._found += meta_problems(meta, self.reference, self.protocol, self.track)
+        self._found += id_problems(self.predictions, self.reference)
         for object_id in self.progress(self.reference.ids):
             if object_id in self.predictions:
                 truth = self.reference.truth(object_id, meta.target)
@@ -235,8 +246,11 @@ def validate(
         return check.problems
 
 
-def _meta_problems(
-    meta: SubmissionMeta, reference: Reference, protocol: Protocol, track: Track | None
+def meta_problems(
+    meta: SubmissionMeta | SegmentsMeta,
+    reference: Reference,
+    protocol: Rules,
+    track: Track | None,
 ) -> Iterator[Problem]:
     """Compare what the file says it predicts with what is being scored."""
     if meta.method == PLACEHOLDER:
@@ -261,7 +275,7 @@ def _meta_problems(
         yield Problem("E205", None, message)
 
 
-def _id_problems(predictions: Predictions, reference: Reference) -> Iterator[Problem]:
+def id_problems(predictions: SubmissionArchive[Any], reference: Reference) -> Iterator[Problem]:
     """Compare the objects named in the file with those of the split."""
     expected = frozenset(reference.ids)
     where = f"{len(expected)} in the split {reference.split}"

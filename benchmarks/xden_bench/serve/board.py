@@ -18,7 +18,7 @@ from xden_bench.entries.ranking import Entry, rank_label, unranked_because
 from xden_bench.entries.result import entry_path
 from xden_bench.entries.unseen import DROP_HEADINGS, drop_rows
 from xden_bench.scoring.metrics import METRICS
-from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.protocol import load_rules
 from xden_bench.serve.names import alphabets, is_link
 from xden_bench.serve.standings import Snapshot, Table, place_of
 
@@ -78,7 +78,7 @@ def board_values(snapshot: Snapshot, asked: Asked) -> dict[str, Any]:
         return {"is_current": snapshot.is_current, "rows": [], "unranked": []}
     table, tracks = _chosen(snapshot, asked)
     first = table.rows[0]
-    rules = load_protocol(first["protocol"])
+    rules = load_rules(first["protocol"])
     asked = replace(asked, table=_address(first), track=first["track"])
     names = metric_choices(table.rows)
     metric = asked.metric or names[0]
@@ -135,7 +135,7 @@ def link(asked: Asked) -> str:
 
 def metric_choices(rows: Sequence[Entry]) -> list[str]:
     """Name of each metric that a row of a table has, the ranking one first."""
-    first = load_protocol(rows[0]["protocol"]).rank_by
+    first = load_rules(rows[0]["protocol"]).rank_by
     names = [name for name in METRICS if any(name in row["metrics"] for row in rows)]
     return sorted(names, key=lambda name: name != first)
 
@@ -217,7 +217,7 @@ def facts(row: Entry) -> list[tuple[str, str, bool]]:
 
 def _seed_facts(row: Entry) -> dict[str, str]:
     """Return what a row says of the seeds that it is the mean of, or should be."""
-    metric = load_protocol(row["protocol"]).rank_by
+    metric = load_rules(row["protocol"]).rank_by
     told = {
         f"seed {one['method']['seed']}": f"{METRICS[metric].heading} "
         f"{one['metrics'][metric]['mean']:.3f}, submission sha256 {one['submission_sha256']}"
@@ -265,7 +265,7 @@ def _heading(name: str, metric: str, asked: Asked) -> dict[str, Any]:
 def _drop(table: Table, snapshot: Snapshot) -> Iterator[dict[str, Any]]:
     """Give the table from seen to unseen categories, where both splits have a method."""
     if cells := drop_rows(table.rows, [one.rows for one in snapshot.tables]):
-        metric = METRICS[load_protocol(table.rows[0]["protocol"]).rank_by]
+        metric = METRICS[load_rules(table.rows[0]["protocol"]).rank_by]
         title = f"From seen to unseen categories: {metric.heading}"
         yield {"title": title, "headings": DROP_HEADINGS, "rows": cells}
 
@@ -308,7 +308,7 @@ def _line(row: Entry, table: Table, names: Sequence[str], asked: Asked) -> dict[
 def _figures(row: Entry, names: Sequence[str]) -> list[dict[str, str]]:
     """Cells of the metrics; after the first, where the protocol has it, its mean by category."""
     cells = [_value(row, name) for name in names]
-    if load_protocol(row["protocol"]).is_ranked:
+    if load_rules(row["protocol"]).is_ranked:
         macro = row["metrics"].get(names[0], {}).get("macro_mean")
         cells.insert(1, _cell("" if macro is None else f"{macro:.3f}"))
     return cells
@@ -360,7 +360,7 @@ def _address(row: Entry) -> str:
 def _version(row: Entry) -> str:
     """Name a metric version that is not the protocol's newest."""
     version = row["metric_version"]
-    newest = load_protocol(row["protocol"]).metric_version
+    newest = load_rules(row["protocol"]).metric_version
     return "" if version == newest else f", old metric version {version}"
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 from threading import RLock
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -126,7 +126,7 @@ class Explorer:
         return tuple(sorted(found, key=lambda name: ("train" in name, name)))
 
     def methods(self, entries: tuple[Entry, ...], split: str) -> dict[str, Entry]:
-        """Entries on a split of this very dataset, by a label that tells them apart.
+        """Entries of densities on a split of this very dataset, by a label that tells them apart.
 
         None of the split private: the score of an object tells its answer.
         """
@@ -136,6 +136,7 @@ class Explorer:
             for row in entries
             if row["dataset"]["manifest_sha256"] == self.folder.manifest_sha256
             and row["dataset"]["split"] == split != PRIVATE
+            and row["target"] in get_args(Target)
         }
 
     def stored(self, row: Entry) -> bool:

@@ -13,7 +13,7 @@ from fastapi import FastAPI
 from xden1k.export.si import M_PER_CM
 from xden1k.values.types import FIELD_SIZE
 from xden_bench.scoring.metrics import METRICS
-from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.protocol import load_rules
 from xden_bench.serve.app import OBJECTS
 from xden_bench.serve.explorer import COLOURS, PART_HEADINGS, Explorer, Fields, best_and_worst
 from xden_bench.serve.figures import AXES
@@ -286,7 +286,7 @@ class _Page:
         row = self._row(split, method)
         if row is None:
             return [gr.update(visible=False), gr.skip(), gr.skip(), gr.skip()]
-        names = [name for name in load_protocol(row["protocol"]).metrics if name in row["metrics"]]
+        names = [name for name in load_rules(row["protocol"]).metrics if name in row["metrics"]]
         update, metric = offer([(METRICS[name].heading, name) for name in names], metric)
         headings = ["object", "category", "longest edge, cm", METRICS[metric].heading]
         found = best_and_worst(row, metric, self.standings.results)

@@ -1,0 +1,154 @@
+"""The truth that segments are compared with: the points of an object, and who owns them.
+
+Needs the extra ``build``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from jaxtyping import UInt8
+
+from xden1k.errors import DataError
+from xden1k.format.records import split_meshes
+from xden1k.format.shards import Row
+from xden1k.rays import CubeGrid, outer_surface
+from xden1k.segmentation import SegmentPoints, material_regions
+from xden1k.segmentation.points import draw_points, point_owners, segment_grid
+from xden1k.values.types import PRIVATE
+from xden_bench.scoring.protocol import SegmentProtocol
+from xden_bench.scoring.reference import Reference
+
+__all__ = ["DrawnObject", "Regions", "SegmentReference"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Regions:
+    """The truth of one object.
+
+    Parameters
+    ----------
+    materials, parts
+        Shape (points,): material region of each point; part that owns it, 0 = void.
+    """
+
+    materials: UInt8[np.ndarray, "points"]
+    parts: UInt8[np.ndarray, "points"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnObject:
+    """One object and the points where it is asked.
+
+    Parameters
+    ----------
+    row
+        Of the dataset.
+    meshes
+        Its parts, cm.
+    grid
+        At whose voxel centres points lie.
+    extent_cm
+        Longest edge of the bounding box of the outer surface.
+    points
+        In the outer surface.
+    """
+
+    row: Row
+    meshes: Sequence[trimesh.Trimesh]
+    grid: CubeGrid
+    extent_cm: float
+    points: SegmentPoints
+
+    def regions(self, gap_g_cm3: float) -> Regions:
+        """Find the regions of the points; a gap between densities is larger than this.
+
+        Raises
+        ------
+        DataError
+            If a part has no density.
+        """
+        densities = _densities_g_cm3(self.row)
+        owners = point_owners(self.meshes, self.grid, self.points)
+        return Regions(material_regions(densities, gap_g_cm3)[owners], owners)
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentReference(Reference):
+    """One split of a dataset folder as the truth of segments.
+
+    Parameters
+    ----------
+    folder, split
+        As in :class:`xden_bench.scoring.reference.Reference`.
+    rules
+        Which points are asked for, and what a region is.
+
+    Raises
+    ------
+    DataError
+        If the folder has no such split, or it is ``private``.
+    """
+
+    rules: SegmentProtocol
+
+    def __post_init__(self) -> None:
+        if self.split == PRIVATE:
+            raise DataError(
+                f"{self.folder.root}: segments of the split {PRIVATE} cannot be scored: its part "
+                "meshes and labels are public, so nothing about it is sealed; score test or unseen"
+            )
+        Reference.__post_init__(self)
+
+    def drawn(self, object_id: str) -> DrawnObject:
+        """Draw the points of an object.
+
+        Raises
+        ------
+        DataError
+            If its outer surface is not closed.
+        """
+        row = self._row(object_id, _COLUMNS)
+        grid = segment_grid(np.array(row["grid_origin_cm"]), row["voxel_size_cm"])
+        try:
+            meshes = split_meshes(row)
+            outer = outer_surface(meshes)
+            points = draw_points(outer, grid, object_id, self.rules.points_seed)
+        except DataError as err:
+            raise DataError(f"{object_id}: {err}") from err
+        return DrawnObject(row, meshes, grid, float(outer.extents.max()), points)
+
+
+_COLUMNS = (
+    "object_id",
+    "category",
+    "source",
+    "grid_origin_cm",
+    "voxel_size_cm",
+    "part_names",
+    "part_density_g_cm3",
+    "mesh_vertices",
+    "mesh_faces",
+    "face_part",
+)
+
+
+def _densities_g_cm3(row: Row) -> list[float]:
+    """Density of void and of each part.
+
+    Raises
+    ------
+    DataError
+        If only the attenuation of a part is known.
+    """
+    densities = row["part_density_g_cm3"]
+    for name, density in zip(row["part_names"], densities, strict=True):
+        if density is None or np.isnan(density):
+            raise DataError(
+                f"{row['object_id']}: the part {name} must have a density, for its material "
+                "region; only its attenuation is known"
+            )
+    return [0.0, *densities]
