@@ -53,6 +53,7 @@ def test_a_list_tells_oracles_and_what_does_not_load(run: Run) -> None:
     assert listed["water"] == {
         "name": "water",
         "track": "geometry",
+        "gives": "densities",
         "summary": "1 g/cm³ in the envelope.",
     }
 

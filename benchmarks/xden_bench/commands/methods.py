@@ -22,7 +22,7 @@ from xden_bench.commands.shared import (
 
 if TYPE_CHECKING:
     from xden1k.folder import DatasetFolder
-    from xden1k.predictions import SubmissionMeta
+    from xden1k.predictions import MethodMeta
     from xden_bench.methods.running import Report
 
 __all__ = ["baseline", "run_again"]
@@ -39,6 +39,13 @@ __all__ = ["baseline", "run_again"]
     default="density",
     show_default=True,
     help="What to learn and predict.",
+)
+@click.option(
+    "--task",
+    type=click.Choice(["densities", "segments"]),
+    default="densities",
+    show_default=True,
+    help="What it is asked for: preds.npz, or segments.npz for `xden-bench segment`.",
 )
 @click.option("--seed", default=0, show_default=True, help="Of methods that draw random numbers.")
 @click.option("--budget", metavar="AMOUNT", help="Of training: 20epochs, 90s. [default: its own]")
@@ -88,7 +95,7 @@ def baseline(
         _echo_report(out, report)
 
 
-def run_again(command: str, folder: DatasetFolder, out: Path) -> SubmissionMeta:
+def run_again(command: str, folder: DatasetFolder, out: Path) -> MethodMeta:
     """Run a method by the printed command of its row.
 
     The command is parsed as ``xden-bench baseline`` parses it, and no shell sees it; its ``--root``
@@ -132,6 +139,7 @@ def _run(asked: Mapping[str, Any], folder: DatasetFolder, out: Path, command: st
     from xden_bench.methods.baseline import find_pictures
     from xden_bench.methods.rebuilt import Rebuilt
     from xden_bench.methods.running import Options, run_predictor
+    from xden_bench.scoring.protocol import load_segment_protocol
 
     built, target, budget = asked["built"], asked["target"], asked["budget"]
     method = apart.Method(asked["name"], _settings(asked["settings"]))
@@ -145,6 +153,7 @@ def _run(asked: Mapping[str, Any], folder: DatasetFolder, out: Path, command: st
         pictures=find_pictures(predictor, asked["views"], asked["pictures"]),
         command=command,
         hardware=asked["hardware"],
+        points_seed=load_segment_protocol().points_seed if asked["task"] == "segments" else None,
     )
     run = (folder, asked["split"], out, options, progress_bar)
     if built is not None:

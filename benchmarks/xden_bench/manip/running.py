@@ -215,10 +215,10 @@ def _figures_of_all(
     tries: Tries, partly: PartialRun, workers: int, progress: Progress
 ) -> list[Figures]:
     """Take up the objects that are done, and try the others."""
-    figures: list[Figures] = [partly.read(place).values for place in range(partly.count)]
+    figures: list[Figures] = [partly.read(place).arrays["values"] for place in range(partly.count)]
     left = tries.scenes.ids[len(figures) :]
     for _, found in zip(progress(left), _mapped(tries.tried, left, workers), strict=True):
-        partly.keep(len(figures), Kept(found, None, Facts(0.0)))
+        partly.keep(len(figures), Kept({"values": found}, Facts(0.0)))
         figures.append(found)
     return figures
 

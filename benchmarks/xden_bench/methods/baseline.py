@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from xden1k.errors import DataError
-from xden1k.predictor import Illustrated, PictureSource, Predictor
+from xden1k.predictor import Illustrated, Method, PictureSource, Predictor, Segmenter
 from xden1k.values.modality import Modality, track_of
 from xden_bench.methods.running import Options, Report, run_predictor
 
@@ -19,6 +19,7 @@ __all__ = [
     "Options",
     "Report",
     "builtin_names",
+    "find_method",
     "find_pictures",
     "find_predictor",
     "list_predictors",
@@ -43,12 +44,15 @@ class Listed:
         What ``xden-bench baseline`` calls it.
     track
         Where it runs; ``-`` if it does not load.
+    gives
+        ``densities``, ``segments``, or both; ``-`` if it does not load.
     summary
         First line of its docstring, or why it does not load.
     """
 
     name: str
     track: str
+    gives: str
     summary: str
 
 
@@ -59,15 +63,17 @@ def list_predictors() -> tuple[Listed, ...]:
 
 def _listed(name: str) -> Listed:
     try:
-        predictor = find_predictor(name)
+        method = find_method(name)
     except DataError as err:
-        return Listed(name, "-", str(err))
-    oracle = "oracle: " if (Modality.TRUTH | Modality.MATERIALS) & predictor.reads else ""
-    summary = (inspect.getdoc(predictor) or "").split("\n")[0]
-    return Listed(name, track_of(predictor.reads), oracle + summary)
+        return Listed(name, "-", "-", str(err))
+    oracle = "oracle: " if (Modality.TRUTH | Modality.MATERIALS) & method.reads else ""
+    summary = (inspect.getdoc(method) or "").split("\n")[0]
+    kinds = {"densities": Predictor, "segments": Segmenter}
+    gives = " and ".join(name for name, kind in kinds.items() if isinstance(method, kind))
+    return Listed(name, track_of(method.reads), gives, oracle + summary)
 
 
-def find_predictor(name: str, settings: Mapping[str, Any] | None = None) -> Predictor:
+def find_method(name: str, settings: Mapping[str, Any] | None = None) -> Predictor | Segmenter:
     """Return an installed method by the name of its entry point.
 
     Parameters
@@ -80,22 +86,36 @@ def find_predictor(name: str, settings: Mapping[str, Any] | None = None) -> Pred
     Raises
     ------
     DataError
-        If there is none of that name, it cannot be imported or made, or it is no predictor.
+        If there is none of that name, it cannot be imported or made, or it is no method.
     """
     entries = _entries(PREDICTORS)
     if name not in entries:
         raise DataError(f"no method {name!r} is installed; there are {sorted(entries)}")
     try:
-        predictor = entries[name].load()(**(settings or {}))
+        method = entries[name].load()(**(settings or {}))
     except (ImportError, AttributeError, TypeError, ValueError) as err:
         raise DataError(f"the method {name} ({entries[name].value}) does not load: {err}") from err
-    if not isinstance(predictor, Predictor):
+    if not isinstance(method, Predictor | Segmenter):
         raise DataError(f"the method {name} ({entries[name].value}) is no xden1k Predictor")
-    return predictor
+    return method
+
+
+def find_predictor(name: str, settings: Mapping[str, Any] | None = None) -> Predictor:
+    """Return an installed method of densities.
+
+    Raises
+    ------
+    DataError
+        As :func:`find_method`, or if it gives segments alone.
+    """
+    method = find_method(name, settings)
+    if not isinstance(method, Predictor):
+        raise DataError(f"the method {name} gives segments, no densities")
+    return method
 
 
 def find_pictures(
-    predictor: Predictor, views: Path | None, pictures: str | None = None
+    predictor: Method, views: Path | None, pictures: str | None = None
 ) -> PictureSource | None:
     """Return where a method's colour pictures come from; None if it reads none.
 

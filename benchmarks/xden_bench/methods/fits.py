@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from xden1k.errors import DataError
 from xden1k.predictions import Target
-from xden1k.predictor import Budget, Examples, Predictor, Storable, takes_budget
+from xden1k.predictor import Budget, Examples, Method, Storable, takes_budget
 
 __all__ = ["Fit", "fit_or_take_up", "load_fit", "read_fit"]
 
@@ -64,7 +64,7 @@ class Fit:
 
 
 def fit_or_take_up(
-    predictor: Predictor, train: Examples, fit: Fit, budget: Budget | None, folder: Path
+    predictor: Method, train: Examples, fit: Fit, budget: Budget | None, folder: Path
 ) -> None:
     """Let a method learn; where it can store what it learned, do so, or take it up if it is there.
 
@@ -143,7 +143,7 @@ def read_fit(folder: Path) -> Fit:
     return Fit(**{**values, "inputs": tuple(values["inputs"])})
 
 
-def _learn(predictor: Predictor, train: Examples, seed: int, budget: Budget | None) -> None:
+def _learn(predictor: Method, train: Examples, seed: int, budget: Budget | None) -> None:
     if budget is None:
         predictor.fit(train, seed=seed)
     elif takes_budget(predictor):

@@ -33,7 +33,7 @@ FIT_NAME: Final = "fit"
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What is to be said of one prediction.
+    """What is to be said of one answer.
 
     Parameters
     ----------
@@ -60,18 +60,17 @@ class Facts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Kept:
-    """A prediction as it is kept.
+    """An answer as it is kept.
 
     Parameters
     ----------
-    values, sd
-        What the method gave; the standard deviation or None.
+    arrays
+        What the method gave, by the names under which it is written.
     facts
         What is to be said of it.
     """
 
-    values: Any
-    sd: Any
+    arrays: Mapping[str, Any]
     facts: Facts
 
 
@@ -109,10 +108,9 @@ class PartialRun:
 
     def keep(self, place: int, kept: Kept) -> None:
         """Add the object at a place of the split: whole or not at all."""
-        arrays = {"values": kept.values} | ({} if kept.sd is None else {"sd": kept.sd})
         new = self.folder / "object.new"
         with new.open("wb") as file:
-            np.savez(file, facts=np.array(json.dumps(asdict(kept.facts))), **arrays)
+            np.savez(file, facts=np.array(json.dumps(asdict(kept.facts))), **kept.arrays)
             file.flush()
             os.fsync(file.fileno())
         new.replace(self._file(place))
@@ -120,8 +118,8 @@ class PartialRun:
     def read(self, place: int) -> Kept:
         """Return an object that is done."""
         with np.load(self._file(place)) as arrays:
-            facts = Facts(**json.loads(str(arrays["facts"])))
-            return Kept(arrays["values"], arrays.get("sd"), facts)
+            kept = dict(arrays)
+            return Kept(kept, Facts(**json.loads(str(kept.pop("facts")))))
 
     def _file(self, place: int) -> Path:
         return self.folder / f"{place:06d}.npz"

@@ -2,35 +2,30 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import fmean
 from typing import Any, Final
 
-import numpy as np
-
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
-from xden1k.predictions import MAX_TEXT, PredictionsWriter, SubmissionMeta, Target
+from xden1k.predictions import MAX_TEXT, MethodMeta, Target
 from xden1k.predictor import (
     AsksAhead,
     Budget,
     Fingerprinted,
+    Method,
     PictureSource,
-    Prediction,
-    Predictor,
     SampleView,
     Storable,
 )
 from xden1k.values.modality import Modality
-from xden_bench.methods.cost import peak_memory_gb, processor_s
+from xden_bench.methods.answering import Answering, answering
 from xden_bench.methods.fits import Fit, fit_or_take_up, load_fit
 from xden_bench.methods.partial import (
     Facts,
-    Kept,
     PartialRun,
     code_sha256,
     folder_sha256,
@@ -46,11 +41,6 @@ __all__ = ["Options", "Report", "refuse_without_radiographs", "run_predictor", "
 
 MOST_FALLBACKS: Final = 0.05
 """Of a model's answers: of more a row would not be the model's it names."""
-_SAID: Final = (
-    *("mass_native_g", "model", "answers", "fallbacks", "unanswered"),
-    *("device", "remark"),
-)
-"""What a prediction says of itself that is kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +65,8 @@ class Options:
         That runs this again.
     hardware
         What it runs on; empty if not told.
+    points_seed
+        Of the points, where segments are asked for; None asks for densities.
     """
 
     target: Target = "density"
@@ -85,8 +77,9 @@ class Options:
     pictures: PictureSource | None = None
     command: str = ""
     hardware: str = ""
+    points_seed: int | None = None
 
-    def check(self, predictor: Predictor) -> None:
+    def check(self, predictor: Method) -> None:
         """Refuse what asks a method for something it cannot do.
 
         Raises
@@ -118,20 +111,20 @@ class Report:
         By object: the mass by the method's own rule, where it has one. Never scored.
     """
 
-    meta: SubmissionMeta
+    meta: MethodMeta
     continued: int
     mass_native_g: Mapping[str, float]
 
 
 def run_predictor(
-    predictor: Predictor,
+    predictor: Method,
     folder: DatasetFolder,
     split: str,
     out: Path,
     options: Options = Options(),
     progress: Progress = iter,
 ) -> Report:
-    """Let a method learn from the training split, predict objects, and write its submission.
+    """Let a method learn from the training split, answer for objects, and write its submission.
 
     It runs in this process, which is for trying: code beside the dataset can read all of it.
     :func:`xden_bench.methods.apart.run_apart` is for rows.
@@ -145,9 +138,9 @@ def run_predictor(
     split
         What to predict.
     out
-        The ``preds.npz`` to write.
+        The submission to write.
     options
-        How it is run.
+        How it is run, and what it is asked for.
     progress
         Goes through the ids of the objects that are left to do.
 
@@ -168,7 +161,7 @@ def run_predictor(
 
 
 def refuse_without_radiographs(
-    predictor: Predictor, folder: DatasetFolder, split: str, options: Options
+    predictor: Method, folder: DatasetFolder, split: str, options: Options
 ) -> None:
     """Check that every object that is looked at has what an X-ray method reads.
 
@@ -186,7 +179,7 @@ def refuse_without_radiographs(
 
 
 def run_within(
-    scope: Scope, predictor: Predictor, out: Path, options: Options, progress: Progress = iter
+    scope: Scope, predictor: Method, out: Path, options: Options, progress: Progress = iter
 ) -> Report:
     """Let a method learn, predict and write its submission from what a scope shows.
 
@@ -200,7 +193,7 @@ def run_within(
     predictor
         The method.
     out
-        The ``preds.npz`` to write.
+        The submission to write.
     options
         How it is run; its pictures and command are those of the scope.
     progress
@@ -215,11 +208,12 @@ def run_within(
     with partial_run(out, run.identity) as partial:
         fit = run.made_ready(partial.fit_folder)
         continued = partial.count
-        with PredictionsWriter(partial.submission) as writer:
-            facts = dict(run.predictions(writer, partial, progress))
+        way = answering(predictor, partial.submission, options.target, options.points_seed)
+        with way.writer:
+            facts = dict(run.answers(way, partial, progress))
             _refuse_fallbacks(predictor.name, tuple(facts.values()))
-            meta = run.meta(fit, tuple(facts.values()))
-            writer.finish(meta)
+            meta = way.meta(run.said(fit, tuple(facts.values())))
+            way.writer.finish(meta)
         partial.submission.replace(out)
     masses = {one: found.mass_native_g for one, found in facts.items()}
     native = {one: mass for one, mass in masses.items() if mass is not None}
@@ -230,7 +224,7 @@ def run_within(
 class _Run:
     """A method on a split."""
 
-    predictor: Predictor
+    predictor: Method
     scope: Scope
     options: Options
 
@@ -259,6 +253,7 @@ class _Run:
         model = self.options.model
         return asdict(self.fit) | {
             "split": self.scope.task.split,
+            "points_seed": self.options.points_seed,
             "model": folder_sha256(model) if model else "",
         }
 
@@ -273,8 +268,8 @@ class _Run:
         fit_or_take_up(self.predictor, self.scope.train(), self.fit, options.budget, kept)
         return self.fit
 
-    def predictions(
-        self, writer: PredictionsWriter, partial: PartialRun, progress: Progress
+    def answers(
+        self, way: Answering, partial: PartialRun, progress: Progress
     ) -> Iterator[tuple[str, Facts]]:
         """Write every object: first those that are kept, then the others."""
         ids, done = self.scope.task.ids, partial.count
@@ -282,13 +277,11 @@ class _Run:
             self.predictor.ask_ahead(self._samples(ids[done:], progress))
         for place, object_id in enumerate(ids[:done]):
             kept = partial.read(place)
-            writer.add(object_id, kept.values, kept.sd)
+            way.add(object_id, kept.arrays)
             yield object_id, kept.facts
         for place, object_id in enumerate(progress(ids[done:]), start=done):
-            sample = self.scope.sample(object_id)
-            kept = self._predict(sample)
-            writer.add(object_id, kept.values, kept.sd)
-            _check_parts(sample, kept.values, self.predictor.reads)
+            kept = way.ask(self.scope.sample(object_id))
+            way.add(object_id, kept.arrays)
             partial.keep(place, kept)
             yield object_id, kept.facts
 
@@ -297,40 +290,26 @@ class _Run:
         for object_id in progress(ids):
             yield self.scope.sample(object_id)
 
-    def _predict(self, sample: SampleView) -> Kept:
-        start, processor_start_s = time.perf_counter(), processor_s()
-        found = self.predictor.predict(sample)
-        facts = Facts(
-            time.perf_counter() - start,
-            processor_s=processor_s() - processor_start_s,
-            peak_memory_gb=peak_memory_gb(),
-        )
-        if not isinstance(found, Prediction):
-            return Kept(found, None, facts)
-        said = {name: getattr(found, name) for name in _SAID}
-        return Kept(found.density_g_cm3, found.density_sd_g_cm3, replace(facts, **said))
-
-    def meta(self, fit: Fit | None, facts: Sequence[Facts]) -> SubmissionMeta:
-        """Return what the file says about itself."""
+    def said(self, fit: Fit | None, facts: Sequence[Facts]) -> dict[str, Any]:
+        """Return what every file says about itself."""
         seconds, processor_seconds, memory_gb = self._cost(facts)
-        return SubmissionMeta(
-            method=self.predictor.name,
-            dataset_revision=self.scope.task.version,
-            config="default",
-            split=self.scope.task.split,
-            inputs=self.predictor.reads.inputs,
-            training_data=("xden1k/train",) if fit else (),
-            external_data=self.predictor.external_data,
-            target=self.options.target,
-            command=self.scope.command(),
-            notes=_short([self.predictor.notes, *self._notes(fit, facts)]),
-            seconds_per_object=seconds,
-            processor_seconds_per_object=processor_seconds,
-            peak_memory_gb=memory_gb,
-            hardware=self.options.hardware,
-            seed=fit.seed if fit else None,
-            manifest_sha256=self.scope.task.manifest_sha256,
-        )
+        return {
+            "method": self.predictor.name,
+            "dataset_revision": self.scope.task.version,
+            "config": "default",
+            "split": self.scope.task.split,
+            "inputs": self.predictor.reads.inputs,
+            "training_data": ("xden1k/train",) if fit else (),
+            "external_data": self.predictor.external_data,
+            "command": self.scope.command(),
+            "notes": _short([self.predictor.notes, *self._notes(fit, facts)]),
+            "seconds_per_object": seconds,
+            "processor_seconds_per_object": processor_seconds,
+            "peak_memory_gb": memory_gb,
+            "hardware": self.options.hardware,
+            "seed": fit.seed if fit else None,
+            "manifest_sha256": self.scope.task.manifest_sha256,
+        }
 
     def _cost(self, facts: Sequence[Facts]) -> tuple[float | None, float | None, float | None]:
         """Wall and processor seconds of an object, and memory; a rebuild's were spent elsewhere."""
@@ -396,17 +375,3 @@ def _counted(texts: Sequence[str]) -> Iterator[str]:
 
 def _fingerprint(value: object) -> str:
     return value.fingerprint if isinstance(value, Fingerprinted) else ""
-
-
-def _check_parts(sample: SampleView, values: np.ndarray, reads: Modality) -> None:
-    """Refuse part densities of the wrong number, or by a method that declares no parts."""
-    if values.ndim != 1:
-        return
-    if Modality.PARTS not in reads:
-        raise DataError(f"{sample.object_id}: part densities need the modality PARTS: give a grid")
-    parts = len(sample.part_names)
-    if len(values) != parts + 1:
-        raise DataError(
-            f"{sample.object_id}: shape must be ({parts + 1},), air and {parts} parts, "
-            f"got {values.shape}"
-        )

@@ -15,7 +15,7 @@ from typing import IO, Any
 from xden1k.errors import XDenError
 from xden_bench.methods.apart.asked import AskingScope
 from xden_bench.methods.apart.channel import read_pickle, told, untold, write_request
-from xden_bench.methods.baseline import find_predictor
+from xden_bench.methods.baseline import find_method
 from xden_bench.methods.running import Options, Report, run_within
 from xden_bench.methods.scope import Task
 from xden_bench.scoring.submission import Progress
@@ -107,7 +107,7 @@ def start() -> None:
 
 
 def _run(job: Job, ask: _Asking) -> Report:
-    predictor = find_predictor(job.name, job.settings)
+    predictor = find_method(job.name, job.settings)
     scope = AskingScope(job.task, predictor.reads, job.options.target, ask)
     return run_within(scope, predictor, job.out, job.options, job.progress)
 

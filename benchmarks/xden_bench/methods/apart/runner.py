@@ -15,11 +15,12 @@ from xden1k.access.hub import ROOT_VARIABLE
 from xden1k.errors import DataError, XDenError
 from xden1k.folder import DatasetFolder
 from xden1k.predictions import open_predictions
-from xden1k.predictor import Fingerprinted, PictureSource, Predictor
+from xden1k.predictor import Fingerprinted, PictureSource, Predictor, Segmenter
+from xden1k.segmentation import open_segments
 from xden_bench.methods.apart.answers import Answers
 from xden_bench.methods.apart.channel import read_requests, told, untold, write_pickle
 from xden_bench.methods.apart.process import Described, Job
-from xden_bench.methods.baseline import find_predictor
+from xden_bench.methods.baseline import find_method
 from xden_bench.methods.running import Options, Report, refuse_without_radiographs
 from xden_bench.methods.scope import Task
 from xden_bench.scoring.submission import Progress
@@ -46,14 +47,14 @@ class Method:
     name: str
     settings: Mapping[str, Any] = field(default_factory=dict)
 
-    def load(self) -> Predictor:
-        """Return it; see :func:`xden_bench.methods.baseline.find_predictor`."""
-        return find_predictor(self.name, self.settings)
+    def load(self) -> Predictor | Segmenter:
+        """Return it; see :func:`xden_bench.methods.baseline.find_method`."""
+        return find_method(self.name, self.settings)
 
 
 def run_apart(
     method: Method,
-    predictor: Predictor,
+    predictor: Predictor | Segmenter,
     folder: DatasetFolder,
     split: str,
     out: Path,
@@ -89,7 +90,7 @@ def run_apart(
         outcome = _answered(process, job, answers)
     if outcome is None:
         raise DataError(f"the process of the method {method.name} ended {_how(process)}")
-    return _report(out, predictor, outcome)
+    return _report(out, predictor, options, outcome)
 
 
 def _described(pictures: PictureSource | None) -> Described | None:
@@ -146,10 +147,13 @@ def _reply(answers: Answers, words: Any) -> tuple[tuple[str, str] | None, Any]:
         return told(err), None
 
 
-def _report(out: Path, predictor: Predictor, outcome: Mapping[str, Any]) -> Report:
+def _report(
+    out: Path, predictor: Predictor | Segmenter, options: Options, outcome: Mapping[str, Any]
+) -> Report:
     if "failed" in outcome:
         raise untold(*outcome["failed"])
-    with open_predictions(out) as found:
+    opened = open_predictions if options.points_seed is None else open_segments
+    with opened(out) as found:
         meta = found.meta
     if meta is None or meta.inputs != predictor.reads.inputs:
         out.unlink()
