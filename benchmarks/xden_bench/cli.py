@@ -12,6 +12,7 @@ from xden_bench.commands.entries import compare, verify, withdraw
 from xden_bench.commands.manip import manip
 from xden_bench.commands.methods import baseline
 from xden_bench.commands.sealing import keygen, seal, verify_sealed
+from xden_bench.commands.segments import segment
 from xden_bench.commands.speed import speed
 from xden_bench.commands.submissions import score, submit, template, validate
 from xden_bench.commands.web import serve
@@ -37,6 +38,7 @@ cli.add_command(coverage)
 cli.add_command(baseline)
 cli.add_command(dataset)
 cli.add_command(manip)
+cli.add_command(segment)
 cli.add_command(speed)
 cli.add_command(keygen)
 cli.add_command(seal)

@@ -16,6 +16,7 @@ from click.testing import CliRunner, Result
 from xden1k.access import hub
 from xden1k.values.modality import TRACKS
 from xden_bench.cli import cli
+from xden_bench.commands.segments import segment
 from xden_bench.scoring.protocol import PROTOCOLS
 
 Submit = Callable[..., Path]
@@ -582,3 +583,6 @@ def test_every_command_has_an_example() -> None:
     for name in cli.commands:
         text = CliRunner().invoke(cli, [name, "--help"]).stdout
         assert text.rstrip().splitlines()[-1].strip().startswith(f"Example: xden-bench {name}")
+    for name in segment.commands:
+        text = CliRunner().invoke(cli, ["segment", name, "--help"]).stdout
+        assert f"Example: xden-bench segment {name} " in text

@@ -12,17 +12,20 @@ from typing import Any
 import pytest
 
 from xden1k.predictions import CODES, SubmissionMeta
+from xden1k.segmentation import SEGMENT_CODES
 from xden1k.values.modality import INPUTS, TRACKS
 from xden_bench.cli import cli
 from xden_bench.methods.baseline import run_predictor
 from xden_bench.scoring.metrics import METRICS
-from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.protocol import load_protocol, load_segment_protocol
 from xden_bench.scoring.reference import Reference
 from xden_bench.scoring.submission import validate
 
 ROOT = Path(__file__).parents[2]
 PREDICTIONS = (ROOT / "docs" / "formats" / "predictions.md").read_text()
 SCORING = (ROOT / "docs" / "method" / "scoring.md").read_text()
+SEGMENTS = (ROOT / "docs" / "formats" / "segments.md").read_text()
+SEGMENTATION = (ROOT / "docs" / "method" / "segmentation.md").read_text()
 SUBMIT = (ROOT / "docs" / "manual" / "submit.md").read_text()
 HIDDEN = (ROOT / "docs" / "manual" / "hidden-truth.md").read_text()
 
@@ -94,3 +97,21 @@ def test_the_changelog_knows_the_golden_numbers() -> None:
     golden = (ROOT / "tests" / "golden" / "bench.json").read_bytes()
     digest = hashlib.sha256(golden).hexdigest()[:12]
     assert digest in (ROOT / "CHANGELOG.md").read_text(), f"quote {digest} and say what moved"
+
+
+def test_every_code_of_segments_is_in_the_manual() -> None:
+    found = dict(re.findall(r"^\| (E\d{3}) \| (.*) \|$", SEGMENTS, re.MULTILINE))
+    assert found == SEGMENT_CODES
+    assert [name for name in ("points_seed", "points_sha256") if f"`{name}`" not in SEGMENTS] == []
+
+
+def test_every_row_and_metric_of_segments_is_in_the_manual() -> None:
+    rules = load_segment_protocol()
+    names = [*rules.metrics, *rules.unranked]
+    assert [name for name in names if f"`{name}`" not in SEGMENTATION] == []
+
+
+def test_the_protocol_of_segments_never_changes() -> None:
+    text = (ROOT / "benchmarks" / "segment-v1.toml").read_text()
+    frozen = re.sub(r"^metric_version = .*$", "", text, flags=re.MULTILINE)
+    assert hashlib.sha256(frozen.encode()).hexdigest()[:12] == "ebecc3fdbab2"

@@ -13,12 +13,13 @@ import click
 
 from xden1k.commands import json_option, print_json
 from xden1k.errors import DataError
+from xden_bench.commands.entering import comparison_values, echo_comparison
 from xden_bench.commands.methods import run_again
+from xden_bench.commands.segments import submit as submit_segments
 from xden_bench.commands.shared import (
     FILE,
     command_line,
     echo_lines,
-    interval_text,
     key_option,
     open_reference,
     parse_command,
@@ -34,8 +35,9 @@ from xden_bench.commands.submissions import submit
 if TYPE_CHECKING:
     from xden_bench.entries.recomputed import How
     from xden_bench.entries.verification import Verification
-    from xden_bench.scoring.comparison import Comparison, Scored
+    from xden_bench.scoring.comparison import Scored
     from xden_bench.scoring.reference import Reference
+    from xden_bench.scoring.score import Score
 
 __all__ = ["compare", "verify", "withdraw"]
 
@@ -71,17 +73,17 @@ def compare(a: Path, b: Path, largest: int, as_json: bool, **asked: Any) -> None
     """
     from xden1k.values.types import PRIVATE
     from xden_bench.scoring.comparison import compare as compare_scores
-    from xden_bench.scoring.protocol import load_protocol
+    from xden_bench.scoring.protocol import load_rules
 
     first, second = (_scored(path, **asked) for path in (a, b))
-    rules = load_protocol(first.compared["protocol"])
+    rules = load_rules(first.compared["protocol"])
     listed = 0 if first.compared["split"] == PRIVATE else largest
     found = compare_scores(first, second, rules, listed)
     if as_json:
-        metrics = {name: _comparison_values(one) for name, one in found.items()}
+        metrics = {name: comparison_values(one) for name, one in found.items()}
         print_json({"a": first.name, "b": second.name, **first.compared, "metrics": metrics})
     else:
-        _echo_comparison(first.name, second.name, found)
+        echo_comparison(first.name, second.name, found)
 
 
 @click.command(epilog="Example: xden-bench verify benchmarks/results/v1/.../water-1234.json")
@@ -216,55 +218,53 @@ def _verified(
     scratch: Path,
 ) -> Verification:
     """Score a submission, or one made anew, and compare it with the entry."""
-    from xden_bench.entries.entry_form import FIRST_SCHEMA
     from xden_bench.entries.verification import check_reference
     from xden_bench.entries.verification import verify as compare_all
-    from xden_bench.methods.trivial import score_told
-    from xden_bench.scoring.protocol import load_protocol
 
     check_reference(entry, reference)
-    rules = load_protocol(entry["protocol"])
     path = submission or scratch / "remade.npz"
     if submission is None:
-        then = {"protocol": "v1"} if entry["schema"] == FIRST_SCHEMA else None
-        asked = parse_command(entry["command"], submit, then)
-        for name, stated in (("protocol", rules.name), ("split", reference.split)):
-            if asked[name] != stated:
-                raise DataError(f"the entry's command has {name} {asked[name]}, not {stated}")
+        _check_command(entry, reference)
         run_again(entry["method"]["command"], reference.folder, path)
-    scored = score_told(path, reference, rules, progress=progress_bar)
-    found = compare_all(entry, scored, reference, tolerance)
+    found = compare_all(entry, _rescored(entry["protocol"], path, reference), reference, tolerance)
     if submission is not None and not found.same_file:
         raise DataError(f"{submission} is not the entry's submission: its sha256 is another")
     return found
 
 
-def _comparison_values(one: Comparison) -> dict[str, Any]:
-    return {**asdict(one), "difference": one.difference.to_json()}
+def _check_command(entry: Mapping[str, Any], reference: Reference) -> None:
+    """Refuse to make an entry anew whose command says that it was scored otherwise."""
+    from xden_bench.entries.entry_form import FIRST_SCHEMA
+    from xden_bench.scoring.protocol import SEGMENT_PROTOCOLS
+
+    if entry["protocol"] in SEGMENT_PROTOCOLS:
+        asked = parse_command(entry["command"], submit_segments, group=["segment"])
+        stated = {"split": reference.split}
+    else:
+        then = {"protocol": "v1"} if entry["schema"] == FIRST_SCHEMA else None
+        asked = parse_command(entry["command"], submit, then)
+        stated = {"protocol": entry["protocol"], "split": reference.split}
+    for name, value in stated.items():
+        if asked[name] != value:
+            raise DataError(f"the entry's command has {name} {asked[name]}, not {value}")
 
 
-def _echo_comparison(a: str, b: str, found: Mapping[str, Comparison]) -> None:
-    from tabulate import tabulate
+def _rescored(protocol: str, path: Path, reference: Reference) -> Score:
+    """Score a submission by a protocol, of densities or of segments."""
+    from xden_bench.methods.trivial import score_told
+    from xden_bench.scoring.protocol import (
+        SEGMENT_PROTOCOLS,
+        load_protocol,
+        load_segment_protocol,
+    )
 
-    from xden_bench.scoring.metrics import METRICS
+    if protocol not in SEGMENT_PROTOCOLS:
+        return score_told(path, reference, load_protocol(protocol), progress=progress_bar)
+    from xden_bench.scoring.regions import SegmentReference
+    from xden_bench.scoring.segments import score_segment_file
 
-    rows = [
-        (
-            METRICS[name].heading,
-            f"{one.difference.mean:+.4f}",
-            interval_text(one.difference, "+.4f"),
-            f"{one.p_equal:.3g}",
-            f"{one.a_better} : {one.b_better}",
-        )
-        for name, one in found.items()
-    ]
-    headings = ["metric", "a - b", "95 % interval", "p (sign test)", "objects a : b"]
-    click.echo(f"a: {a}\nb: {b}\n" + tabulate(rows, headings, disable_numparse=True))
-    for name, one in found.items():
-        if not one.largest:
-            continue
-        pairs = (f"{pair.object_id} {pair.a:.4g} / {pair.b:.4g}" for pair in one.largest)
-        click.echo(f"largest differences in {name}, a / b: {', '.join(pairs)}")
+    truth = SegmentReference(reference.folder, reference.split, load_segment_protocol(protocol))
+    return score_segment_file(path, truth, progress=progress_bar)
 
 
 def _echo_verification(entry: Path, how: str, found: Verification) -> None:

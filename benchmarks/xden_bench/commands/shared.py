@@ -117,7 +117,10 @@ def interval_text(one: Estimate, form: str) -> str:
 
 
 def parse_command(
-    text: str, command: click.Command, defaults: Mapping[str, Any] | None = None
+    text: str,
+    command: click.Command,
+    defaults: Mapping[str, Any] | None = None,
+    group: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return the arguments of a printed command, as the command itself reads them.
 
@@ -131,6 +134,8 @@ def parse_command(
         That it is one of.
     defaults
         Of options that had another default when it was printed.
+    group
+        Names of the groups that the command is in.
 
     Raises
     ------
@@ -141,11 +146,12 @@ def parse_command(
         words = shlex.split(text)
     except ValueError as err:
         raise DataError(f"no command can be read from {text!r}: {err}") from err
-    name = command.name or ""
-    if words[:2] != ["xden-bench", name] or "--help" in words:
-        raise DataError(f"the command must be `xden-bench {name} ...`, got {text!r}")
+    path = ["xden-bench", *group, command.name or ""]
+    if words[: len(path)] != path or "--help" in words:
+        raise DataError(f"the command must be `{' '.join(path)} ...`, got {text!r}")
     try:
-        return command.make_context(name, words[2:], default_map=defaults).params
+        rest = words[len(path) :]
+        return command.make_context(path[-1], rest, default_map=defaults).params
     except click.ClickException as err:
         raise DataError(f"{text!r}: {err.format_message()}") from err
 
