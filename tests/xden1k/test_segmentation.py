@@ -30,6 +30,7 @@ from xden1k.segmentation import (
     points_sha256,
 )
 from xden1k.segmentation.points import draw_points, owner_voxels, point_owners, segment_grid
+from xden1k.segmentation.values import faults
 
 WHOLE = trimesh.creation.box((2, 1, 1))
 HALVES = [trimesh.creation.box(bounds=[(x, -0.5, -0.5), (x + 1, 0.5, 0.5)]) for x in (-1, 0)]
@@ -268,5 +269,5 @@ def test_a_file_that_must_be_flawless_is_refused_with_what_is_wrong(tmp_path: Pa
 def test_a_segmentation_of_more_clusters_than_k_cannot_be_made() -> None:
     with pytest.raises(DataError, match="labels of k = 2 must have at most 2 clusters, got 3"):
         Segmentation(many(2), FREE)
-    with pytest.raises(DataError, match="free must be an array of uint8, got int64"):
-        Segmentation(LABELS, FREE.astype(np.int64))
+    told = list(faults(LABELS, FREE.astype(np.int64), POINTS))
+    assert told == [("E401", "free must be an array of uint8, got int64")]

@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
-from typing import Any, ClassVar, Final, Generic, Self, TypeVar
+from typing import Any, ClassVar, Final, Generic, TypeVar
 
 from xden1k.predictions.meta import Form, parse_meta
 from xden1k.predictions.npz import BadArchiveError, Member, NpzReader, check_size
@@ -24,6 +24,7 @@ MAX_META_BYTES: Final = 256 << 10
 _META_NAME: Final = "__meta__.npy"
 _TEXT: Final = (r"<U[1-9]\d{0,6}", "a string")
 
+Archive = TypeVar("Archive", bound="SubmissionArchive[Any]")
 Named = Mapping[str, Mapping[str, str]]
 """Kind of each member, by slot and object id: an object has one member in each slot."""
 
@@ -80,7 +81,7 @@ class SubmissionArchive(ABC, Generic[Form]):
         else:
             self.problems = tuple(shortened(self._examine_directory()))
 
-    def __enter__(self) -> Self:
+    def __enter__(self: Archive) -> Archive:
         return self
 
     def __exit__(
@@ -164,9 +165,6 @@ class SubmissionArchive(ABC, Generic[Form]):
             return [Problem("E201", None, f"__meta__ is not text: {err}")]
         self.meta, problems = parse_meta(text, self.form)
         return problems
-
-
-Archive = TypeVar("Archive", bound=SubmissionArchive[Any])
 
 
 def open_flawless(archive: Archive) -> Archive:

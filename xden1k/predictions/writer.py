@@ -8,7 +8,7 @@ import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Literal, Self
+from typing import Literal, TypeVar
 
 import numpy as np
 from jaxtyping import Float, Shaped
@@ -21,6 +21,9 @@ from xden1k.predictions.problems import raise_errors
 from xden1k.predictions.reader import GRID_SHAPE, MAX_VALUE, pooling
 
 __all__ = ["PredictionsWriter", "SubmissionWriter", "write_predictions"]
+
+
+Writer = TypeVar("Writer", bound="SubmissionWriter")
 
 
 class SubmissionWriter:
@@ -39,7 +42,7 @@ class SubmissionWriter:
         self._partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
         self._archive = zipfile.ZipFile(self._partial, "w")
 
-    def __enter__(self) -> Self:
+    def __enter__(self: Writer) -> Writer:
         return self
 
     def __exit__(

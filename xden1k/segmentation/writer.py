@@ -45,8 +45,8 @@ class SegmentsWriter(SubmissionWriter):
         self,
         object_id: str,
         voxels: UInt8[np.ndarray, "points 3"],
-        labels: UInt8[np.ndarray, "counts points"],
-        free: UInt8[np.ndarray, "points"],
+        labels: UInt8[np.ndarray, "counts labelled"],
+        free: UInt8[np.ndarray, "labelled"],
     ) -> None:
         """Append one object.
 

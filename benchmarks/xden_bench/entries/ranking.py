@@ -146,7 +146,7 @@ def ranks(rows: Sequence[Entry]) -> list[int | None]:
     counted = [rows[place] for place in places]
     losses, categories = _losses(counted, rules.rank_by)
     worse = _worse(losses, categories, rules)
-    for place, rank in zip(places, dense_ranks(losses.mean(axis=0), worse), strict=True):
+    for place, rank in zip(places, dense_ranks(losses.mean(axis=0).tolist(), worse), strict=True):
         found[place] = rank
     return found
 

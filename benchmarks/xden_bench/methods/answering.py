@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -30,6 +30,7 @@ _SAID: Final = (
 Answer = TypeVar("Answer")
 
 
+@runtime_checkable
 class Answering(Protocol):
     """A way of asking."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from xden1k.folder import DatasetFolder
 from xden1k.predictions import Target
@@ -54,6 +54,7 @@ class Task:
         )
 
 
+@runtime_checkable
 class Scope(Protocol):
     """The dataset as far as a run needs it."""
 

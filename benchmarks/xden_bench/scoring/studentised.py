@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final, Protocol
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -12,6 +12,7 @@ __all__ = ["Sampled", "studentised_intervals"]
 LEVEL: Final = 0.95
 
 
+@runtime_checkable
 class Sampled(Protocol):
     """Scores of objects, and how the objects were drawn."""
 
