@@ -140,7 +140,7 @@ def test_pictures_are_drawn_or_read_or_the_methods_own(
     class Entry:
         load = staticmethod(lambda: Album)
 
-    monkeypatch.setattr(baseline, "_entries", lambda group: {"flat": Entry, "scenes": Entry})
+    monkeypatch.setattr(baseline, "_entries", lambda group: {"shaded": Entry, "scenes": Entry})
     source = baseline.find_pictures(kind(None), views)
     assert source is not None
     assert source.description == description
@@ -153,7 +153,7 @@ def test_who_reads_no_pictures_gets_none(monkeypatch: pytest.MonkeyPatch) -> Non
         DataError, match="the method gives reads no pictures: no views, no pictures"
     ):
         baseline.find_pictures(Gives(None), Path("there"))
-    with pytest.raises(DataError, match="no source of pictures 'flat' is installed"):
+    with pytest.raises(DataError, match="no source of pictures 'shaded' is installed"):
         baseline.find_pictures(Looks(None), None)
     with pytest.raises(DataError, match="the method gives reads no pictures"):
         baseline.find_pictures(Gives(None), None, "shaded")

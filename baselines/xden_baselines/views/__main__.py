@@ -30,13 +30,13 @@ root_option = click.option(
 pictures_option = click.option(
     "--pictures",
     type=click.Choice(["flat", "shaded"]),
-    default="flat",
+    default="shaded",
     show_default=True,
     help="How they are drawn.",
 )
 
 
-@cli.command(epilog=f"Example: {PROGRAM} export SCENES --root DATA --split test --pictures shaded")
+@cli.command(epilog=f"Example: {PROGRAM} export SCENES --root DATA --split test")
 @click.argument("out", type=click.Path(path_type=Path, file_okay=False))
 @root_option
 @click.option("--split", default="test", show_default=True, help="Objects to draw.")
@@ -66,7 +66,7 @@ def export(
         click.echo(f"{out}: {count} scenes written, {source.description}")
 
 
-@cli.command(epilog=f"Example: {PROGRAM} page PAGE.png hammer-0000 thermos-0001 --pictures shaded")
+@cli.command(epilog=f"Example: {PROGRAM} page PAGE.png hammer-0000 thermos-0001")
 @click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
 @click.argument("object_ids", nargs=-1, required=True)
 @root_option

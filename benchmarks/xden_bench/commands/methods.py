@@ -51,7 +51,7 @@ __all__ = ["baseline", "run_again"]
 @click.option("--budget", metavar="AMOUNT", help="Of training: 20epochs, 90s. [default: its own]")
 @click.option("--views", type=FOLDER, help="Scenes with colour pictures, in place of --pictures.")
 @click.option(
-    "--pictures", metavar="NAME", help="How phantoms are drawn: flat or shaded. [default: flat]"
+    "--pictures", metavar="NAME", help="How phantoms are drawn: flat or shaded. [default: shaded]"
 )
 @click.option("--model", type=FOLDER, help="What it learned before, in place of learning.")
 @click.option("--save", type=FOLDER, help="Keep what it learns in this new folder.")

@@ -31,7 +31,7 @@ PREDICTORS = "xden1k.predictors"
 PICTURES = "xden1k.pictures"
 """Of this one, sources of pictures: ``scenes`` is called with a folder, any other, such as
 ``flat``, without arguments."""
-SCENES, DEFAULT_PICTURES = "scenes", "flat"
+SCENES, DEFAULT_PICTURES = "scenes", "shaded"
 
 
 @dataclass(frozen=True, slots=True)
