@@ -21,7 +21,7 @@ baselines := tests/baselines baselines
 docs := tests/docs $(wildcard tests/test_*.py)
 TWO_AT_A_TIME := $(MAKE) --jobs=2 --keep-going $(if $(filter output-sync,$(.FEATURES)),--output-sync=target)
 
-.PHONY: setup demo test test-all coverage $(TESTS:%=test-%) lint docs speed sample leaderboard clean
+.PHONY: setup demo test test-all coverage $(TESTS:%=test-%) lint docs speed sample leaderboard pictures clean
 
 setup: $(STAMP)
 
@@ -127,6 +127,21 @@ endef
 $(foreach method,$(FITTED),$(eval $(call LEARNED_ROWS,$(method),$(method))))
 $(foreach method,$(TRAINED),$(foreach seed,$(SEEDS),$(eval \
   $(call LEARNED_ROWS,$(method)-$(seed),$(method),--seed $(seed),--budget 20epochs))))
+
+# What seeing materials is worth: the same methods shown flat pictures, compared and not entered.
+SHADED := $(FITTED) colour-unet-0
+$(foreach method,$(FITTED),$(eval \
+  $(call LEARNED_ROWS,$(method)-flat,$(method),--pictures flat)))
+$(eval $(call LEARNED_ROWS,colour-unet-0-flat,colour-unet,--seed 0 --pictures flat,--budget 20epochs))
+
+pictures: $(foreach row,$(SHADED),$(foreach split,test unseen,\
+    $(ROWS)/$(split)/$(row).npz $(ROWS)/$(split)/$(row)-flat.npz))
+	for split in test unseen; do \
+	  for row in $(SHADED); do \
+	    $(BIN)/xden-bench compare $(ROWS)/$$split/$$row.npz $(ROWS)/$$split/$$row-flat.npz \
+	      --root $(ROWS)/data --split $$split || exit 1; \
+	  done; \
+	done
 
 $(foreach split,test unseen,$(BUILT:%=$(ROWS)/$(split)/%.npz)): \
   $(ROWS)/%.npz: $(ROWS)/rebuilt/%/manifest.json $(ROWS)/data/manifest.json

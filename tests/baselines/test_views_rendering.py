@@ -149,8 +149,8 @@ def test_phantoms_are_drawn_for_methods_that_declare_pictures(folder: DatasetFol
     source = RenderedPhantoms()
     assert isinstance(source, PictureSource)
     sample = SampleView(folder, "bar-0001", Modality.RGB, source)
-    assert len(sample.pictures) == 24
-    assert source.description == "24 views of 320 x 320 px rendered in part colours"
+    assert len(sample.pictures) == 12
+    assert source.description == "12 views of 256 x 256 px rendered in part colours"
     assert source.fingerprint != RenderedPhantoms(Rig(per_ring=9)).fingerprint
     with pytest.raises(ModalityError, match="pictures needs the modality RGB"):
         _ = SampleView(folder, "bar-0001", Modality.GEOMETRY, source).pictures

@@ -41,8 +41,8 @@ pictures_option = click.option(
 @root_option
 @click.option("--split", default="test", show_default=True, help="Objects to draw.")
 @pictures_option
-@click.option("--per-ring", default=8, show_default=True, help="Views on each of three rings.")
-@click.option("--size", default=320, show_default=True, help="Rows and columns of a picture.")
+@click.option("--per-ring", default=4, show_default=True, help="Views on each of three rings.")
+@click.option("--size", default=256, show_default=True, help="Rows and columns of a picture.")
 @json_option
 def export(
     out: Path, root: Path | None, split: str, pictures: str, per_ring: int, size: int, as_json: bool

@@ -150,8 +150,8 @@ class Rig:
     """
 
     elevations_deg: tuple[float, ...] = (-45.0, 5.0, 50.0)
-    per_ring: int = 8
-    size_px: int = 320
+    per_ring: int = 4
+    size_px: int = 256
     distance: float = 3.0
     fill: float = 0.8
 

@@ -24,7 +24,7 @@ from xden_baselines.views.shaded.studio import studio_of
 __all__ = ["RenderedPhantoms", "SceneFolders", "ShadedPhantoms", "render_object"]
 
 DEFAULT_RIG = Rig()
-"""24 views of 320 by 320 pixels."""
+"""Twelve views of 256 by 256 pixels."""
 FLAT_VERSION = "1"
 """Of all that decides what flat pictures look like."""
 
