@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 import torch
 
+from xden_baselines.learning.clock import torch_threads
 from xden_baselines.pixie.networks import STRIDE, CpuNet, FullNet, count_parameters
-from xden_baselines.pixie.training import torch_threads
 
 
 @pytest.fixture(autouse=True)

@@ -15,6 +15,7 @@ from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.predictor import Budget
 from xden1k.values.modality import Modality
+from xden_baselines.learning.held_out import split_off
 from xden_baselines.pixie import XRayUNet, model, training
 from xden_baselines.pixie.categories import USUAL, Peers
 from xden_baselines.pixie.channels import VECTORS, channel_names
@@ -24,7 +25,7 @@ from xden_baselines.pixie.networks import FullNet
 from xden_baselines.pixie.scaling import LogScale
 from xden_baselines.pixie.settings import Settings
 from xden_baselines.pixie.store import Stored
-from xden_baselines.pixie.training import FitReport, split_off, train
+from xden_baselines.pixie.training import FitReport, train
 
 XRAY = Modality.GEOMETRY | Modality.XRAY | Modality.CATEGORY
 NAMES = channel_names(XRAY)

@@ -9,10 +9,10 @@ from torch.nn import functional
 
 from xden1k.values.arrays import Grid
 from xden1k.values.types import FIELD_SIZE
+from xden_baselines.learning.clock import torch_threads
 from xden_baselines.pixie.channels import ENVELOPE, Channels
 from xden_baselines.pixie.model import VoxelModel
 from xden_baselines.pixie.store import at_resolution
-from xden_baselines.pixie.training import torch_threads
 
 __all__ = ["predicted_g_cm3"]
 

@@ -116,11 +116,13 @@ class _Trained:
             If the folder does not hold one of this method.
         """
         from xden_baselines.features.devices import check_device
-        from xden_baselines.pixie.checkpoint import load_model, load_report
+        from xden_baselines.learning.checkpoint import load_report
+        from xden_baselines.pixie.checkpoint import load_model
+        from xden_baselines.pixie.training import FitReport
 
         check_device(self.settings.device)
         self._model = load_model(folder, self._names).to(self.settings.device)
-        self._report = load_report(folder / REPORT_FILE)
+        self._report = load_report(folder / REPORT_FILE, FitReport)
 
     @property
     def _names(self) -> tuple[str, ...]:
@@ -196,8 +198,9 @@ class PixieStyle(ColourUNet):
             If there are no weights.
         """
         from xden_baselines.features.devices import check_device
+        from xden_baselines.learning.clock import torch_threads
+        from xden_baselines.learning.held_out import held_out_numbers
         from xden_baselines.pixie.descriptors import Descriptors
-        from xden_baselines.pixie.training import held_out_numbers, torch_threads
 
         self._check_weights()
         check_device(self.settings.device)
@@ -225,7 +228,7 @@ class PixieStyle(ColourUNet):
             are no weights.
         """
         from xden_baselines.features.devices import check_device
-        from xden_baselines.pixie.checkpoint import check_files
+        from xden_baselines.learning.checkpoint import check_files
         from xden_baselines.pixie.descriptors import FILE, Descriptors
 
         self._check_weights()
@@ -244,7 +247,7 @@ class PixieStyle(ColourUNet):
         seen = super()._seen(sample)
         if self._descriptors is None:
             return seen
-        from xden_baselines.pixie.training import torch_threads
+        from xden_baselines.learning.clock import torch_threads
 
         with torch_threads(self.settings.threads):
             return np.concatenate([seen, self._descriptors.channels(sample)])

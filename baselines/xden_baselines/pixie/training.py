@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import logging
-import math
-import time
 from collections import defaultdict
-from collections.abc import Iterator, Sequence, Set
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from statistics import median
 
 import numpy as np
@@ -20,6 +17,8 @@ from xden1k.errors import DataError
 from xden1k.predictor import Budget
 from xden1k.values.materials import families
 from xden_baselines.features.devices import check_device
+from xden_baselines.learning.clock import Clock, half_cosine, torch_threads
+from xden_baselines.learning.held_out import split_off
 from xden_baselines.pixie.categories import Categories, Kind, Peers
 from xden_baselines.pixie.channels import ENVELOPE
 from xden_baselines.pixie.losses import Batch, density_mae_g_cm3, gathered, loss, turned
@@ -30,13 +29,7 @@ from xden_baselines.pixie.store import Stored
 
 logger = logging.getLogger(__name__)
 
-__all__ = [
-    "FitReport",
-    "held_out_numbers",
-    "split_off",
-    "torch_threads",
-    "train",
-]
+__all__ = ["FitReport", "train"]
 
 LAC_PREFIX = "log10_lac"
 """Channels that are calibrated rather than standardised."""
@@ -95,40 +88,6 @@ class FitReport:
             f"category median {self.category_median_mae_g_cm3:.3f}), "
             f"epoch {self.best_epoch} of {self.epochs}"
         )
-
-
-@contextmanager
-def torch_threads(number: int) -> Iterator[None]:
-    """Set how many threads torch uses, for a while."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(number)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
-def held_out_numbers(count: int, share: float, rng: np.random.Generator) -> Set[int]:
-    """Draw which of so many objects are held out: their share, at least one.
-
-    Raises
-    ------
-    DataError
-        If there are fewer than two objects.
-    """
-    if count < 2:
-        raise DataError(f"training needs at least 2 objects, one held out; got {count}")
-    wanted = min(max(1, round(share * count)), count - 1)
-    return frozenset(rng.permutation(count)[:wanted].tolist())
-
-
-def split_off(
-    objects: Sequence[Stored], share: float, rng: np.random.Generator
-) -> tuple[list[Stored], list[Stored]]:
-    """Return the objects to learn from and those held out."""
-    chosen = held_out_numbers(len(objects), share, rng)
-    learned = [one for index, one in enumerate(objects) if index not in chosen]
-    return learned, [one for index, one in enumerate(objects) if index in chosen]
 
 
 def train(
@@ -286,12 +245,12 @@ def _loop(
     """Train until the budget or the patience ends; keep the best epoch's weights."""
     model, settings = school.model, school.settings
     optimiser = torch.optim.Adam(model.parameters(), lr=settings.learning_rate)
-    clock = _Clock(settings, budget)
+    clock = Clock(budget, settings.epochs)
     curve: list[float] = []
     best, kept = 0, model.state_dict()
     while clock.left(len(curve)) and len(curve) - best < settings.patience:
         for group in optimiser.param_groups:
-            group["lr"] = settings.learning_rate * clock.rate(len(curve))
+            group["lr"] = settings.learning_rate * half_cosine(clock.progress(len(curve)))
         _epoch(school, optimiser)
         curve.append(_error(school, exam))
         logger.info("epoch %d: %.4f g/cm³ after %.0f s", len(curve), curve[-1], clock.seconds)
@@ -300,29 +259,6 @@ def _loop(
             kept = {name: value.clone() for name, value in model.state_dict().items()}
     model.load_state_dict(kept)
     return curve, best, clock.seconds
-
-
-class _Clock:
-    """How far training has come in its budget."""
-
-    def __init__(self, settings: Settings, budget: Budget | None) -> None:
-        given = asdict(budget) if budget else {"epochs": settings.epochs, "seconds": None}
-        self._epochs, self._seconds = given["epochs"] or math.inf, given["seconds"] or math.inf
-        self._start = time.monotonic()
-
-    @property
-    def seconds(self) -> float:
-        return time.monotonic() - self._start
-
-    def left(self, epochs: int) -> bool:
-        """At least one epoch is always run."""
-        return epochs == 0 or (epochs < self._epochs and self.seconds < self._seconds)
-
-    def rate(self, epochs: int) -> float:
-        """Half a cosine from 1 to 0 over whichever part of the budget is further gone."""
-        # without a limit in seconds the clock must not touch the result
-        timed = self.seconds / self._seconds if self._seconds < math.inf else 0.0
-        return (1 + math.cos(math.pi * min(1.0, max(timed, epochs / self._epochs)))) / 2
 
 
 def _epoch(school: _School, optimiser: torch.optim.Optimizer) -> None:
