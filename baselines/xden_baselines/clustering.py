@@ -7,17 +7,22 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Float64, UInt8
+from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.cluster.vq import kmeans2
 
 from xden1k.segmentation import CLUSTER_COUNTS, Segmentation
 from xden1k.values.arrays import Points
 
-__all__ = ["cluster_places", "cluster_values", "segmentation_by_value"]
+__all__ = ["cluster_places", "cluster_values", "segmentation_by_features", "segmentation_by_value"]
 
 ITERATIONS: Final = 25
 UNEXPLAINED: Final = 0.05
 """Share of the variance of values that clusters may leave, if a method says how many there are."""
 
+TREE_POINTS: Final = 1024
+TREE_ITERATIONS: Final = 10
+
+Features = Float64[np.ndarray, "points values"]
 Values = Float64[np.ndarray, "points"]
 Clusters = UInt8[np.ndarray, "points"]
 
@@ -82,6 +87,48 @@ def segmentation_by_value(values: Float[np.ndarray, "points"]) -> Segmentation:
     most = UNEXPLAINED * _spread(exact, rows[0])
     free = next((row for row in rows if _spread(exact, row) <= most), rows[-1])
     return Segmentation(np.stack(rows[1:]), free)
+
+
+def segmentation_by_features(features: Float[np.ndarray, "points values"]) -> Segmentation:
+    """Divide points by several values of each, ``free`` into as few clusters as tell enough.
+
+    k-means for each number of clusters, from where Ward's tree of some points
+    (doi:10.1080/01621459.1963.10500845) puts that many. ``free`` is the fewest that leave at most
+    5 % of the variance.
+
+    Parameters
+    ----------
+    features
+        Shape (points, values), finite, at least one point.
+    """
+    exact = np.asarray(features, dtype=np.float64)
+    some = exact[np.unique(np.linspace(0, len(exact) - 1, TREE_POINTS).astype(int))]
+    tree = linkage(some, "ward") if len(some) > 1 else np.zeros((0, 4))
+    one = np.zeros(len(exact), dtype=np.uint8)
+    rows = [one, *(_cluster_features(exact, some, tree, count) for count in CLUSTER_COUNTS)]
+    most = UNEXPLAINED * _spread_of(exact, one)
+    free = next((row for row in rows if _spread_of(exact, row) <= most), rows[-1])
+    return Segmentation(np.stack(rows[1:]), free)
+
+
+def _cluster_features(
+    features: Features, some: Features, tree: Float64[np.ndarray, "merges 4"], count: int
+) -> Clusters:
+    """Divide points into at most so many clusters, starting from those of the tree."""
+    _, of_some = np.unique(
+        fcluster(tree, count, "maxclust") if len(some) > 1 else [1], return_inverse=True
+    )
+    sizes = np.bincount(of_some)[:, None]
+    starts = np.zeros((len(sizes), features.shape[1]))
+    np.add.at(starts, of_some, some)
+    with warnings.catch_warnings(category=UserWarning, action="ignore"):  # an empty cluster stays
+        _, clusters = kmeans2(features, starts / sizes, TREE_ITERATIONS, minit="matrix")
+    return np.asarray(clusters, dtype=np.uint8)
+
+
+def _spread_of(features: Features, clusters: Clusters) -> float:
+    """Sum of the squared distances of points from the means of their clusters."""
+    return sum(_spread(values, clusters) for values in features.T)
 
 
 def _lloyd(values: Values, centres: Float64[np.ndarray, "clusters"]) -> Clusters:
