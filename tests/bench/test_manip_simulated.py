@@ -16,11 +16,12 @@ from xden1k.export.si import Inertial
 from xden1k.values.mass import MassProperties, mass_of_meshes
 from xden_bench.manip.closed_forms import slip_ratio
 from xden_bench.manip.draws import Draw, keyed_generator
+from xden_bench.manip.outcome import Trial
 from xden_bench.manip.pose import Pose
 from xden_bench.manip.protocol import load_manip_protocol
 from xden_bench.manip.rest import rest_of
 from xden_bench.manip.scene import OBJECT, WRIST, gripper_scene, table_scene
-from xden_bench.manip.trial import Trial, pick
+from xden_bench.manip.trial import pick
 
 RULES = load_manip_protocol()
 DOWN = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])

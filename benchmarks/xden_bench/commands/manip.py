@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xden1k.commands import json_option, print_json
+from xden1k.commands import command_line, json_option, print_json
 from xden_bench.commands.shared import (
     FILE,
     FOLDER,
-    command_line,
     interval_text,
     open_reference,
     progress_bar,
@@ -131,7 +130,7 @@ def run(
 
     Can be stopped and started again: what is done is kept in the folder of rows.
     """
-    from xden_bench.entries.provenance import code_commit
+    from xden_bench.entries.provenance import code_commit, package_version
     from xden_bench.manip.running import Tries, Variant, run_rows
     from xden_bench.manip.scenes import open_scenes
 
@@ -145,7 +144,11 @@ def run(
     ]
     if not choosers:
         raise click.UsageError("give a submission, or leave --no-controls away")
-    facts = {"command": command_line(context), "commit": code_commit()}
+    facts = {
+        "command": command_line(context, "xden-bench manip"),
+        "xden_version": package_version(),
+        "commit": code_commit(),
+    }
     tries = Tries(opened, choosers, Variant(_numbers(vary), homogeneous))
     paths = run_rows(tries, out, facts, workers, progress_bar)
     if as_json:

@@ -48,6 +48,7 @@ __all__ = [
     "figures",
     "object_columns",
     "objects_of",
+    "slug",
     "write_entry",
 ]
 
@@ -204,8 +205,8 @@ def entry_path(entry: Mapping[str, Any]) -> Path:
     data = entry["dataset"]
     version = f"{data['revision']}-{data['manifest_sha256'][:8]}"
     table = f"{version}-{data['split']}-{data['source']}-{entry['target']}"
-    name = f"{_slug(entry['method']['name'])}-{entry['submission_sha256'][:8]}.json"
-    return Path(_slug(entry["protocol"]), _slug(table), entry["track"], name)
+    name = f"{slug(entry['method']['name'])}-{entry['submission_sha256'][:8]}.json"
+    return Path(slug(entry["protocol"]), slug(table), entry["track"], name)
 
 
 def entry_paths(results: Path, *, strict: bool = True) -> list[Path]:
@@ -292,12 +293,12 @@ def _groups(groups: Mapping[str, tuple[int, Mapping[str, Estimate]]]) -> dict[st
     }
 
 
-def _slug(text: str) -> str:
+def slug(text: str) -> str:
     """Letters and digits of a name, for a file.
 
     Examples
     --------
-    >>> _slug("../My Net (v2)")
+    >>> slug("../My Net (v2)")
     'my-net-v2'
     """
     return re.sub(r"[^a-z0-9.]+", "-", text.lower()).strip("-.")[:60] or "unnamed"

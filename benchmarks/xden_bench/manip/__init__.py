@@ -4,9 +4,10 @@
 without a simulator; ``statistics`` how sure a share of successes is. ``shape`` is an object's outer
 surface, ``hulls`` what is felt of it (files of ``arrays``); ``grasps`` are candidates, of the
 ``sampler`` or of other detectors (``graspnet``), that have ``clearance``; ``pose`` moves them.
-In MuJoCo, ``scene`` builds table, object and gripper, ``rest`` drops the object, ``trial`` picks.
+In MuJoCo, ``scene`` builds table, object and gripper, ``rest`` drops the object, ``trial`` picks,
+and gives an ``outcome``.
 
 ``preparing`` chooses objects and makes each an ``item``, ``scenes`` freezes them. ``choosing``
-says which candidate a row takes, ``running`` tries it, ``rows`` keep it, ``table`` compares;
-``pictures`` draw it, ``figure`` draws the ladder.
+says which candidate a row takes, ``running`` tries it, ``row_files`` are written and ``rows`` read,
+``table`` compares; ``section`` is for the leaderboard, ``pictures`` and ``figure`` draw.
 """

@@ -38,15 +38,19 @@ class Chooser:
         That centre by object, in the object's frame, shape (3,); none for other rules.
     without_mass
         Objects of which the method predicts no mass: their centre is the envelope's centroid.
-    submission_sha256
-        Of the method's file; empty for a control.
+    inputs
+        What the method looks at, by the names of a submission.
+    submission_sha256, submission_command
+        Of the method's file, and what made it; empty for a control.
     """
 
     name: str
     rule: Rule
     centres_cm: Mapping[str, Vec3]
     without_mass: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
     submission_sha256: str = ""
+    submission_command: str = ""
 
 
 def controls(items: Mapping[str, Item], rules: ManipProtocol) -> Iterator[Chooser]:
@@ -90,9 +94,16 @@ def submitted(
                 centres[truth.object_id] = found.com_cm
                 empty += [truth.object_id] if found.mass_g == 0 else []
         raise_errors(check.problems)
-        assert predictions.meta is not None
+        meta = predictions.meta
+        assert meta is not None
         return Chooser(
-            predictions.meta.method, "nearest", centres, tuple(empty), predictions.sha256
+            meta.method,
+            "nearest",
+            centres,
+            tuple(empty),
+            meta.inputs,
+            predictions.sha256,
+            meta.command,
         )
 
 

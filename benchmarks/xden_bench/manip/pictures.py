@@ -14,9 +14,10 @@ from xden1k.errors import DataError
 from xden1k.export.si import M_PER_CM
 from xden_bench.manip.draws import Draw
 from xden_bench.manip.item import Item
+from xden_bench.manip.outcome import Outcome
 from xden_bench.manip.protocol import ManipProtocol, TrialRules
 from xden_bench.manip.scene import OBJECT, gripper_scene, mujoco
-from xden_bench.manip.trial import Outcome, pick
+from xden_bench.manip.trial import pick
 
 __all__ = ["strip"]
 

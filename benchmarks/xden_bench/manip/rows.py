@@ -12,16 +12,15 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from xden1k.errors import DataError
-from xden_bench.entries.durable import write_text
-from xden_bench.manip.choosing import Chooser
-from xden_bench.manip.item import Item, Stratum
-from xden_bench.manip.scenes import Scenes
-from xden_bench.manip.trial import Outcome
+from xden_bench.manip.item import Stratum
+from xden_bench.manip.outcome import Outcome
 
-__all__ = ["ObjectRow", "Row", "TrialRow", "read_rows", "write_row"]
+__all__ = ["SCHEMA", "ObjectRow", "Row", "TrialRow", "read_rows"]
 
-SCHEMA: Final = 1
-SAME: Final = ("scenes_sha256", "protocol", "mujoco", "tier", "varied", "homogeneous")
+SCHEMA: Final = 2
+DIGITS: Final = 6
+"""Of a number of a trial, after the point."""
+SAME: Final = ("schema", "scenes_sha256", "protocol", "mujoco", "tier", "varied", "homogeneous")
 """What rows of one table agree on."""
 
 
@@ -86,6 +85,31 @@ class ObjectRow:
     axial_error_cm: float | None
     trials: tuple[TrialRow, ...]
 
+    def columns(self) -> dict[str, Any]:
+        """Return it as a file has it: a list for each number of its trials, rounded."""
+        trials = {
+            name: [_rounded(getattr(trial, name)) for trial in self.trials]
+            for name in TrialRow.__slots__
+        }
+        return {**asdict(self), "trials": trials}
+
+    @classmethod
+    def of_columns(cls, values: Mapping[str, Any]) -> ObjectRow:
+        """Return what :meth:`columns` wrote.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            If it is not that.
+        """
+        columns = values["trials"]
+        trials = zip(*(columns[name] for name in TrialRow.__slots__), strict=True)
+        return cls(**{**values, "trials": tuple(TrialRow(*one) for one in trials)})
+
+
+def _rounded(value: Any) -> Any:
+    return round(value, DIGITS) if isinstance(value, float) else value
+
 
 @dataclass(frozen=True, slots=True)
 class Row:
@@ -105,6 +129,11 @@ class Row:
     facts: Mapping[str, Any]
     objects: tuple[ObjectRow, ...]
 
+    @property
+    def is_submission(self) -> bool:
+        """Whether it is a method's row, and no control's."""
+        return bool(self.facts["submission_sha256"])
+
     def held(self, stratum: Stratum) -> Bool[np.ndarray, "objects trials"]:
         """Successes on a stratum, shape (objects, trials)."""
         return np.array([[one.is_held for one in trials] for trials in self._trials(stratum)])
@@ -122,54 +151,6 @@ class Row:
 
     def _trials(self, stratum: Stratum) -> list[tuple[TrialRow, ...]]:
         return [one.trials for one in self.objects if one.stratum == stratum]
-
-
-def write_row(
-    out: Path,
-    scenes: Scenes,
-    chooser: Chooser,
-    trials: Sequence[Sequence[TrialRow]],
-    facts: Mapping[str, Any],
-) -> Path:
-    """Write a row.
-
-    Parameters
-    ----------
-    out
-        Folder of the rows.
-    scenes
-        That were tried.
-    chooser
-        Whose row it is.
-    trials
-        Of each object of the scenes.
-    facts
-        More that it says.
-    """
-    values = {
-        "schema": SCHEMA,
-        "simulated": True,
-        "method": chooser.name,
-        "submission_sha256": chooser.submission_sha256,
-        "without_mass": list(chooser.without_mass),
-        "scenes_sha256": scenes.sha256,
-        **{name: scenes.facts[name] for name in ("protocol", "mujoco", "tier", "dataset")},
-        **facts,
-        "objects": [
-            asdict(_object(item, chooser, tuple(tried)))
-            for item, tried in zip(scenes.items(), trials, strict=True)
-        ],
-    }
-    path = out / f"{chooser.name}.json"
-    write_text(path, json.dumps(values, indent=1, allow_nan=False) + "\n")
-    return path
-
-
-def _object(item: Item, chooser: Chooser, trials: tuple[TrialRow, ...]) -> ObjectRow:
-    centre = chooser.centres_cm.get(item.object_id)
-    error = None if centre is None else item.along_cm(centre)
-    one = item
-    return ObjectRow(one.object_id, one.category, one.stratum, one.mass.mass_g, error, trials)
 
 
 def read_rows(paths: Sequence[Path]) -> tuple[Row, ...]:
@@ -197,10 +178,7 @@ def read_rows(paths: Sequence[Path]) -> tuple[Row, ...]:
 def _read(path: Path) -> Row:
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
-        objects = tuple(
-            ObjectRow(**{**one, "trials": tuple(TrialRow(**trial) for trial in one["trials"])})
-            for one in values.pop("objects")
-        )
+        objects = tuple(map(ObjectRow.of_columns, values.pop("objects")))
         row = Row(values["method"], values, objects)
         missing = [name for name in SAME if name not in values]
     except (ValueError, KeyError, TypeError, AttributeError) as err:

@@ -21,11 +21,13 @@ from xden1k.errors import DataError, did_you_mean
 from xden1k.values.mass import MassProperties
 from xden_bench.manip.choosing import Chooser, candidate_of
 from xden_bench.manip.item import Item
+from xden_bench.manip.outcome import OUTCOMES, Trial
 from xden_bench.manip.protocol import ManipProtocol, SolverRules
-from xden_bench.manip.rows import TrialRow, write_row
+from xden_bench.manip.row_files import write_row
+from xden_bench.manip.rows import TrialRow
 from xden_bench.manip.scene import gripper_scene
 from xden_bench.manip.scenes import Scenes
-from xden_bench.manip.trial import OUTCOMES, Trial, pick
+from xden_bench.manip.trial import pick
 from xden_bench.methods.partial import Facts, Kept, PartialRun, code_sha256, partial_run
 from xden_bench.scoring.submission import Progress
 
@@ -198,8 +200,10 @@ def run_rows(
     Raises
     ------
     DataError
-        If another process is writing rows there, or a number that is varied is none.
+        If another process is writing rows there, two choosers have one name, or a number that is
+        varied is none.
     """
+    _refuse_twice([chooser.name for chooser in tries.choosers])
     variant = tries.variant
     said = {**facts, "varied": dict(variant.solver), "homogeneous": variant.homogeneous}
     out.mkdir(parents=True, exist_ok=True)
@@ -209,6 +213,11 @@ def run_rows(
             write_row(out, tries.scenes, chooser, tries.row(place, figures), said)
             for place, chooser in enumerate(tries.choosers)
         )
+
+
+def _refuse_twice(names: Sequence[str]) -> None:
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise DataError(f"two rows of the name {min(twice)!r}: run one at a time")
 
 
 def _figures_of_all(

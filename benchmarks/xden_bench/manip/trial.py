@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import cos, pi, sin
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -15,41 +15,17 @@ from xden1k.errors import DataError
 from xden1k.export.si import M_PER_CM
 from xden1k.values.arrays import Vec3
 from xden_bench.manip.draws import Draw
+from xden_bench.manip.outcome import Outcome, Trial
 from xden_bench.manip.pose import Pose, turn_between_deg
 from xden_bench.manip.protocol import ManipProtocol, TrialRules
 from xden_bench.manip.scene import FINGERS, HAND, OBJECT, TARGET, mujoco
 
-__all__ = ["OUTCOMES", "Outcome", "Trial", "pick"]
+__all__ = ["pick"]
 
-Outcome = Literal["held", "slipped", "rotated"]
-OUTCOMES: tuple[Outcome, ...] = ("held", "slipped", "rotated")
 Watch = Callable[[str, Any], None]
 """Called after each step with the phase's name and the simulator's data."""
 Shares = Float[np.ndarray, "steps"]
 """Of the time of a phase, from after the first step to 1."""
-
-
-@dataclass(frozen=True, slots=True)
-class Trial:
-    """What became of one pick.
-
-    Parameters
-    ----------
-    outcome
-        ``held`` if the centre of mass was high enough after hold and shake, and the object turned
-        little in the hand; else ``rotated`` if it is still in the hand, and ``slipped`` if not.
-    wrist_moment_nm
-        Mean over the hold, tared before the grasp.
-    turn_deg
-        Of the object in the hand since it closed, the larger of those after hold and shake.
-    warnings
-        Of the solver; none where all is sound.
-    """
-
-    outcome: Outcome
-    wrist_moment_nm: float
-    turn_deg: float
-    warnings: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
