@@ -25,6 +25,7 @@ from xden_bench.manip.choosing import Chooser, by_name, controls
 from xden_bench.manip.draws import Draw
 from xden_bench.manip.grasps import Grasps
 from xden_bench.manip.item import Item
+from xden_bench.manip.outcome import Trial
 from xden_bench.manip.pose import Pose
 from xden_bench.manip.preparing import Chosen, Examiner, choose
 from xden_bench.manip.protocol import Tier, load_manip_protocol
@@ -32,7 +33,6 @@ from xden_bench.manip.rows import read_rows
 from xden_bench.manip.running import Tries, Variant, run_rows
 from xden_bench.manip.scenes import Scenes, open_scenes, write_scenes
 from xden_bench.manip.table import closed_form_agreement, lines
-from xden_bench.manip.trial import Trial
 
 RULES = load_manip_protocol()
 DOWN = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])
@@ -227,6 +227,75 @@ def test_a_figure_needs_the_ladder(scenes, tmp_path, unsimulated) -> None:
     assert done.exit_code == 0, done.output
     assert "Simulated picks" in done.output
     assert (tmp_path / "ladder.png").stat().st_size > 10_000
+
+
+def test_two_rows_of_one_name_are_refused_before_a_trial(scenes, tmp_path) -> None:
+    true = Chooser("true", "top", {})
+    twice = Tries(scenes, (true, replace(true, submission_sha256="0" * 64)), AS_RELEASED)
+    with pytest.raises(DataError, match="two rows of the name 'true'"):
+        run_rows(twice, tmp_path / "rows", {})
+    assert not (tmp_path / "rows").exists()
+
+
+def test_a_row_says_the_command_that_makes_it_again(scenes, tmp_path, unsimulated) -> None:
+    asked = ["manip", "run", str(scenes.path), "--control", "true", "--out", str(tmp_path / "rows")]
+    done = CliRunner().invoke(cli, asked)
+    assert done.exit_code == 0, done.output
+    facts = json.loads((tmp_path / "rows" / "true.json").read_text())
+    assert facts["command"] == f"xden-bench {' '.join(asked)}"
+
+
+ENTERED = {"command": "xden-bench manip run", "xden_version": "0.1.0", "commit": "a" * 40}
+
+
+def leaderboard(folder: Path, *, check: bool = False):
+    asked = ["leaderboard", "--results", str(folder / "results"), "--out", str(folder / "L.md")]
+    return CliRunner().invoke(cli, [*asked, *(["--check"] if check else [])])
+
+
+@pytest.fixture
+def entered(scenes: Scenes, tmp_path: Path, unsimulated: None) -> Path:
+    """A folder with no entries, and beside it the rows of a table."""
+    (tmp_path / "results").mkdir()
+    method = Chooser("eye|1", "nearest", {one.object_id: one.uniform_cm for one in scenes.items()})
+    few = tries(scenes, "uniform", "true", "true+8cm", "true-8cm")
+    seen = replace(method, inputs=("mesh", "xray"), submission_sha256="b" * 64)
+    every = replace(few, choosers=(*few.choosers, seen))
+    run_rows(every, tmp_path / "picks" / "manip-v1", ENTERED)
+    return tmp_path
+
+
+def test_the_leaderboard_has_the_rows_that_are_entered(entered: Path) -> None:
+    assert leaderboard(entered).exit_code == 0
+    text = (entered / "L.md").read_text()
+    off, balanced = text.split("### Stratum ")[1:]
+    assert "2 objects, 2 trials of each" in off
+    assert "| *true*" in off
+    assert r"| eye\|1 " in off
+    assert "mesh, xray" in off
+    assert "true+8cm" not in text
+    assert "1 objects, 2 trials of each" in balanced
+    assert leaderboard(entered, check=True).exit_code == 0
+    (entered / "picks" / "manip-v1" / "eye-1-bbbbbbbb.json").unlink()
+    assert leaderboard(entered, check=True).exit_code == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("commit", "a" * 40 + "-dirty", "expected a row by the code of a commit, got 'aa"),
+        ("commit", None, "expected a row by the code of a commit, got None"),
+        ("homogeneous", True, "departs from the protocol"),
+        ("varied", {"timestep_s": 0.001}, "departs from the protocol"),
+    ],
+)
+def test_a_row_that_cannot_be_made_again_is_not_entered(entered, name, value, said) -> None:
+    for path in (entered / "picks" / "manip-v1").glob("*.json"):
+        path.write_text(json.dumps({**json.loads(path.read_text()), name: value}))
+    done = leaderboard(entered)
+    assert done.exit_code == 1
+    assert said in done.output
+    assert not (entered / "L.md").exists()
 
 
 def test_a_table_needs_the_rows_that_all_are_compared_with(scenes, tmp_path, unsimulated) -> None:

@@ -44,10 +44,12 @@ def leaderboard(
 ) -> None:
     """Rewrite LEADERBOARD.md from the results, or print other tables of them.
 
+    Rows of `xden-bench manip run` in the folder picks beside the results have their own section.
     A file that is no sound entry is left out and named; with --check it is an error.
     """
     from xden_bench.entries.leaderboard import check_leaderboard, render, write_leaderboard
     from xden_bench.entries.reading import read_entries, read_sound_entries
+    from xden_bench.manip.section import picks_sections
 
     if check + (by is not None) + (hub_folder is not None) > 1:
         raise click.UsageError("Of --check, --by and --eval-results give one.")
@@ -61,12 +63,13 @@ def leaderboard(
     elif hub_folder:
         _write_for_hub(entries, hub_folder, repo_id, as_json)
     else:
-        (check_leaderboard if check else write_leaderboard)(entries, out)
+        sections = picks_sections(results)
+        (check_leaderboard if check else write_leaderboard)(entries, out, sections)
         if as_json:
             print_json({"file": str(out), "entries": [_without_objects(one) for one in entries]})
             return
         if not check:
-            click.echo(render(entries))
+            click.echo(render(entries, sections))
         click.echo(f"{out}: {len(entries)} entries{', up to date' if check else ''}")
 
 

@@ -116,7 +116,7 @@ TRACK_TITLES: Final = {
 }
 
 
-def render(entries: Iterable[Entry]) -> str:
+def render(entries: Iterable[Entry], sections: Sequence[str] = ()) -> str:
     """Text between the markers.
 
     The order of the entries does not matter. Tables of an older protocol or metric version come
@@ -126,6 +126,8 @@ def render(entries: Iterable[Entry]) -> str:
     ----------
     entries
         From :func:`xden_bench.entries.reading.read_entries`.
+    sections
+        Of other benchmarks.
     """
     every = tables(entries)
     ranked = [rows for rows in every if load_rules(rows[0]["protocol"]).is_ranked]
@@ -137,6 +139,7 @@ def render(entries: Iterable[Entry]) -> str:
         [
             *(map(_section, current) if current else ["No entries yet."]),
             *filter(None, drops),
+            *sections,
             *_part(OLD_VERSIONS, old),
             *_part(OLD_PROTOCOLS, older),
             _paper_section(),
@@ -186,8 +189,8 @@ def group_tables(entries: Iterable[Entry], by: str, metric: str | None = None) -
     return "\n\n".join(_group_table(rows, f"by_{by}", metric) for rows in tables(entries))
 
 
-def write_leaderboard(entries: Iterable[Entry], path: Path) -> None:
-    """Rewrite the part between the markers; a file that is not there is begun.
+def write_leaderboard(entries: Iterable[Entry], path: Path, sections: Sequence[str] = ()) -> None:
+    """Rewrite the part between the markers, as :func:`render` makes it; a new file is begun.
 
     Raises
     ------
@@ -195,11 +198,11 @@ def write_leaderboard(entries: Iterable[Entry], path: Path) -> None:
         If the file does not have each marker once.
     """
     old = path.read_text(encoding="utf-8") if path.exists() else HEADER
-    write_text(path, _with_section(old, render(entries), path))
+    write_text(path, _with_section(old, render(entries, sections), path))
 
 
-def check_leaderboard(entries: Iterable[Entry], path: Path) -> None:
-    """Compare the file with the results.
+def check_leaderboard(entries: Iterable[Entry], path: Path, sections: Sequence[str] = ()) -> None:
+    """Compare the file with the results, as :func:`render` has them.
 
     Raises
     ------
@@ -209,7 +212,7 @@ def check_leaderboard(entries: Iterable[Entry], path: Path) -> None:
     if not path.exists():
         raise DataError(f"{path} is missing: run xden-bench leaderboard")
     old = path.read_text(encoding="utf-8")
-    if _with_section(old, render(entries), path) != old:
+    if _with_section(old, render(entries, sections), path) != old:
         raise DataError(f"{path} does not match the results: run xden-bench leaderboard")
 
 

@@ -18,7 +18,7 @@ from xden_bench.manip.rows import Row, TrialRow
 from xden_bench.manip.statistics import Discordant, discordant, wilson_interval
 from xden_bench.scoring.bootstrap import Estimate, estimate
 
-__all__ = ["Line", "closed_form_agreement", "is_step", "ladder", "lines"]
+__all__ = ["AGAINST", "Against", "Line", "closed_form_agreement", "is_step", "ladder", "lines"]
 
 AGAINST: Final = ("uniform", "true")
 """With which every row is compared."""
