@@ -10,6 +10,7 @@ from xden_bench.commands.coverage import coverage
 from xden_bench.commands.dataset import dataset
 from xden_bench.commands.entries import compare, verify, withdraw
 from xden_bench.commands.manip import manip
+from xden_bench.commands.mechanics import mechanics
 from xden_bench.commands.methods import baseline
 from xden_bench.commands.sealing import keygen, seal, verify_sealed
 from xden_bench.commands.segments import segment
@@ -37,6 +38,7 @@ cli.add_command(withdraw)
 cli.add_command(coverage)
 cli.add_command(baseline)
 cli.add_command(dataset)
+manip.add_command(mechanics)
 cli.add_command(manip)
 cli.add_command(segment)
 cli.add_command(speed)
