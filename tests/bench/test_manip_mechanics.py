@@ -22,7 +22,8 @@ from xden_bench.manip.support import Support, support_of
 
 CONTACT = load_manip_protocol().solver
 RULES = load_mechanics_protocol()
-SQUARE = Support(np.array([[0.0, 0], [4, 0], [4, 4], [0, 4]]))
+CORNERS = np.array([[0.0, 0], [4, 0], [4, 4], [0, 4]])
+SQUARE = Support(CORNERS, (CORNERS,))
 INSIDE = st.tuples(st.floats(0.1, 3.9), st.floats(0.1, 3.9)).map(np.array)
 
 
@@ -62,6 +63,26 @@ def test_what_is_left_behind_an_edge_has_its_share_of_the_area(at_cm: float) -> 
     assert left.margin_cm(np.array([at_cm / 2, 2])) == pytest.approx(min(at_cm / 2, 2))
 
 
+def test_four_legs_of_which_two_are_over_the_edge_leave_no_support() -> None:
+    table = Support(CORNERS, tuple(corner[None] for corner in CORNERS))
+    assert table.clipped(np.array([1.0, 0]), 3.9) is None
+    assert table.clipped(np.array([1.0, 0]), 4.1) is not None
+
+
+@given(INSIDE, st.floats(0.01, 0.09))
+def test_an_edge_may_be_just_beyond_a_centre_on_a_flat_base(point: Vec3, inside_cm: float) -> None:
+    normal = np.array([0.0, 1.0])
+    edge_cm = SQUARE.edge_cm(point, normal, inside_cm)
+    assert edge_cm == pytest.approx(point[1] + inside_cm, abs=0.002)
+    assert SQUARE.edge_cm(point, normal, 4.1) is None
+
+
+def test_an_edge_must_be_beyond_the_legs_that_are_needed() -> None:
+    table = Support(CORNERS, tuple(corner[None] for corner in CORNERS))
+    edge_cm = table.edge_cm(np.array([2.0, 1.0]), np.array([0.0, 1.0]), 0.5)
+    assert edge_cm == pytest.approx(4, abs=0.002)
+
+
 def test_nothing_is_left_where_all_is_over_the_edge() -> None:
     assert SQUARE.clipped(np.array([1.0, 0]), -0.1) is None
 
@@ -90,7 +111,7 @@ def test_the_closed_form_of_a_box_is_by_its_edges() -> None:
 @pytest.mark.parametrize(("size_cm", "com_cm"), BOXES)
 def test_a_box_tips_within_a_degree_of_the_closed_form(size_cm, com_cm) -> None:
     one = standing(size_cm, com_cm)
-    simulated_deg = tipping_tilt_deg(one, RULES.tilt, RULES.fall.max_turn_deg)
+    simulated_deg = tipping_tilt_deg(one, RULES.tilt)
     assert simulated_deg == pytest.approx(tilt_deg(one, one.com_cm), abs=1)
 
 
@@ -98,7 +119,7 @@ def test_a_box_tips_within_a_degree_of_the_closed_form(size_cm, com_cm) -> None:
 def test_a_box_stays_at_an_edge_if_its_centre_is_on_the_table(inside_cm, stays) -> None:
     one, normal = standing(*BOXES[1]), np.array([0.6, 0.8])
     edge_cm = float(one.com_cm[:2] @ normal) + inside_cm
-    assert stays_at_edge(one, normal, edge_cm, 0.5, RULES.fall.max_turn_deg) is stays
+    assert stays_at_edge(one, normal, edge_cm, RULES.edge) is stays
 
 
 @pytest.mark.slow

@@ -418,6 +418,19 @@ def test_the_commands_lead_from_a_dataset_to_a_table(tools: Path, tmp_path: Path
 
 
 @pytest.mark.slow
+def test_the_mechanics_of_bars_are_those_of_statics(scenes: Scenes) -> None:
+    asked = ["manip", "mechanics", str(scenes.path)]
+    done = CliRunner().invoke(cli, [*asked, "--json"])
+    assert done.exit_code == 0, done.output
+    told = json.loads(done.stdout)
+    assert told["rolling"] == []
+    for one in told["objects"]:
+        assert one["simulated_deg"] == pytest.approx(one["foretold_deg"], abs=1)
+        assert {trial["assumed"]: trial["stays"] for trial in one["edges"]}["beyond"] is False
+    assert "3 objects stand, 0 would roll" in CliRunner().invoke(cli, asked).output
+
+
+@pytest.mark.slow
 def test_a_picture_shows_a_row_of_frames_for_each_pick(scenes: Scenes, tmp_path: Path) -> None:
     from PIL import Image
 

@@ -67,15 +67,16 @@ def _echo(found: Sequence[Mechanics], band: float) -> None:
         f"difference {errors[-1]:.1f}°"
     )
     edges = [trial for one in found for trial in one.edges]
-    for name in ("true", "uniform"):
+    for name in ("true", "uniform", "beyond"):
         laid = [trial for trial in edges if trial.assumed == name]
         click.echo(
-            f"laid by the {name} centre: {sum(one.stays for one in laid)} of {len(laid)} stay; "
-            f"statics agrees with {sum(one.agrees for one in laid)}"
+            f"edge, {name}: {len(laid)} of {2 * len(found)} can be laid down, "
+            f"{sum(one.stays for one in laid)} stay; statics agrees with "
+            f"{sum(one.agrees for one in laid)}"
         )
     pushes = [trial for one in found for trial in one.pushes]
     clear = [trial for trial in pushes if not trial.is_near(band)]
     click.echo(
         f"pushes: statics agrees with {sum(one.agrees for one in pushes)} of {len(pushes)}, and "
-        f"with {sum(one.agrees for one in clear)} of {len(clear)} not within {band:.0%} of the limit"
+        f"with {sum(one.agrees for one in clear)} of {len(clear)} over {band:.0%} from the limit"
     )

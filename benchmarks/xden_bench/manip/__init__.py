@@ -5,7 +5,7 @@ without a simulator; ``statistics`` how sure a share of successes is. ``shape`` 
 surface, ``hulls`` what is felt of it (files of ``arrays``); ``grasps`` are candidates, of the
 ``sampler`` or of other detectors (``graspnet``), that have ``clearance``; ``pose`` moves them.
 In MuJoCo, ``scene`` builds table, object and gripper, ``rest`` drops the object, ``trial`` picks,
-and gives an ``outcome``; an object that is ``standing`` on its ``support`` is placed and pushed, and
+and gives an ``outcome``. What is ``standing`` on its ``support`` is placed and pushed, and
 ``mechanics`` compares that with statics, by the numbers of ``mechanics_protocol``.
 
 ``preparing`` chooses objects and makes each an ``item``, ``scenes`` freezes them. ``choosing``

@@ -28,30 +28,30 @@ __all__ = ["EdgeTrial", "Mechanics", "PushTrial", "mechanics_of", "push_trials",
 
 @dataclass(frozen=True, slots=True)
 class EdgeTrial:
-    """An object laid down with a centre of mass that is assumed inside the edge of a table.
+    """An object laid down at the edge of a table, as far out as an assumed centre of mass allows.
 
     Parameters
     ----------
     assumed
-        ``true`` or ``uniform``.
+        ``true`` or ``uniform``; ``beyond`` is as far over the edge as those are inside.
     side
         Which end of the longest axis is over the edge.
     margin_cm
         Of the true centre inside what is left of the support: it is foretold to fall where that is
-        negative, or None because nothing is left.
+        negative.
     stays
         In simulation.
     """
 
     assumed: str
     side: int
-    margin_cm: float | None
+    margin_cm: float
     stays: bool
 
     @property
     def agrees(self) -> bool:
         """Whether it does what is foretold."""
-        return (self.margin_cm is not None and self.margin_cm > 0) == self.stays
+        return (self.margin_cm > 0) == self.stays
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +99,7 @@ class Mechanics:
         The same by statics, for the true centre of mass and for the centroid; None where the
         centroid is beside the support.
     edges, pushes
-        Trials.
+        Trials; none at an edge towards which the support does not reach beyond the assumed centre.
     """
 
     object_id: str
@@ -128,7 +128,7 @@ def mechanics_of(item: Item, contact: SolverRules, rules: MechanicsProtocol) -> 
     (uniform_cm,) = item.rest.to_world(item.uniform_cm[None])
     return Mechanics(
         item.object_id,
-        tipping_tilt_deg(standing, rules.tilt, rules.fall.max_turn_deg),
+        tipping_tilt_deg(standing, rules.tilt),
         tilt_deg(standing, standing.com_cm),
         tilt_deg(standing, uniform_cm) if _is_inside(standing, uniform_cm) else None,
         tuple(_edge_trials(standing, item, uniform_cm, rules)),
@@ -148,17 +148,19 @@ def _is_inside(standing: Standing, com_cm: Vec3) -> bool:
 def _edge_trials(
     standing: Standing, item: Item, uniform_cm: Vec3, rules: MechanicsProtocol
 ) -> Iterator[EdgeTrial]:
-    along = _across_edge(item)
-    for name, assumed_cm in (("true", standing.com_cm), ("uniform", uniform_cm)):
-        for side in (1, -1):
-            normal = side * along
-            edge_cm = float(assumed_cm[:2] @ normal) + rules.edge.inside_cm
-            left = standing.support.clipped(normal, edge_cm)
-            margin_cm = None if left is None else left.margin_cm(standing.com_cm[:2])
-            stays = stays_at_edge(
-                standing, normal, edge_cm, rules.edge.time_s, rules.fall.max_turn_deg
-            )
-            yield EdgeTrial(name, side, margin_cm, stays)
+    """By both centres, and beyond what can hold, at both ends; where the support allows it."""
+    along, com_cm, inside_cm = _across_edge(item), standing.com_cm[:2], rules.edge.inside_cm
+    for side in (1, -1):
+        normal = side * along
+        for name, assumed_cm in (("true", com_cm), ("uniform", uniform_cm[:2])):
+            edge_cm = standing.support.edge_cm(assumed_cm, normal, inside_cm)
+            if edge_cm is not None:
+                left = standing.support.clipped(normal, edge_cm)
+                assert left is not None
+                stays = stays_at_edge(standing, normal, edge_cm, rules.edge)
+                yield EdgeTrial(name, side, left.margin_cm(com_cm), stays)
+        stays = stays_at_edge(standing, normal, float(com_cm @ normal) - inside_cm, rules.edge)
+        yield EdgeTrial("beyond", side, -inside_cm, stays)
 
 
 def _across_edge(item: Item) -> Plane:
@@ -200,7 +202,6 @@ def push_trials(standing: Standing, rules: MechanicsProtocol, name: str) -> Iter
             height_cm,
             friction,
             rules.push,
-            rules.fall.max_turn_deg,
         )
         load = at_cm / ahead_cm if at_cm > 0 else -at_cm / behind_cm
         yield PushTrial(friction, force_n, height_cm, load, not stays)

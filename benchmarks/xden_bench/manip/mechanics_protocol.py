@@ -11,7 +11,6 @@ from xden1k.values.settings import read_toml, settings_of
 
 __all__ = [
     "EdgeRules",
-    "FallRules",
     "MechanicsProtocol",
     "PushRules",
     "SupportRules",
@@ -39,6 +38,7 @@ class TiltRules:
     halvings: int
     friction: float
     time_s: float
+    max_turn_deg: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +47,7 @@ class EdgeRules:
 
     inside_cm: float
     time_s: float
+    max_turn_deg: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,14 +60,8 @@ class PushRules:
     time_s: float
     timestep_s: float
     solref: Sequence[float]
-    band: float
-
-
-@dataclass(frozen=True, slots=True)
-class FallRules:
-    """When an object has tipped."""
-
     max_turn_deg: float
+    band: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +74,7 @@ class MechanicsProtocol:
         Printed with every number.
     seed
         Of every draw, beside its key.
-    support, tilt, edge, push, fall
+    support, tilt, edge, push
         The tables of the file.
     """
 
@@ -89,7 +84,6 @@ class MechanicsProtocol:
     tilt: TiltRules
     edge: EdgeRules
     push: PushRules
-    fall: FallRules
 
 
 TABLES: Final[Mapping[str, type[Any]]] = {
@@ -97,7 +91,6 @@ TABLES: Final[Mapping[str, type[Any]]] = {
     "tilt": TiltRules,
     "edge": EdgeRules,
     "push": PushRules,
-    "fall": FallRules,
 }
 
 

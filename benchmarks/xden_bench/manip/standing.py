@@ -14,7 +14,12 @@ from xden1k.export.si import M_PER_CM
 from xden1k.values.arrays import Vec3
 from xden1k.values.mass import MassProperties
 from xden_bench.manip.closed_forms import STANDARD_GRAVITY_M_S2
-from xden_bench.manip.mechanics_protocol import MechanicsProtocol, PushRules, TiltRules
+from xden_bench.manip.mechanics_protocol import (
+    EdgeRules,
+    MechanicsProtocol,
+    PushRules,
+    TiltRules,
+)
 from xden_bench.manip.pose import Pose
 from xden_bench.manip.protocol import SolverRules
 from xden_bench.manip.scene import OBJECT, mujoco, table_scene
@@ -84,7 +89,7 @@ def standing_of(
     return found if stands else None
 
 
-def tipping_tilt_deg(standing: Standing, rules: TiltRules, max_turn_deg: float) -> float:
+def tipping_tilt_deg(standing: Standing, rules: TiltRules) -> float:
     """Tilt of gravity towards the nearest edge from which the object tips, by bisection.
 
     Parameters
@@ -93,8 +98,6 @@ def tipping_tilt_deg(standing: Standing, rules: TiltRules, max_turn_deg: float) 
         The object.
     rules
         Between which angles, how often halved, how long watched.
-    max_turn_deg
-        More has tipped.
     """
     model = _with_friction(standing.spec().compile(), rules.friction)
     towards = standing.support.nearest_normal(standing.com_cm[:2])
@@ -104,16 +107,14 @@ def tipping_tilt_deg(standing: Standing, rules: TiltRules, max_turn_deg: float) 
         angle = radians(middle_deg)
         model.opt.gravity[:] = [*(sin(angle) * towards), -cos(angle)]
         model.opt.gravity *= STANDARD_GRAVITY_M_S2
-        if _stays(model, mujoco.MjData(model), standing.rest, rules.time_s, max_turn_deg):
+        if _stays(model, mujoco.MjData(model), standing.rest, rules.time_s, rules.max_turn_deg):
             low_deg = middle_deg
         else:
             high_deg = middle_deg
     return (low_deg + high_deg) / 2
 
 
-def stays_at_edge(
-    standing: Standing, normal: Plane, edge_cm: float, time_s: float, max_turn_deg: float
-) -> bool:
+def stays_at_edge(standing: Standing, normal: Plane, edge_cm: float, rules: EdgeRules) -> bool:
     """Whether the object stays on a table that ends at a line.
 
     Parameters
@@ -124,10 +125,8 @@ def stays_at_edge(
         Unit vector that leads off the table.
     edge_cm
         Where the line is along it.
-    time_s
+    rules
         How long it is watched.
-    max_turn_deg
-        More has fallen.
     """
     spec = standing.spec()
     table = spec.geom("table")
@@ -136,7 +135,7 @@ def stays_at_edge(
     half_turn = atan2(normal[1], normal[0]) / 2
     table.quat = [cos(half_turn), 0, 0, sin(half_turn)]
     model = spec.compile()
-    return _stays(model, mujoco.MjData(model), standing.rest, time_s, max_turn_deg)
+    return _stays(model, mujoco.MjData(model), standing.rest, rules.time_s, rules.max_turn_deg)
 
 
 def stays_pushed(
@@ -145,7 +144,6 @@ def stays_pushed(
     height_cm: float,
     friction: float,
     rules: PushRules,
-    max_turn_deg: float,
 ) -> bool:
     """Whether the object does not tip under a horizontal force in the plane of its centre.
 
@@ -161,8 +159,6 @@ def stays_pushed(
         Of the table.
     rules
         How long, in which steps, on how soft a contact.
-    max_turn_deg
-        More has tipped.
     """
     contact = replace(standing.rules, timestep_s=rules.timestep_s, solref=rules.solref)
     model = _with_friction(replace(standing, rules=contact).spec().compile(), friction)
@@ -170,7 +166,7 @@ def stays_pushed(
     arm_m = M_PER_CM * np.array([0.0, 0.0, height_cm - standing.com_cm[2]])
     force = np.array([*force_n, 0.0])
     data.body(OBJECT).xfrc_applied[:] = [*force, *np.cross(arm_m, force)]
-    return _stays(model, data, standing.rest, rules.time_s, max_turn_deg)
+    return _stays(model, data, standing.rest, rules.time_s, rules.max_turn_deg)
 
 
 def _with_friction(model: Any, friction: float) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import trimesh
@@ -12,10 +13,15 @@ from scipy.spatial import ConvexHull, QhullError
 
 from xden_bench.manip.pose import Pose
 
-__all__ = ["Plane", "Support", "support_of"]
+__all__ = ["Flat", "Plane", "Support", "support_around", "support_of"]
 
 Plane = Float[np.ndarray, "2"]
 """A point or a direction on the table, cm."""
+Flat = Float[np.ndarray, "points 2"]
+"""Points on the table, cm."""
+
+NEAR_CM: Final = 1e-3
+"""To which the place of an edge is found."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,9 +32,12 @@ class Support:
     ----------
     corners_cm
         Shape (corners, 2), counter-clockwise.
+    pieces_cm
+        What touches the table inside it, each convex: shapes (points, 2).
     """
 
     corners_cm: Float[np.ndarray, "corners 2"]
+    pieces_cm: tuple[Flat, ...]
 
     @property
     def normals(self) -> Float[np.ndarray, "corners 2"]:
@@ -44,14 +53,7 @@ class Support:
         return insets
 
     def margin_cm(self, point_cm: Plane) -> float:
-        """How far a point is from the nearest edge; negative outside.
-
-        Examples
-        --------
-        >>> square = Support(np.array([[0.0, 0], [4, 0], [4, 4], [0, 4]]))
-        >>> square.margin_cm(np.array([1.0, 2.0]))
-        1.0
-        """
+        """How far a point is from the nearest edge; negative outside."""
         return float(self.insets_cm(point_cm).min())
 
     def nearest_normal(self, point_cm: Plane) -> Plane:
@@ -64,7 +66,7 @@ class Support:
 
         Examples
         --------
-        >>> square = Support(np.array([[0.0, 0], [4, 0], [4, 4], [0, 4]]))
+        >>> square = support_around([np.array([[0.0, 0], [4, 0], [4, 4], [0, 4]])])
         >>> square.reach_cm(np.array([1.0, 2.0]), np.array([1.0, 0.0]))
         3.0
         """
@@ -73,7 +75,7 @@ class Support:
         return float((self.insets_cm(point_cm)[ahead] / speeds[ahead]).min())
 
     def clipped(self, normal: Plane, at_cm: float) -> Support | None:
-        """Return the part behind a line; None if there is none.
+        """Return what is left of it behind a line, by what touches the table; None if nothing.
 
         Parameters
         ----------
@@ -82,22 +84,72 @@ class Support:
         at_cm
             Where along it the line is.
         """
-        over = self.corners_cm @ normal - at_cm
-        nexts = np.roll(over, -1)
-        crossed = (over < 0) != (nexts < 0)
-        shares = (over[crossed] / (over - nexts)[crossed])[:, None]
-        ways = (np.roll(self.corners_cm, -1, axis=0) - self.corners_cm)[crossed]
-        return _polygon(
-            np.concatenate([self.corners_cm[over < 0], self.corners_cm[crossed] + shares * ways])
+        return support_around([_behind(piece, normal, at_cm) for piece in self.pieces_cm])
+
+    def edge_cm(self, point_cm: Plane, normal: Plane, inside_cm: float) -> float | None:
+        """Where a table may end for what is left of the support to reach just beyond a point.
+
+        Parameters
+        ----------
+        point_cm
+            Which must stay inside.
+        normal
+            Unit vector that leads off the table.
+        inside_cm
+            How far the support must reach beyond the point, towards the edge.
+
+        Returns
+        -------
+        float or None
+            Along the normal; None if all of the support does not do.
+        """
+
+        def does(at_cm: float) -> bool:
+            left = self.clipped(normal, at_cm)
+            return (
+                left is not None
+                and left.margin_cm(point_cm) > 0
+                and left.reach_cm(point_cm, normal) >= inside_cm
+            )
+
+        low_cm, high_cm = (
+            float(point_cm @ normal),
+            float((self.corners_cm @ normal).max()) + NEAR_CM,
         )
+        if not does(high_cm):
+            return None
+        while high_cm - low_cm > NEAR_CM:
+            middle_cm = (low_cm + high_cm) / 2
+            low_cm, high_cm = (low_cm, middle_cm) if does(middle_cm) else (middle_cm, high_cm)
+        return high_cm
 
 
-def _polygon(points_cm: Float[np.ndarray, "points 2"]) -> Support | None:
-    """Convex polygon around points; None if they are on one line, or too few."""
-    if len(points_cm) < 3:
+def _behind(piece_cm: Flat, normal: Plane, at_cm: float) -> Flat:
+    """Points of a convex piece behind a line, and where its chords cross that."""
+    over = piece_cm @ normal - at_cm
+    behind, ahead = piece_cm[over < 0], piece_cm[over >= 0]
+    depths, heights = over[over < 0][:, None], over[over >= 0][None]
+    shares = (depths / (depths - heights))[..., None]
+    crossings = behind[:, None] + shares * (ahead[None] - behind[:, None])
+    return np.concatenate([behind, crossings.reshape(-1, 2)])
+
+
+def support_around(pieces_cm: Sequence[Flat]) -> Support | None:
+    """Polygon around what touches the table; None if that is on one line, or nothing.
+
+    Examples
+    --------
+    >>> legs = [np.array([[x, y]]) for x in (0.0, 4.0) for y in (0.0, 4.0)]
+    >>> support_around(legs).margin_cm(np.array([1.0, 2.0]))
+    1.0
+    >>> support_around(legs[:2]) is None
+    True
+    """
+    points = np.concatenate([np.zeros((0, 2)), *pieces_cm])
+    if len(points) < 3:
         return None
     try:
-        return Support(points_cm[ConvexHull(points_cm).vertices])
+        return Support(points[ConvexHull(points).vertices], tuple(pieces_cm))
     except QhullError:
         return None
 
@@ -116,5 +168,5 @@ def support_of(
     max_height_cm
         Above the table, up to which a corner counts as on it.
     """
-    corners = rest.to_world(np.concatenate([np.asarray(hull.vertices) for hull in hulls]))
-    return _polygon(corners[corners[:, 2] <= max_height_cm, :2])
+    placed = [rest.to_world(np.asarray(hull.vertices)) for hull in hulls]
+    return support_around([points[points[:, 2] <= max_height_cm, :2] for points in placed])
