@@ -26,22 +26,25 @@ def mechanics(scenes: Path, as_json: bool) -> None:
 
     Everything that this gives is simulated. Objects that would roll are left out, and counted.
     """
-    from xden_bench.manip.mechanics import mechanics_of
+    from xden_bench.manip.mechanics import creep_of, mechanics_of
     from xden_bench.manip.mechanics_protocol import load_mechanics_protocol
     from xden_bench.manip.scenes import open_scenes
 
     opened, rules = open_scenes(scenes), load_mechanics_protocol()
-    tried = {
-        name: mechanics_of(opened.item(name), opened.rules.solver, rules)
-        for name in progress_bar(opened.ids)
-    }
-    found = [one for one in tried.values() if one is not None]
-    rolling = [name for name, one in tried.items() if one is None]
+    items = list(opened.items())
+    creep = {one.object_id: creep_of(one, opened.rules) for one in items}
+    tried = [mechanics_of(one, opened.rules.solver, rules) for one in progress_bar(items)]
+    found = [one for one in tried if one is not None]
     if as_json:
         told = [asdict(one) for one in found]
-        print_json({"simulated": True, "rules": rules.name, "objects": told, "rolling": rolling})
+        resting = {name: asdict(one) for name, one in creep.items()}
+        print_json({"simulated": True, "rules": rules.name, "resting": resting, "objects": told})
         return
-    click.echo(f"Simulated, {rules.name}: {len(found)} objects stand, {len(rolling)} would roll.")
+    click.echo(
+        f"Simulated, {rules.name}: {len(found)} of {len(items)} objects stand, the others would "
+        f"roll. At rest none creeps more than {max(one.speed_mm_s for one in creep.values()):.2g} "
+        f"mm/s, or sinks deeper than {max(one.penetration_mm for one in creep.values()):.2g} mm."
+    )
     _echo(found, rules.push.band)
 
 

@@ -8,12 +8,14 @@ from math import cos, pi, sin
 
 import numpy as np
 
+from xden1k.export.si import MM_PER_CM
 from xden1k.values.arrays import Vec3
 from xden_bench.manip.closed_forms import push, tipping_angle_deg, weight_n
 from xden_bench.manip.draws import keyed_generator
 from xden_bench.manip.item import Item
 from xden_bench.manip.mechanics_protocol import MechanicsProtocol
-from xden_bench.manip.protocol import SolverRules
+from xden_bench.manip.protocol import ManipProtocol, SolverRules
+from xden_bench.manip.rest import watched_at_rest
 from xden_bench.manip.standing import (
     Standing,
     standing_of,
@@ -23,7 +25,16 @@ from xden_bench.manip.standing import (
 )
 from xden_bench.manip.support import Plane
 
-__all__ = ["EdgeTrial", "Mechanics", "PushTrial", "mechanics_of", "push_trials", "tilt_deg"]
+__all__ = [
+    "Creep",
+    "EdgeTrial",
+    "Mechanics",
+    "PushTrial",
+    "creep_of",
+    "mechanics_of",
+    "push_trials",
+    "tilt_deg",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +119,28 @@ class Mechanics:
     uniform_deg: float | None
     edges: tuple[EdgeTrial, ...]
     pushes: tuple[PushTrial, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Creep:
+    """What an object does that lies on the table.
+
+    Parameters
+    ----------
+    speed_mm_s
+        Mean one of its centre of mass.
+    penetration_mm
+        Of its deepest contact.
+    """
+
+    speed_mm_s: float
+    penetration_mm: float
+
+
+def creep_of(item: Item, rules: ManipProtocol) -> Creep:
+    """Watch an object at rest as long as the protocol of picks does."""
+    rest = watched_at_rest(item.hulls, item.mass, rules, item.rest)
+    return Creep(rest.speed_mm_s, MM_PER_CM * rest.penetration_cm)
 
 
 def mechanics_of(item: Item, contact: SolverRules, rules: MechanicsProtocol) -> Mechanics | None:

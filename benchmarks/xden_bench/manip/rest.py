@@ -16,7 +16,7 @@ from xden_bench.manip.pose import Pose, turn_between_deg
 from xden_bench.manip.protocol import ManipProtocol, RestRules
 from xden_bench.manip.scene import OBJECT, mujoco, table_scene
 
-__all__ = ["Rest", "rest_of"]
+__all__ = ["Rest", "rest_of", "watched_at_rest"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,17 +67,42 @@ def rest_of(
         Of the direction in which it is tilted at first.
     """
     model = table_scene(hulls, mass, rules.solver).compile()
-    data = mujoco.MjData(model)
-    data.qpos[:7] = _dropped(hulls, rules.rest, generator).qpos
-    mujoco.mj_forward(model, data)
-    steps = round(rules.rest.calm_time_s / rules.solver.timestep_s)
+    data = _placed(model, _dropped(hulls, rules.rest, generator))
     for _ in range(round(rules.rest.max_time_s / rules.rest.calm_time_s)):
-        before = _seen(data)
-        mujoco.mj_step(model, data, nstep=steps)
-        rest = _rest(data, before, rules.rest.calm_time_s)
+        rest = _watched(model, data, rules.rest)
         if rest.is_calm(rules.rest):
             break
     return rest
+
+
+def watched_at_rest(
+    hulls: Sequence[trimesh.Trimesh], mass: MassProperties, rules: ManipProtocol, pose: Pose
+) -> Rest:
+    """See what an object that lies does in as long as it must be calm: creep, and sink.
+
+    Parameters
+    ----------
+    hulls, mass, rules
+        As in :func:`rest_of`.
+    pose
+        In which it lies.
+    """
+    model = table_scene(hulls, mass, rules.solver).compile()
+    return _watched(model, _placed(model, pose), rules.rest)
+
+
+def _placed(model: Any, pose: Pose) -> Any:
+    data = mujoco.MjData(model)
+    data.qpos[:7] = pose.qpos
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def _watched(model: Any, data: Any, rules: RestRules) -> Rest:
+    """Simulate the calm time."""
+    before = _seen(data)
+    mujoco.mj_step(model, data, nstep=round(rules.calm_time_s / model.opt.timestep))
+    return _rest(data, before, rules.calm_time_s)
 
 
 def _dropped(
