@@ -330,6 +330,29 @@ def test_a_variant_of_a_number_that_is_none_is_refused(scenes: Scenes) -> None:
     )
 
 
+def test_a_scaled_friction_reaches_the_trial_and_the_row(scenes, tmp_path, monkeypatch) -> None:
+    felt: list[float] = []
+
+    def rubbed(model, rest, grasp, width_cm, draw, rules) -> Trial:
+        felt.append(draw.friction)
+        return levered(model, rest, grasp, width_cm, draw, rules)
+
+    monkeypatch.setattr(running, "pick", rubbed)
+    slick = tries(scenes, "true", variant=Variant({}, friction_scale=0.5))
+    (row,) = read_rows(run_rows(slick, tmp_path / "rows", {}))
+    assert sorted(set(felt)) == [0.15, 0.2]
+    assert [one.friction for one in row.objects[0].trials] == [0.2, 0.15]
+    assert row.facts["varied"] == {"friction_scale": 0.5}
+
+
+def test_scenes_of_other_hulls_say_so_in_their_rows(scenes, tmp_path, unsimulated) -> None:
+    chosen = Chosen(tuple(scenes.items()), {}, 0)
+    write_scenes(chosen, RULES, DATASET, "quick", tmp_path / "few", {"max_hulls": 32})
+    few = replace(tries(scenes, "true"), scenes=open_scenes(tmp_path / "few"))
+    (row,) = read_rows(run_rows(few, tmp_path / "rows", {}))
+    assert row.facts["varied"] == {"max_hulls": 32}
+
+
 def test_the_closed_form_finds_the_patch_that_it_was_told(scenes, tmp_path, monkeypatch) -> None:
     from xden_bench.manip.closed_forms import slip_ratio
 

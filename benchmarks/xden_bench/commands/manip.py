@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,6 +54,9 @@ def manip() -> None:
 @split_option
 @click.option("--grasps", type=FOLDER, help="Grasps of another detector, ID.npz for each object.")
 @click.option("--hulls", type=FOLDER, help="Where hulls are kept.  [default: OUT.hulls]")
+@click.option(
+    "--max-hulls", type=click.IntRange(min=1), help="Another number of hulls; rows say so."
+)
 @json_option
 def prepare(
     root: Path,
@@ -62,6 +65,7 @@ def prepare(
     split: str,
     grasps: Path | None,
     hulls: Path | None,
+    max_hulls: int | None,
     as_json: bool,
 ) -> None:
     """Choose objects of the dataset ROOT, and freeze all that trials of them need.
@@ -73,6 +77,8 @@ def prepare(
     from xden_bench.manip.scenes import open_scenes, write_scenes
 
     rules, reference = load_manip_protocol(), open_reference(root, split)
+    varied = {} if max_hulls is None else {"max_hulls": max_hulls}
+    rules = replace(rules, hulls=replace(rules.hulls, **varied))
     examiner = Examiner(
         reference.folder,
         rules,
@@ -86,7 +92,7 @@ def prepare(
         "manifest_sha256": reference.manifest_sha256,
         "split": split,
     }
-    write_scenes(chosen, rules, dataset, tier, out)
+    write_scenes(chosen, rules, dataset, tier, out, varied)
     scenes = open_scenes(out)
     if as_json:
         print_json({**scenes.facts, "sha256": scenes.sha256})
@@ -107,6 +113,13 @@ def prepare(
     multiple=True,
     help="Another number of the protocol's [solver]; the rows say so.",
 )
+@click.option(
+    "--friction-scale",
+    type=click.FloatRange(min=0, min_open=True),
+    default=1.0,
+    show_default=True,
+    help="Of the friction of every trial; rows say so.",
+)
 @click.option("--homogeneous", is_flag=True, help="Spread each object's mass evenly.")
 @click.option(
     "--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Processes."
@@ -122,6 +135,7 @@ def run(
     out: Path,
     root: Path | str | None,
     vary: tuple[str, ...],
+    friction_scale: float,
     homogeneous: bool,
     workers: int,
     as_json: bool,
@@ -149,7 +163,7 @@ def run(
         "xden_version": package_version(),
         "commit": code_commit(),
     }
-    tries = Tries(opened, choosers, Variant(_numbers(vary), homogeneous))
+    tries = Tries(opened, choosers, Variant(_numbers(vary), friction_scale, homogeneous))
     paths = run_rows(tries, out, facts, workers, progress_bar)
     if as_json:
         print_json({"rows": [str(path) for path in paths]})

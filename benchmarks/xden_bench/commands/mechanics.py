@@ -31,9 +31,11 @@ def mechanics(scenes: Path, as_json: bool) -> None:
     from xden_bench.manip.scenes import open_scenes
 
     opened, rules = open_scenes(scenes), load_mechanics_protocol()
-    items = list(opened.items())
-    creep = {one.object_id: creep_of(one, opened.rules) for one in items}
-    tried = [mechanics_of(one, opened.rules.solver, rules) for one in progress_bar(items)]
+    items = {one.object_id: one for one in opened.items()}
+    creep = {name: creep_of(one, opened.rules) for name, one in items.items()}
+    tried = [
+        mechanics_of(items[name], opened.rules.solver, rules) for name in progress_bar(opened.ids)
+    ]
     found = [one for one in tried if one is not None]
     if as_json:
         told = [asdict(one) for one in found]

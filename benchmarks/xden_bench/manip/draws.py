@@ -12,7 +12,7 @@ import numpy as np
 
 from xden_bench.manip.closed_forms import weight_n
 
-__all__ = ["Draw", "Regime", "draw_of", "keyed_generator"]
+__all__ = ["Draw", "Regime", "between", "draw_of", "keyed_generator"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,15 +98,16 @@ def draw_of(
     assert weight < max_load * regime.most_friction_n, "no draw of this regime holds the object"
     redrawn = 0
     while True:
-        friction = _between(generator, regime.friction)
-        force_n = _between(generator, regime.grip_force_n)
+        friction = between(generator, regime.friction)
+        force_n = between(generator, regime.grip_force_n)
         if weight <= max_load * 2 * friction * force_n:
             break
         redrawn += 1
-    shake = _between(generator, shake_rad)
-    return Draw(friction, force_n, shake, _between(generator, (0, 2 * pi)), redrawn)
+    shake = between(generator, shake_rad)
+    return Draw(friction, force_n, shake, between(generator, (0, 2 * pi)), redrawn)
 
 
-def _between(generator: np.random.Generator, ends: Sequence[float]) -> float:
+def between(generator: np.random.Generator, ends: Sequence[float]) -> float:
+    """Draw a number, uniform between two ends."""
     low, high = ends
     return generator.uniform(low, high)

@@ -11,7 +11,7 @@ import numpy as np
 from xden1k.export.si import MM_PER_CM
 from xden1k.values.arrays import Vec3
 from xden_bench.manip.closed_forms import push, tipping_angle_deg, weight_n
-from xden_bench.manip.draws import keyed_generator
+from xden_bench.manip.draws import between, keyed_generator
 from xden_bench.manip.item import Item
 from xden_bench.manip.mechanics_protocol import MechanicsProtocol
 from xden_bench.manip.protocol import ManipProtocol, SolverRules
@@ -218,10 +218,10 @@ def push_trials(standing: Standing, rules: MechanicsProtocol, name: str) -> Iter
     com_cm, mass_g = standing.com_cm, standing.mass.mass_g
     for number in range(rules.push.draws):
         generator = keyed_generator(rules.seed, name, "push", number)
-        friction = generator.uniform(*rules.push.friction)
-        force_n = generator.uniform(*rules.push.force) * friction * weight_n(mass_g)
-        height_cm = generator.uniform(0, standing.height_cm)
-        azimuth = generator.uniform(0, 2 * pi)
+        friction = between(generator, rules.push.friction)
+        force_n = between(generator, rules.push.force) * friction * weight_n(mass_g)
+        height_cm = between(generator, (0, standing.height_cm))
+        azimuth = between(generator, (0, 2 * pi))
         direction = np.array([cos(azimuth), sin(azimuth)])
         ahead_cm, behind_cm = (
             standing.support.reach_cm(com_cm[:2], sign * direction) for sign in (1, -1)

@@ -20,6 +20,7 @@ from jaxtyping import Float64
 from xden1k.errors import DataError, did_you_mean
 from xden1k.values.mass import MassProperties
 from xden_bench.manip.choosing import Chooser, candidate_of
+from xden_bench.manip.draws import Draw
 from xden_bench.manip.item import Item
 from xden_bench.manip.outcome import OUTCOMES, Trial
 from xden_bench.manip.protocol import ManipProtocol, SolverRules
@@ -46,13 +47,22 @@ class Variant:
     ----------
     solver
         Numbers of the table [solver] that are others.
+    friction_scale
+        Of the friction of every draw.
     homogeneous
         Whether the objects' mass is spread evenly: then no centre of mass is worth more than the
         centroid.
     """
 
     solver: Mapping[str, float]
+    friction_scale: float = 1.0
     homogeneous: bool = False
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Every number that is another, by name."""
+        scale = {"friction_scale": self.friction_scale} if self.friction_scale != 1 else {}
+        return {**self.solver, **scale}
 
 
 def varied(rules: ManipProtocol, variant: Variant) -> ManipProtocol:
@@ -101,7 +111,7 @@ class Tries:
         return {
             "scenes": self.scenes.sha256,
             "choosers": [[one.name, one.submission_sha256] for one in self.choosers],
-            "varied": dict(self.variant.solver),
+            "varied": self.variant.numbers,
             "homogeneous": self.variant.homogeneous,
             "code": code_sha256(Variant),
         }
@@ -109,6 +119,11 @@ class Tries:
     def mass(self, item: Item) -> MassProperties:
         """Mass properties that an object is tried with."""
         return item.homogeneous if self.variant.homogeneous else item.mass
+
+    def draw(self, item: Item, regime: str, number: int) -> Draw:
+        """Conditions of a trial."""
+        draw = item.draws[regime][number]
+        return replace(draw, friction=draw.friction * self.variant.friction_scale)
 
     def candidate(self, chooser: Chooser, item: Item, regime: str, number: int) -> int:
         """Index of the candidate that a chooser takes in a trial."""
@@ -123,7 +138,7 @@ class Tries:
         @cache
         def figures(regime: str, number: int, candidate: int) -> list[float]:
             grasp, width_cm = item.grasps.pose(candidate), float(item.grasps.width_cm[candidate])
-            draw = item.draws[regime][number]
+            draw = self.draw(item, regime, number)
             return _figures(pick(model, item.rest, grasp, width_cm, draw, rules))
 
         return np.array(
@@ -151,7 +166,8 @@ class Tries:
         number: int,
         values: Float64[np.ndarray, "figures"],
     ) -> TrialRow:
-        draw, candidate = item.draws[regime][number], self.candidate(chooser, item, regime, number)
+        draw = self.draw(item, regime, number)
+        candidate = self.candidate(chooser, item, regime, number)
         place, moment_nm, turn_deg, warnings = values.tolist()
         return TrialRow(
             regime=regime,
@@ -205,7 +221,8 @@ def run_rows(
     """
     _refuse_twice([chooser.name for chooser in tries.choosers])
     variant = tries.variant
-    said = {**facts, "varied": dict(variant.solver), "homogeneous": variant.homogeneous}
+    numbers = {**tries.scenes.varied, **variant.numbers}
+    said = {**facts, "varied": numbers, "homogeneous": variant.homogeneous}
     out.mkdir(parents=True, exist_ok=True)
     with partial_run(out / KEPT_NAME, tries.identity) as partly:
         figures = _figures_of_all(tries, partly, workers, progress)

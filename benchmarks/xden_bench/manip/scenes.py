@@ -13,6 +13,7 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 from xden1k.errors import DataError, MissingObjectError, did_you_mean, require
@@ -28,6 +29,7 @@ __all__ = ["Scenes", "mujoco_version", "open_scenes", "write_scenes"]
 LIST_NAME: Final = "scenes.json"
 PROTOCOL_NAME: Final = "protocol.toml"
 OBJECTS: Final = "objects"
+NOTHING: Final[Mapping[str, float]] = MappingProxyType({})
 
 
 def mujoco_version() -> str:
@@ -68,6 +70,12 @@ class Scenes:
         """Of the objects, in the order of the list."""
         return tuple(one["object_id"] for one in self.facts["objects"])
 
+    @property
+    def varied(self) -> Mapping[str, float]:
+        """Numbers by which they depart from the protocol; those as released have none."""
+        found: Mapping[str, float] = self.facts.get("varied", {})
+        return found
+
     def item(self, object_id: str) -> Item:
         """Read one object.
 
@@ -87,7 +95,12 @@ class Scenes:
 
 
 def write_scenes(
-    chosen: Chosen, rules: ManipProtocol, dataset: Mapping[str, Any], tier: str, out: Path
+    chosen: Chosen,
+    rules: ManipProtocol,
+    dataset: Mapping[str, Any],
+    tier: str,
+    out: Path,
+    varied: Mapping[str, float] = NOTHING,
 ) -> None:
     """Freeze what was chosen; an older folder is replaced as a whole.
 
@@ -103,6 +116,8 @@ def write_scenes(
         Name of the tier.
     out
         The folder.
+    varied
+        Numbers by which the choice departs from the protocol.
     """
     out.parent.mkdir(parents=True, exist_ok=True)
     with staging(out) as beside:
@@ -120,6 +135,7 @@ def write_scenes(
             "objects": [_facts(item) for item in chosen.items],
             "taken_out": chosen.taken_out,
             "not_needed": chosen.not_needed,
+            **({"varied": dict(varied)} if varied else {}),
         }
         (root / LIST_NAME).write_text(json.dumps(facts, indent=2) + "\n")
         (root / PROTOCOL_NAME).write_bytes(PROTOCOL.read_bytes())
