@@ -43,8 +43,10 @@ class Support:
     def normals(self) -> Float[np.ndarray, "corners 2"]:
         """Unit vectors that point out of each edge, which leads from its corner to the next."""
         x, y = (np.roll(self.corners_cm, -1, axis=0) - self.corners_cm).T
-        normals: Float[np.ndarray, "corners 2"] = np.stack([y, -x], axis=1)
-        return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        normals: Float[np.ndarray, "corners 2"] = (
+            np.stack([y, -x], axis=1) / np.hypot(x, y)[:, None]
+        )
+        return normals
 
     def insets_cm(self, point_cm: Plane) -> Float[np.ndarray, "corners"]:
         """How far a point lies inside the line of each edge."""
