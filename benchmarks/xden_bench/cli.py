@@ -14,6 +14,7 @@ from xden_bench.commands.mechanics import mechanics
 from xden_bench.commands.methods import baseline
 from xden_bench.commands.sealing import keygen, seal, verify_sealed
 from xden_bench.commands.segments import segment
+from xden_bench.commands.slip import slip
 from xden_bench.commands.speed import speed
 from xden_bench.commands.submissions import score, submit, template, validate
 from xden_bench.commands.web import serve
@@ -39,6 +40,7 @@ cli.add_command(coverage)
 cli.add_command(baseline)
 cli.add_command(dataset)
 manip.add_command(mechanics)
+manip.add_command(slip)
 cli.add_command(manip)
 cli.add_command(segment)
 cli.add_command(speed)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 from collections.abc import Callable
@@ -22,6 +23,7 @@ from xden1k.values.mass import mass_of_meshes
 from xden_bench.cli import cli
 from xden_bench.manip import running
 from xden_bench.manip.choosing import Chooser, by_name, controls
+from xden_bench.manip.closed_forms import slip_ratio
 from xden_bench.manip.draws import Draw
 from xden_bench.manip.grasps import Grasps
 from xden_bench.manip.item import Item
@@ -32,7 +34,8 @@ from xden_bench.manip.protocol import Tier, load_manip_protocol
 from xden_bench.manip.rows import read_rows
 from xden_bench.manip.running import Tries, Variant, run_rows
 from xden_bench.manip.scenes import Scenes, open_scenes, write_scenes
-from xden_bench.manip.table import closed_form_agreement, lines
+from xden_bench.manip.slipping import slip_trials
+from xden_bench.manip.table import lines
 
 RULES = load_manip_protocol()
 DOWN = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])
@@ -353,18 +356,51 @@ def test_scenes_of_other_hulls_say_so_in_their_rows(scenes, tmp_path, unsimulate
     assert row.facts["varied"] == {"max_hulls": 32}
 
 
-def test_the_closed_form_finds_the_patch_that_it_was_told(scenes, tmp_path, monkeypatch) -> None:
-    from xden_bench.manip.closed_forms import slip_ratio
+def by_ratio(model, rest, grasp, width_cm, draw, rules) -> Trial:
+    """A pick of a bar whose centre is in its middle, by a patch of 1.2 cm."""
+    del model, rest, width_cm, rules
+    ratio = slip_ratio(500, draw.grip_force_n, draw.friction, abs(grasp.origin_cm[0]), 1.2)
+    return Trial("held" if ratio < 1 else "rotated", 0.0, 0.0, 0)
 
-    def by_ratio(model, rest, grasp, width_cm, draw, rules) -> Trial:
-        ratio = slip_ratio(500, draw.grip_force_n, draw.friction, abs(grasp.origin_cm[0]), 1.2)
-        return Trial("held" if ratio < 1 else "rotated", 0.0, 0.0, 0)
 
+@pytest.fixture
+def bars(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Scenes, Scenes, list[Path]]:
+    """A bar, the same and another, and the rows of the two by the slip ratio alone."""
+    every = (bar("ruler-1", 0.0), bar("ruler-2", 0.0))
+    for name, items in (("one", every[:1]), ("both", every)):
+        write_scenes(Chosen(items, {}, 0), RULES, DATASET, "quick", tmp_path / name)
+    one, both = open_scenes(tmp_path / "one"), open_scenes(tmp_path / "both")
     monkeypatch.setattr(running, "pick", by_ratio)
-    run_rows(tries(scenes), tmp_path / "rows", {})
-    rows = read_rows(sorted((tmp_path / "rows").glob("*.json")))
-    alone = [replace(row, objects=row.objects[2:]) for row in rows]  # its lever is the place
-    assert closed_form_agreement(alone)["agreement"] == 1
+    return one, both, list(run_rows(tries(both), tmp_path / "rows", {}))
+
+
+def test_the_closed_form_finds_the_patch_that_it_was_told(bars) -> None:
+    one, both, paths = bars
+    asked = ["manip", "slip", str(both.path), *map(str, paths), "--chosen-on", str(one.path)]
+    told = json.loads(CliRunner().invoke(cli, [*asked, "--json"]).stdout)
+    for part in ("chosen_on", "tested_on"):
+        assert told[part]["agreement"] == 1
+        assert told[part]["trials"] == 2 * len(PLACES_CM)
+    assert told["tested_on"]["radius_cm"] == told["chosen_on"]["radius_cm"]
+    assert "agrees with 100.0%" in CliRunner().invoke(cli, asked).output
+
+
+def test_a_disagreement_has_the_cause_that_its_trial_shows(bars) -> None:
+    _, both, paths = bars
+    trial = slip_trials(both, read_rows(paths))[0]
+    lost = replace(trial.trial, lever_cm=0.0, outcome="slipped")
+    assert replace(trial, trial=lost).cause(1.2) == "dropped"
+    assert replace(trial, trial=lost, beside_cm=2.1).cause(1.2) == "beside"
+    assert replace(trial, trial=replace(lost, outcome="rotated")).cause(1.2) == "turned"
+    assert replace(trial, trial=replace(lost, lever_cm=90.0, outcome="held")).cause(1.2) == "caught"
+    at_limit = 1.2 * math.sqrt((2 * lost.friction * lost.grip_force_n / 4.905) ** 2 - 1)
+    assert replace(trial, trial=replace(lost, lever_cm=at_limit)).cause(1.2) == "near"
+
+
+def test_rows_of_other_scenes_have_no_slip_ratio(bars) -> None:
+    one, _, paths = bars
+    with pytest.raises(DataError, match="expected rows with scenes_sha256"):
+        slip_trials(one, read_rows(paths))
 
 
 HEADED = (

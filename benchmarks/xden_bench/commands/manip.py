@@ -179,11 +179,10 @@ def table(rows: tuple[Path, ...], figure: Path | None, as_json: bool) -> None:
     """Compare ROWS on each stratum, with `uniform` and with `true`."""
     from xden_bench.manip.protocol import load_manip_protocol
     from xden_bench.manip.rows import read_rows
-    from xden_bench.manip.table import closed_form_agreement, lines
+    from xden_bench.manip.table import lines
 
     read = read_rows(rows)
     found = lines(read, load_manip_protocol().statistics)
-    closed = closed_form_agreement(read)
     warnings = sum(
         int(trial.warnings > 0) for row in read for one in row.objects for trial in one.trials
     )
@@ -193,15 +192,11 @@ def table(rows: tuple[Path, ...], figure: Path | None, as_json: bool) -> None:
         draw_ladder(found, f"Simulated picks, stratum off, {_variant(read[0].facts)}", figure)
     if as_json:
         told = [asdict(line) for line in found]
-        print_json({"simulated": True, "lines": told, "closed_form": closed, "warnings": warnings})
+        print_json({"simulated": True, "lines": told, "warnings": warnings})
         return
     click.echo(f"{TOLD} {_variant(read[0].facts)}")
     _echo_lines(found)
-    click.echo(
-        f"\nclosed form: agrees with {closed['agreement']:.1%} of {closed['trials']} different "
-        f"trials, by a patch of {closed['patch_radius_cm']:g} cm; trials with a warning of the "
-        f"solver: {warnings}"
-    )
+    click.echo(f"\ntrials with a warning of the solver: {warnings}")
 
 
 @manip.command(epilog="Example: xden-bench manip show hammer-0008 scenes --picture hammer.png")

@@ -10,5 +10,6 @@ and gives an ``outcome``. What is ``standing`` on its ``support`` is placed and 
 
 ``preparing`` chooses objects and makes each an ``item``, ``scenes`` freezes them. ``choosing``
 says which candidate a row takes, ``running`` tries it, ``row_files`` are written and ``rows`` read,
-``table`` compares; ``section`` is for the leaderboard, ``pictures`` and ``figure`` draw.
+``table`` compares them with each other and ``slipping`` with statics; ``section`` is for the
+leaderboard, ``pictures`` and ``figure`` draw.
 """

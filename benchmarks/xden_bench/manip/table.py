@@ -5,25 +5,22 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float64
 
 from xden1k.errors import DataError
-from xden_bench.manip.closed_forms import slip_ratio
 from xden_bench.manip.item import STRATA, Stratum
 from xden_bench.manip.protocol import StatisticsRules
-from xden_bench.manip.rows import Row, TrialRow
+from xden_bench.manip.rows import Row
 from xden_bench.manip.statistics import Discordant, discordant, wilson_interval
 from xden_bench.scoring.bootstrap import Estimate, estimate
 
-__all__ = ["AGAINST", "Against", "Line", "closed_form_agreement", "is_step", "ladder", "lines"]
+__all__ = ["AGAINST", "Against", "Line", "is_step", "ladder", "lines"]
 
 AGAINST: Final = ("uniform", "true")
 """With which every row is compared."""
-RADII_CM: Final = np.arange(0.1, 3.01, 0.1)
-"""Effective radii of a patch among which one is chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,35 +187,3 @@ def _expected(errors_cm: Float64[np.ndarray, "objects"], steps: Ladder) -> float
         for error, share in zip(errors_cm, steps.success.T, strict=True)
     ]
     return float(np.mean(shares))
-
-
-def closed_form_agreement(rows: Sequence[Row]) -> dict[str, Any]:
-    """Compare the slip ratio with what the simulator did, by one radius of the contact patch.
-
-    Returns
-    -------
-    dict
-        The radius that agrees with most trials, cm; the share that it agrees with; and how many
-        different trials there are: those that several rows share count once.
-    """
-    trials = {
-        (one.object_id, trial.regime, trial.draw, trial.candidate): (one.mass_g, trial)
-        for row in rows
-        for one in row.objects
-        for trial in one.trials
-    }
-    shares = [
-        float(np.mean([_agrees(mass_g, trial, radius) for mass_g, trial in trials.values()]))
-        for radius in RADII_CM
-    ]
-    best = int(np.argmax(shares))
-    return {
-        "patch_radius_cm": round(float(RADII_CM[best]), 1),
-        "agreement": shares[best],
-        "trials": len(trials),
-    }
-
-
-def _agrees(mass_g: float, trial: TrialRow, radius_cm: float) -> bool:
-    ratio = slip_ratio(mass_g, trial.grip_force_n, trial.friction, trial.lever_cm, radius_cm)
-    return (ratio < 1) == trial.is_held
