@@ -91,7 +91,7 @@ SEEDS := 0 1 2
 # The builder without the captures' labels and, unranked, with them.
 BUILT := blind labels
 ROWS_OF = $(foreach row,$(METHODS) $(FITTED) $(BUILT),$(ROWS)/$(1)/$(row).npz) \
-  $(foreach seed,$(SEEDS),$(TRAINED:%=$(ROWS)/$(1)/%-$(seed).npz))
+  $(foreach seed,$(SEEDS),$(patsubst %,$(ROWS)/$(1)/%-$(seed).npz,$(TRAINED) surface-net))
 
 leaderboard: rows-test rows-unseen  # all rows, use -j2; what is entered already is passed over
 	$(BIN)/xden-bench leaderboard
@@ -127,6 +127,8 @@ endef
 $(foreach method,$(FITTED),$(eval $(call LEARNED_ROWS,$(method),$(method))))
 $(foreach method,$(TRAINED),$(foreach seed,$(SEEDS),$(eval \
   $(call LEARNED_ROWS,$(method)-$(seed),$(method),--seed $(seed),--budget 20epochs))))
+
+$(foreach seed,$(SEEDS),$(eval $(call LEARNED_ROWS,surface-net-$(seed),surface-net,--seed $(seed))))
 
 # What seeing materials is worth: the same methods shown flat pictures, compared and not entered.
 SHADED := $(FITTED) colour-unet-0

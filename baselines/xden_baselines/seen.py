@@ -13,10 +13,10 @@ from xden1k.predictor import Examples, Prediction, SampleView
 from xden1k.values.arrays import Grid
 from xden1k.values.modality import Modality
 from xden_baselines.gaussian_property.regions import part_numbers
-from xden_baselines.gaussian_property.voting import Ballots, winners
-from xden_baselines.geometry import SKIN, near_surface, nearest_filled, voxel_centres_cm
+from xden_baselines.geometry import nearest_filled
+from xden_baselines.lifting import votes_at_surface, whole_votes
 from xden_baselines.materials import nominal_densities_g_cm3
-from xden_baselines.views.pictures import Pictures, visible
+from xden_baselines.views.pictures import Pictures
 
 __all__ = ["SeenMaterials", "SeenMaterialsHollow"]
 
@@ -72,18 +72,8 @@ class SeenMaterialsHollow(SeenMaterials):
 def _seen_parts(sample: SampleView) -> tuple[np.ndarray, np.ndarray]:
     """Voxels at the surface that a view shows, as a mask, and the part of each in C order."""
     pictures: Pictures = sample.pictures
-    surface, meshes = near_surface(sample), sample.part_meshes
-    points = voxel_centres_cm(sample, surface)
-    ballots: Ballots = np.zeros((len(points), len(meshes)), dtype=np.int64)
-    for view, shown in enumerate(part_numbers(meshes, pictures.cameras)):
-        tolerance_cm = SKIN * sample.voxel_size_cm
-        seen, pixels = visible(points, pictures, view, tolerance_cm=tolerance_cm)
-        numbers = shown[pixels[:, 0], pixels[:, 1]].astype(np.int64)
-        on_part = numbers > 0
-        ballots[np.flatnonzero(seen)[on_part], numbers[on_part] - 1] += 1
-    part = winners(ballots)
-    voted = part >= 0
-    if not voted.any():
-        raise DataError(f"{sample.object_id}: no view shows any of its surface")
-    surface[surface] = voted
-    return surface, part[voted]
+    meshes = sample.part_meshes
+    shown = part_numbers(meshes, pictures.cameras)
+    said = (whole_votes(one.astype(np.int64) - 1, len(meshes)) for one in shown)
+    surface, votes = votes_at_surface(sample, pictures, said, len(meshes))
+    return surface, votes.argmax(axis=1)
