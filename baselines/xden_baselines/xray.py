@@ -17,7 +17,7 @@ from xden1k.values.arrays import Image, Points
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_baselines.geometry import nearest_filled, voxel_centres_cm
 
-__all__ = ["OPAQUE", "back_projected_lac_per_cm", "lac_along_rays_per_cm"]
+__all__ = ["OPAQUE", "back_projected_lac_per_cm", "lac_along_rays_per_cm", "mean_lengths_cm"]
 
 OPAQUE = 1e-4
 """Transmission below which a pixel tells no more."""
@@ -82,7 +82,7 @@ def lac_along_rays_per_cm(
     """
     usable = view.valid.astype(np.float32)
     integral = -np.log(np.where(view.valid, view.transmission, 1).clip(OPAQUE, None))
-    lengths = _lengths_cm(outer, view.geometry)
+    lengths = mean_lengths_cm(outer, view.geometry)
     column, row, _ = view.geometry.project(points_cm).T
     size = _pixels_across(view.geometry, points_cm, blur_cm)
     total, way, share = (
@@ -98,8 +98,8 @@ def lac_along_rays_per_cm(
     return np.asarray(lac, dtype=np.float32)
 
 
-def _lengths_cm(outer: trimesh.Trimesh, geometry: ViewGeometry) -> Image:
-    """Mean way of each pixel's rays inside the surface."""
+def mean_lengths_cm(outer: trimesh.Trimesh, geometry: ViewGeometry) -> Image:
+    """Mean way of each pixel's rays inside a closed surface."""
     paths = path_lengths([outer], [0], geometry, SUBRAYS)
     lengths = np.zeros(geometry.shape, dtype=np.float32)
     lengths.flat[paths.pixels] = paths.lengths_cm.mean(axis=(1, 2))

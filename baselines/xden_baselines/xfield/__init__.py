@@ -1,0 +1,1 @@
+"""X-Field: density and parts at any point inside, from two radiographs and the outer surface."""
