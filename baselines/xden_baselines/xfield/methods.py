@@ -1,0 +1,210 @@
+"""The methods: one for each variant. torch is imported by what needs it, not here."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from xden1k.access.samples import Examples, SampleView
+from xden1k.errors import DataError
+from xden1k.predictor import Budget, Prediction
+from xden1k.segmentation import CLUSTER_COUNTS, Segmentation, SegmentPoints
+from xden1k.values.modality import Modality
+from xden_baselines.clustering import segmentation_by_features, segmentation_by_value
+from xden_baselines.xfield.settings import Settings
+
+if TYPE_CHECKING:
+    from xden_baselines.xfield.network import XField
+    from xden_baselines.xfield.training import FitReport
+
+__all__ = [
+    "XFieldBoth",
+    "XFieldGeometryContrastive",
+    "XFieldGeometryDensity",
+    "XFieldPaper",
+    "XFieldPixel",
+    "XFieldRays",
+    "XFieldVoxel",
+]
+
+REPORT_FILE = "training.json"
+DENSITY_WEIGHT = 0.5
+"""Of a density in g/cm³ beside an embedding of length 1, where points are clustered by both."""
+
+
+class _Segmenting:
+    """A network on points: what all variants have in common.
+
+    Parameters
+    ----------
+    settings
+        Fields of :class:`Settings`.
+
+    Raises
+    ------
+    DataError
+        If a setting is out of its range.
+    """
+
+    version = "1"
+    trainable = True
+    external_data = False
+    reads = Modality.GEOMETRY | Modality.XRAY
+    name: ClassVar[str]
+    variant: ClassVar[str]
+
+    _model: XField
+    _report: FitReport
+
+    def __init__(self, **settings: Any) -> None:
+        self.settings = Settings(**settings)
+
+    @property
+    def notes(self) -> str:
+        """How the training went and what was trained."""
+        if not hasattr(self, "_report"):
+            return ""
+        return f"{self._report.summary}; {self._model.summary}, trained on the training split"
+
+    @property
+    def fingerprint(self) -> str:
+        """Checksum of the settings."""
+        text = json.dumps(asdict(self.settings), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def fit(self, train: Examples, *, seed: int, budget: Budget | None = None) -> None:
+        """Prepare what is seen and known of every object, then train; both can be interrupted.
+
+        An object so thin that none of the points lies inside teaches nothing and is left out.
+
+        Raises
+        ------
+        DataError
+            If a part has no known density or attenuation, a radiograph does not show its object, or
+            there are fewer than two objects.
+        """
+        from xden_baselines.xfield.lessons import cache, kept_lesson
+        from xden_baselines.xfield.sizes import SIZES
+        from xden_baselines.xfield.training import train as train_network
+
+        kept = cache()
+        lessons = [kept_lesson(example, SIZES[self.settings.size], kept) for example in train]
+        self._model, self._report = train_network(
+            [lesson for lesson in lessons if len(lesson.voxels)],
+            self.variant,
+            train.target,
+            self.settings,
+            seed=seed,
+            budget=budget,
+            kept=kept,
+        )
+
+    def segment(self, sample: SampleView, points: SegmentPoints) -> Segmentation:
+        """Divide points by embedding and density, or by whichever of them the variant has."""
+        from xden_baselines.xfield.inference import answers
+
+        if not len(points):
+            return Segmentation(np.zeros((len(CLUSTER_COUNTS), 0), np.uint8), np.zeros(0, np.uint8))
+        density, embedding = answers(self._model, sample, points.points_cm, self.settings)
+        if not embedding.shape[1]:
+            return segmentation_by_value(density[:, 0])
+        return segmentation_by_features(
+            np.concatenate([embedding, DENSITY_WEIGHT * density], axis=1)
+        )
+
+    def save(self, folder: Path) -> None:
+        """Write the checkpoint (``model.safetensors``, ``config.json``) and the report."""
+        self._model.save_pretrained(folder)
+        (folder / REPORT_FILE).write_text(json.dumps(asdict(self._report), indent=2) + "\n")
+
+    def load(self, folder: Path) -> None:
+        """Take up a checkpoint; only the settings ``threads`` and ``device`` still count.
+
+        Raises
+        ------
+        DataError
+            If the folder does not hold one of this variant.
+        """
+        from xden_baselines.features.devices import check_device
+        from xden_baselines.learning.checkpoint import load_report
+        from xden_baselines.xfield.checkpoint import load_model
+        from xden_baselines.xfield.training import FitReport
+
+        check_device(self.settings.device)
+        self._model = load_model(folder, self.variant).to(self.settings.device)
+        self._report = load_report(folder / REPORT_FILE, FitReport)
+
+
+class _Predicting(_Segmenting):
+    """A variant that gives densities too."""
+
+    def predict(self, sample: SampleView) -> Prediction:
+        """Integrate the density over eight points of each voxel.
+
+        Raises
+        ------
+        DataError
+            If the network was trained on another target.
+        """
+        from xden_baselines.xfield.inference import predicted_g_cm3
+
+        if sample.target != self._model.target:
+            raise DataError(f"{self.name} learned {self._model.target}, not {sample.target}")
+        grid = predicted_g_cm3(self._model, sample, self.settings)
+        return Prediction(grid, device=self.settings.device)
+
+
+class XFieldGeometryDensity(_Predicting):
+    """X-Field without X-rays: density from the outer surface alone."""
+
+    name = "x-field-geometry-density"
+    variant = "geometry-density"
+    reads = Modality.GEOMETRY
+
+
+class XFieldGeometryContrastive(_Segmenting):
+    """X-Field without X-rays: parts from the outer surface alone, as PartField learns them."""
+
+    name = "x-field-geometry-contrastive"
+    variant = "geometry-contrastive"
+    reads = Modality.GEOMETRY
+
+
+class XFieldPaper(_Predicting):
+    """X-Field as the paper has it: cross-attention to radiographs, scale, third view."""
+
+    name = "x-field-paper"
+    variant = "cross"
+
+
+class XFieldPixel(_Predicting):
+    """X-Field, pixel-aligned: each point is told what the radiographs show where it projects to."""
+
+    name = "x-field"
+    variant = "pixel"
+
+
+class XFieldBoth(_Predicting):
+    """X-Field, pixel-aligned and with cross-attention."""
+
+    name = "x-field-both"
+    variant = "both"
+
+
+class XFieldRays(_Predicting):
+    """X-Field without an encoder of radiographs: points are told their own two rays alone."""
+
+    name = "x-field-rays"
+    variant = "rays"
+
+
+class XFieldVoxel(_Predicting):
+    """X-Field with a 3D U-Net on back-projected radiographs in place of the triplane."""
+
+    name = "x-field-voxel"
+    variant = "voxel"

@@ -1,0 +1,151 @@
+"""X-Field's methods: what is learned, kept, taken up, and answered."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.baselines.pixie_scenes import dataset
+from xden1k.access.samples import Examples, SampleView
+from xden1k.errors import DataError
+from xden1k.folder import DatasetFolder
+from xden1k.predictor import Predictor, Segmenter, Storable, takes_budget
+from xden1k.segmentation import SegmentPoints
+from xden1k.segmentation.points import draw_points, segment_grid
+from xden1k.values.modality import Modality
+from xden_baselines import xfield
+from xden_baselines.clustering import segmentation_by_features
+from xden_baselines.xfield import XFieldGeometryContrastive, XFieldPaper, XFieldPixel, methods
+from xden_baselines.xfield.lessons import lesson
+
+METHODS = [getattr(methods, name) for name in methods.__all__]
+SHORT: dict[str, Any] = {"epochs": 1, "batch": 4, "queries": 16}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> DatasetFolder:
+    return dataset(tmp_path_factory.mktemp("xfield") / "dataset")
+
+
+@pytest.fixture(scope="module")
+def saved(folder: DatasetFolder, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What an epoch of the pixel-aligned variant has learned."""
+    method = XFieldPixel(**SHORT)
+    method.fit(Examples(folder, "train", method.reads), seed=0)
+    path = tmp_path_factory.mktemp("saved")
+    method.save(path)
+    return path
+
+
+def loaded(path: Path) -> XFieldPixel:
+    method = XFieldPixel(**SHORT)
+    method.load(path)
+    return method
+
+
+def asked(folder: DatasetFolder, reads: Modality) -> tuple[SampleView, SegmentPoints]:
+    sample = SampleView(folder, "bar-0003", reads)
+    grid = segment_grid(sample.origin_cm, sample.voxel_size_cm)
+    return sample, draw_points(sample.outer_mesh, grid, sample.object_id, 1)
+
+
+@pytest.mark.parametrize("kind", METHODS)
+def test_methods_give_what_their_variant_can(kind: type[Any]) -> None:
+    method = kind()
+    assert isinstance(method, Segmenter)
+    assert isinstance(method, Storable)
+    assert takes_budget(method)
+    assert isinstance(method, Predictor) == (kind is not XFieldGeometryContrastive)
+    assert (Modality.XRAY in method.reads) == ("geometry" not in method.name)
+    assert method.notes == ""
+
+
+def test_a_fit_that_was_saved_gives_the_same_answers(folder: DatasetFolder, saved: Path) -> None:
+    one, two = loaded(saved), loaded(saved)
+    sample, points = asked(folder, one.reads)
+    first, second = one.segment(sample, points), two.segment(sample, points)
+    assert np.array_equal(first.labels, second.labels)
+    assert first.points == len(points)
+    grid = one.predict(sample).density_g_cm3
+    assert grid.shape == (64, 64, 64)
+    assert not grid[sample.envelope == 0].any()
+    assert grid.min() >= 0
+    assert "tiny pixel, 3 objects, epoch 1 of 1" in one.notes
+    assert "0.139 million weights" in one.notes
+
+
+def test_an_object_without_points_has_no_labels(folder: DatasetFolder, saved: Path) -> None:
+    sample, _ = asked(folder, XFieldPixel.reads)
+    none = SegmentPoints(np.zeros((0, 3), np.uint8), np.zeros((0, 3)))
+    assert loaded(saved).segment(sample, none).labels.shape == (18, 0)
+
+
+def test_what_learned_another_target_predicts_no_other(folder: DatasetFolder, saved: Path) -> None:
+    sample = SampleView(folder, "bar-0003", XFieldPixel.reads, target="apparent_density")
+    with pytest.raises(DataError, match="x-field learned density, not apparent_density"):
+        loaded(saved).predict(sample)
+
+
+def changed(key: str, value: Any) -> Callable[[dict], dict]:
+    return lambda config: config | {key: value}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda config: {**config, "depth": 3}, r"wrong are \['depth'\]"),
+        (lambda config: {"size": config["size"]}, r"wrong are \['format', .*'views'\]"),
+        (changed("variant", "cross"), "expected the variant 'pixel', got 'cross'"),
+        (changed("format", "xfield/0"), "format must be one of .*, got 'xfield/0'"),
+        (changed("unit_g_cm3", 1.0), "unit_g_cm3 must be one of .*, got 1.0"),
+        (changed("size", "small"), "cannot be read: .*size mismatch.* .and [0-9]+ more"),
+        (changed("views", ["lat", "pa"]), "views must be one of"),
+    ],
+)
+def test_a_checkpoint_of_another_make_is_refused(
+    saved: Path, tmp_path: Path, change: Callable[[dict], dict], message: str
+) -> None:
+    for file in saved.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    config = tmp_path / "config.json"
+    config.write_text(json.dumps(change(json.loads(config.read_text()))))
+    with pytest.raises(DataError, match=message) as error:
+        loaded(tmp_path)
+    assert str(tmp_path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_another_variant_does_not_take_it_up(saved: Path) -> None:
+    with pytest.raises(DataError, match="expected the variant 'cross', got 'pixel'"):
+        XFieldPaper().load(saved)
+
+
+def test_settings_tell_fits_apart() -> None:
+    assert XFieldPixel().fingerprint == XFieldPixel().fingerprint
+    assert XFieldPixel().fingerprint != XFieldPixel(queries=99).fingerprint
+
+
+def test_clusters_by_features_find_groups_and_how_many_there_are() -> None:
+    rng = np.random.default_rng(0)
+    truth = np.repeat([0, 1, 2], [1500, 400, 100])
+    features = np.eye(3)[truth] + 0.05 * rng.standard_normal((2000, 3))
+    found = segmentation_by_features(features)
+    pairs = set(zip(truth.tolist(), found.of(3).tolist(), strict=True))
+    assert len(pairs) == 3
+    assert len(np.unique(found.free)) == 3
+
+
+@pytest.mark.parametrize("points", [1, 2, 30])
+def test_few_or_equal_points_are_clustered_too(points: int) -> None:
+    assert segmentation_by_features(np.zeros((points, 4))).points == points
+    assert segmentation_by_features(np.eye(points)).points == points
+
+
+def test_public_names_can_be_imported_without_torch_code() -> None:
+    assert sorted(xfield.__all__) == sorted([*methods.__all__, "Settings"])
+    assert lesson.__module__ == "xden_baselines.xfield.lessons"

@@ -1,0 +1,203 @@
+"""X-Field's training: losses, errors given to radiographs, resuming, and learning at all."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from tests.baselines.pixie_scenes import dataset
+from xden1k.access.samples import Examples
+from xden1k.errors import DataError
+from xden1k.format.cache import PieceCache
+from xden1k.predictor import Budget
+from xden1k.values.modality import Modality
+from xden_baselines.xfield import training
+from xden_baselines.xfield.batches import inputs_of, misaligned
+from xden_baselines.xfield.lessons import Lesson, lesson
+from xden_baselines.xfield.losses import TEMPERATURE, contrastive_loss
+from xden_baselines.xfield.network import XField
+from xden_baselines.xfield.settings import Settings
+from xden_baselines.xfield.sizes import SIZES
+from xden_baselines.xfield.training import FitReport, train
+
+SHORT = Settings(epochs=2, batch=2, queries=16, held_out=0.25)
+EXACT = {"jitter_deg": 0, "jitter_shift": 0, "jitter_scale": 0, "jitter_gain": 0}
+
+
+@pytest.fixture(scope="module")
+def lessons(tmp_path_factory: pytest.TempPathFactory) -> list[Lesson]:
+    """Four objects of few points."""
+    folder = dataset(tmp_path_factory.mktemp("lessons") / "dataset")
+    train = Examples(folder, "train", Modality.GEOMETRY | Modality.XRAY)
+    size = replace(SIZES["tiny"], points=128)
+    return [lesson(example, size) for example in train]
+
+
+@pytest.fixture
+def kept(tmp_path: Path) -> PieceCache:
+    return PieceCache(tmp_path / "kept", 10**8)
+
+
+def fitted(
+    lessons: list[Lesson], kept: PieceCache, seed: int = 0, epochs: int = 2
+) -> tuple[dict[str, Tensor], FitReport]:
+    settings = replace(SHORT, epochs=epochs)
+    model, report = train(lessons, "rays", "density", settings, seed=seed, kept=kept)
+    return model.state_dict(), report
+
+
+def same(one: dict[str, Tensor], two: dict[str, Tensor]) -> bool:
+    return all(torch.equal(one[name], two[name]) for name in one)
+
+
+def test_the_contrastive_loss_is_that_of_three_loops() -> None:
+    torch.manual_seed(0)
+    embedding = torch.nn.functional.normalize(torch.randn(2, 6, 4), dim=-1)
+    owner = torch.tensor([[0, 0, 1, 1, 1, 2], [3, 3, 3, 3, 3, 0]])
+    objects = []
+    for e, part in zip(embedding.tolist(), owner.tolist(), strict=True):
+        terms = []
+        for i in range(6):
+            for j in range(6):
+                if i == j or part[i] != part[j]:
+                    continue
+                s = [
+                    sum(a * b for a, b in zip(e[i], e[n], strict=True)) / TEMPERATURE
+                    for n in range(6)
+                ]
+                others = sum(math.exp(s[n]) for n in range(6) if part[n] != part[i])
+                terms.append(math.log1p(others * math.exp(-s[j])))
+        objects.append(sum(terms) / len(terms))
+    assert contrastive_loss(embedding, owner).item() == pytest.approx(np.mean(objects), rel=1e-5)
+
+
+def test_one_part_teaches_nothing_and_separate_ones_cost_nothing() -> None:
+    embedding = torch.eye(4)[[0, 0, 1, 1]][None].requires_grad_()
+    one = contrastive_loss(embedding, torch.zeros(1, 4, dtype=torch.long))
+    one.backward()
+    assert one.item() == 0
+    assert embedding.grad is not None
+    assert not embedding.grad.any()
+    assert contrastive_loss(embedding, torch.tensor([[5, 5, 0, 0]])).item() < 1e-3
+
+
+def test_no_error_leaves_radiographs_as_they_are(lessons: list[Lesson]) -> None:
+    inputs, rng = inputs_of(lessons), np.random.default_rng(0)
+    found = misaligned(inputs, Settings(**EXACT), rng)
+    assert torch.allclose(found.transmission, inputs.transmission, atol=1e-5)
+
+
+def test_errors_are_as_large_as_is_said_and_air_stays_air(lessons: list[Lesson]) -> None:
+    inputs = inputs_of(lessons[:1] * 100)
+    dot = torch.ones(100, 2, 64, 64)
+    dot[..., 30:34, 40:44] = 0
+    inputs = replace(inputs, transmission=dot)
+    how, rng = Settings(**EXACT | {"jitter_shift": 0.02}), np.random.default_rng(0)
+    moved = misaligned(inputs, how, rng).transmission.flatten(0, 1)
+    absorbed = 1 - moved
+    columns = (absorbed.sum(1) * torch.arange(64)).sum(1) / absorbed.sum((1, 2))
+    assert moved.max().item() == pytest.approx(1)
+    assert columns.mean().item() == pytest.approx(41.5, abs=0.5)
+    assert columns.std().item() == pytest.approx(0.02 * 64, rel=0.2)
+    gain = Settings(**EXACT | {"jitter_gain": 0.05})
+    bright = misaligned(inputs, gain, rng).transmission[..., 0, 0]
+    assert bright.log().std().item() == pytest.approx(0.05, rel=0.2)
+
+
+def test_the_same_seed_gives_the_same_weights_and_another_others(
+    lessons: list[Lesson], kept: PieceCache
+) -> None:
+    one, report = fitted(lessons, kept)
+    torch.manual_seed(7)
+    two, again = fitted(lessons, kept)
+    other, _ = fitted(lessons, kept, seed=1)
+    assert same(one, two)
+    assert not same(one, other)
+    assert report.held_out_loss == again.held_out_loss
+    assert (report.learned_from, report.held_out, report.epochs) == (3, 1, 2)
+
+
+def test_a_training_that_was_killed_ends_with_the_same_weights(
+    lessons: list[Lesson], kept: PieceCache, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, report = fitted(lessons, kept, epochs=3)
+    exams, exam = iter([None, None, KeyboardInterrupt]), training._exam_loss
+
+    def killed(model: XField, *rest: object) -> float:
+        if (error := next(exams)) is not None:
+            raise error
+        return exam(model, *rest)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(training, "_exam_loss", killed)
+        with pytest.raises(KeyboardInterrupt):
+            fitted(lessons, kept, epochs=3)
+    run: list[int] = []
+    epoch = training._epoch
+
+    def counted(*args: object) -> None:
+        run.append(1)
+        epoch(*args)
+
+    monkeypatch.setattr(training, "_epoch", counted)
+    rest, resumed = fitted(lessons, kept, epochs=3)
+    assert len(run) == 1
+    assert same(whole, rest)
+    assert resumed.held_out_loss == report.held_out_loss
+    assert not list((kept.folder).glob("*.pt")), "nothing is left of a training that ended"
+
+
+def test_the_weights_of_the_best_epoch_are_kept(
+    lessons: list[Lesson], kept: PieceCache, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    losses, seen = iter([2.0, 1.0, 3.0]), []
+
+    def exam(model: XField, *_: object) -> float:
+        seen.append({name: one.clone() for name, one in model.state_dict().items()})
+        return next(losses)
+
+    monkeypatch.setattr(training, "_exam_loss", exam)
+    weights, report = fitted(lessons, kept, epochs=3)
+    assert report.best_epoch == 2
+    assert same(weights, seen[1])
+    assert "epoch 2 of 3" in report.summary
+
+
+def test_a_budget_ends_the_training(lessons: list[Lesson], kept: PieceCache) -> None:
+    budget = Budget(seconds=1e-3)
+    _, report = train(lessons, "rays", "density", SHORT, seed=0, budget=budget, kept=kept)
+    assert report.epochs == 1
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"size": "huge"}, "size must be one of .*'tiny'.*, got 'huge'"),
+        ({"queries": 0}, "queries must be positive, got 0"),
+        ({"jitter_deg": -1}, "jitter_deg must lie between 0 and 10, got -1"),
+        ({"held_out": 1.0}, "held_out must lie between 0 and 1, got 1.0"),
+    ],
+)
+def test_settings_out_of_range_are_refused(wrong: dict, message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        Settings(**wrong)
+
+
+@pytest.mark.slow
+def test_a_tiny_network_learns_eight_objects_by_heart(
+    lessons: list[Lesson], kept: PieceCache
+) -> None:
+    exact = Settings(**EXACT, mirrored=False, batch=8, held_out=0.1, epochs=400)
+    twice = [*lessons, *lessons, lessons[0]]
+    model, _ = train(twice, "pixel", "density", exact, seed=0, kept=kept)
+    batch = training.gathered(lessons, 2000, np.random.default_rng(1))
+    with torch.inference_mode():
+        found = model(batch.inputs, batch.places).density_g_cm3[..., 0]
+    error = (batch.weight * (found - batch.density_g_cm3).square()).mean()
+    assert error < 0.05 * batch.density_g_cm3.var()
