@@ -21,7 +21,7 @@ baselines := tests/baselines baselines
 docs := tests/docs $(wildcard tests/test_*.py)
 TWO_AT_A_TIME := $(MAKE) --jobs=2 --keep-going $(if $(filter output-sync,$(.FEATURES)),--output-sync=target)
 
-.PHONY: setup demo test test-all coverage $(TESTS:%=test-%) lint docs speed sample leaderboard pictures clean
+.PHONY: setup demo test test-all coverage $(TESTS:%=test-%) lint docs speed sample leaderboard pictures segments clean
 
 setup: $(STAMP)
 
@@ -144,6 +144,42 @@ pictures: $(foreach row,$(SHADED),$(foreach split,test unseen,\
 	      --root $(ROWS)/data --split $$split || exit 1; \
 	  done; \
 	done
+
+# The board of segmentation: rows to read others by, and X-Field's variants with one budget each,
+# in seconds of the processor.
+READING := one-region position-clusters xray-clusters surface-parts density-clusters
+FIELDS := x-field x-field-paper x-field-both x-field-rays x-field-voxel \
+  x-field-geometry-density x-field-geometry-contrastive
+FIELD_BUDGET := 900s
+FIELD_SIZE := tiny
+SEGMENTED = $(READING:%=$(ROWS)/segments/$(1)/%.npz) \
+  $(foreach seed,$(SEEDS),$(FIELDS:%=$(ROWS)/segments/$(1)/%-$(seed).npz))
+
+segments: segments-test segments-unseen  # scores of all rows of segmentation; use SEEDS=0 for one
+
+segments-test segments-unseen: segments-%: $$(call SEGMENTED,%)
+	for file in $^; do \
+	  $(BIN)/xden-bench segment score $$file --root $(ROWS)/data --split $* || exit 1; \
+	done
+
+$(ROWS)/segments/%.npz: $(ROWS)/data/manifest.json
+	mkdir -p $(@D)
+	$(BIN)/xden-bench baseline $(*F) --task segments --split $(*D) --root $(ROWS)/data --out $@
+
+# Learned once, when the row of `test` is made. Method, seed.
+define FIELD_ROWS
+$(ROWS)/segments/test/$(1)-$(2).npz: $(ROWS)/data/manifest.json
+	mkdir -p $$(@D) $(ROWS)/fits
+	$(BIN)/xden-bench baseline $(1) --task segments --seed $(2) --set size=$(FIELD_SIZE) \
+	  --budget $(FIELD_BUDGET) --save $(ROWS)/fits/$(1)-$(2) --root $(ROWS)/data --out $$@
+
+$(ROWS)/segments/unseen/$(1)-$(2).npz: $(ROWS)/segments/test/$(1)-$(2).npz
+	mkdir -p $$(@D)
+	$(BIN)/xden-bench baseline $(1) --task segments --split unseen --seed $(2) \
+	  --model $(ROWS)/fits/$(1)-$(2) --root $(ROWS)/data --out $$@
+
+endef
+$(foreach method,$(FIELDS),$(foreach seed,$(SEEDS),$(eval $(call FIELD_ROWS,$(method),$(seed)))))
 
 $(foreach split,test unseen,$(BUILT:%=$(ROWS)/$(split)/%.npz)): \
   $(ROWS)/%.npz: $(ROWS)/rebuilt/%/manifest.json $(ROWS)/data/manifest.json
