@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import cycle
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from xden1k.errors import DataError, require
 from xden_bench.manip.table import Line, is_step
 
 __all__ = ["draw_ladder"]
 
+MARKERS: Final = "osD^vP*X"
+"""Of rows that are no steps."""
+
 
 def draw_ladder(lines: Sequence[Line], title: str, path: Path) -> None:
     """Draw the stratum *off*: success of every row that has a centre against its axial error.
 
-    Steps of the ladder with the bootstrap interval over objects, other rows as named points.
+    Steps of the ladder with the bootstrap interval over objects, others as points.
 
     Parameters
     ----------
@@ -40,7 +44,7 @@ def draw_ladder(lines: Sequence[Line], title: str, path: Path) -> None:
     require("matplotlib", "view")
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7, 4), layout="constrained")
+    figure = Figure(figsize=(9, 4), layout="constrained")
     axes: Any = figure.add_subplot()
     for sign, marker in (("+", ">"), ("-", "<")):
         side = [one for one in steps if one.name == "true" or one.name.startswith(f"true{sign}")]
@@ -58,16 +62,15 @@ def draw_ladder(lines: Sequence[Line], title: str, path: Path) -> None:
             capsize=3,
             label=f"true centre, shifted to {sign}",
         )
-    for place, names in _points(off).items():
-        axes.plot(*place, "o", color="black")
-        axes.annotate(", ".join(names), place, (5, -12), textcoords="offset points", size="small")
+    for (place, names), marker in zip(_points(off).items(), cycle(MARKERS)):
+        axes.plot(*place, marker, color="black", fillstyle="none", label=", ".join(names))
     axes.set(
         xlabel="error of the centre of mass along the longest axis, cm (mean over objects)",
         ylabel="picks held",
         ylim=(-0.02, 1.02),
         title=title,
     )
-    axes.legend()
+    figure.legend(loc="outside right upper", fontsize="small")
     figure.savefig(path, dpi=110)
 
 
