@@ -11,7 +11,7 @@ from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder, open_folder, write_folder
 from xden1k.predictor import Predictor, SampleView
 from xden1k.values.materials import load_materials
-from xden_baselines.seen import SeenMaterials, SeenMaterialsHollow
+from xden_baselines.surface.seen import SeenMaterials, SeenMaterialsHollow
 from xden_baselines.views.cameras import Rig
 from xden_baselines.views.source import RenderedPhantoms
 

@@ -2,5 +2,5 @@
 
 ``lessons`` are the pictures it learns from, ``network`` the network, ``training`` its loop;
 ``inference`` its answers; ``matter`` says what lies at which depth behind a material,
-``predictor`` puts them together.
+``predictor`` puts them together. ``seen`` is the perfect eye, which is told the materials.
 """

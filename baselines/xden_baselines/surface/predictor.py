@@ -15,10 +15,10 @@ from xden1k.predictor import Budget, Example, Examples, Prediction, SampleView
 from xden1k.values.arrays import Grid
 from xden1k.values.modality import Modality
 from xden_baselines.gaussian_property.library import closed_list
-from xden_baselines.lifting import votes_at_surface, whole_votes
 from xden_baselines.materials import check_target
 from xden_baselines.surface.matter import Matter, Seen, counted
 from xden_baselines.surface.settings import Settings
+from xden_baselines.views.lifting import votes_at_surface, whole_votes
 from xden_baselines.views.pictures import Pictures
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from xden1k.values.arrays import Grid
 from xden1k.values.modality import Modality
 from xden_baselines.gaussian_property.regions import part_numbers
 from xden_baselines.geometry import nearest_filled
-from xden_baselines.lifting import votes_at_surface, whole_votes
 from xden_baselines.materials import nominal_densities_g_cm3
+from xden_baselines.views.lifting import votes_at_surface, whole_votes
 from xden_baselines.views.pictures import Pictures
 
 __all__ = ["SeenMaterials", "SeenMaterialsHollow"]
