@@ -17,8 +17,8 @@ __all__ = ["Flat", "Plane", "Support", "support_around", "support_of"]
 
 Plane = Float[np.ndarray, "2"]
 """A point or a direction on the table, cm."""
-Flat = Float[np.ndarray, "points 2"]
-"""Points on the table, cm."""
+Flat = Float[np.ndarray, "_ 2"]
+"""Points on the table, cm: as many as there are."""
 
 NEAR_CM: Final = 1e-3
 """To which the place of an edge is found."""
