@@ -276,7 +276,7 @@ def test_the_leaderboard_has_the_rows_that_are_entered(entered: Path) -> None:
     assert "| *true*" in off
     assert r"| eye\|1 " in off
     assert "mesh, xray" in off
-    assert "true+8cm" not in text
+    assert "*true+8cm*" not in text
     assert "1 objects, 2 trials of each" in balanced
     assert leaderboard(entered, check=True).exit_code == 0
     (entered / "picks" / "manip-v1" / "eye-1-bbbbbbbb.json").unlink()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -62,8 +62,8 @@ def _section(rows: Sequence[Row]) -> str:
         [
             _title(rows[0].facts),
             *(_table(stratum, rows, found, rules.objects) for stratum in STRATA),
-            "How each row was made:",
-            "\n".join(_details(row) for row in rows if not is_step(row.name)),
+            "How the rows were made:",
+            "\n".join([*_runs(rows), *(_details(row) for row in rows if row.is_submission)]),
         ]
     )
 
@@ -134,18 +134,27 @@ def _percent(one: Estimate) -> str:
 
 
 def _compared(against: Against, sign: int) -> tuple[str, str]:
-    difference = 100 * sign * against.difference.mean
+    difference = 100 * sign * against.difference.mean + 0.0  # no minus before zero
     return f"{difference:+.1f}", f"{against.trials.p_equal:.2g}"
 
 
+def _runs(rows: Sequence[Row]) -> Iterator[str]:
+    """One list item for each command, with the rows that it made."""
+    made: dict[tuple[str, str, str], list[str]] = {}
+    for row in rows:
+        run = tuple(str(row.facts[name]) for name in ("command", "xden_version", "commit"))
+        made.setdefault((run[0], run[1], run[2]), []).append(row.name)
+    for (command, version, commit), names in made.items():
+        by = f"xden1k {plain(version)}, commit {code(commit[:12])}"
+        yield f"- {code(command)}, {by}: {plain(', '.join(names))}"
+
+
 def _details(row: Row) -> str:
-    facts = row.facts
-    made = [code(one) for one in (facts["submission_command"], facts["command"]) if one]
-    empty = len(facts["without_mass"])
+    """One list item for a method: what made its file, and what is missing in it."""
+    facts, empty = row.facts, len(row.facts["without_mass"])
     told = [
-        f"**{plain(row.name)}**: {', then '.join(made)}",
-        f"xden1k {plain(facts['xden_version'])}, commit {code(facts['commit'][:12])}",
-        *([f"submission {code(facts['submission_sha256'][:12])}"] if row.is_submission else []),
+        *([code(facts["submission_command"])] if facts["submission_command"] else []),
+        f"submission {code(facts['submission_sha256'][:12])}",
         *([f"{empty} objects without mass, so at their centroid"] if empty else []),
     ]
-    return "- " + "; ".join(told)
+    return f"- **{plain(row.name)}**: {'; '.join(told)}"
