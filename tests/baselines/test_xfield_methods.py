@@ -20,7 +20,14 @@ from xden1k.segmentation.points import draw_points, segment_grid
 from xden1k.values.modality import Modality
 from xden_baselines import xfield
 from xden_baselines.clustering import segmentation_by_features
-from xden_baselines.xfield import XFieldGeometryContrastive, XFieldPaper, XFieldPixel, methods
+from xden_baselines.xfield import (
+    Settings,
+    XFieldGeometryContrastive,
+    XFieldPaper,
+    XFieldPixel,
+    inference,
+    methods,
+)
 from xden_baselines.xfield.lessons import lesson
 
 METHODS = [getattr(methods, name) for name in methods.__all__]
@@ -71,12 +78,33 @@ def test_a_fit_that_was_saved_gives_the_same_answers(folder: DatasetFolder, save
     first, second = one.segment(sample, points), two.segment(sample, points)
     assert np.array_equal(first.labels, second.labels)
     assert first.points == len(points)
-    grid = one.predict(sample).density_g_cm3
-    assert grid.shape == (64, 64, 64)
-    assert not grid[sample.envelope == 0].any()
-    assert grid.min() >= 0
     assert "tiny pixel, 3 objects, epoch 1 of 1" in one.notes
     assert "0.139 million weights" in one.notes
+
+
+@pytest.mark.slow
+def test_a_density_is_that_of_the_envelope(folder: DatasetFolder, saved: Path) -> None:
+    sample, _ = asked(folder, XFieldPixel.reads)
+    grid = loaded(saved).predict(sample).density_g_cm3
+    assert grid.shape == (64, 64, 64)
+    assert grid[sample.envelope > 0].any()
+    assert not grid[sample.envelope == 0].any()
+    assert grid.min() >= 0
+
+
+def test_voxels_hold_the_mean_over_themselves(
+    folder: DatasetFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def squares(_: object, __: object, points_cm: np.ndarray, ___: object) -> tuple:
+        return points_cm[:, :1] ** 2, points_cm[:, :0]
+
+    monkeypatch.setattr(inference, "answers", squares)
+    sample, _ = asked(folder, Modality.GEOMETRY)
+    grid = inference.predicted_g_cm3(None, sample, Settings())  # type: ignore[arg-type]
+    centre = sample.origin_cm[0] + 40 * sample.voxel_size_cm
+    mean = centre**2 + (sample.voxel_size_cm / 4) ** 2  # of two points at a quarter either side
+    assert np.allclose(grid[40][sample.envelope[40] == 1], mean)
+    assert np.allclose(grid[40][sample.envelope[40] == 0], 0)
 
 
 def test_an_object_without_points_has_no_labels(folder: DatasetFolder, saved: Path) -> None:

@@ -110,6 +110,7 @@ def test_errors_are_as_large_as_is_said_and_air_stays_air(lessons: list[Lesson])
     assert bright.log().std().item() == pytest.approx(0.05, rel=0.2)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_weights_and_another_others(
     lessons: list[Lesson], kept: PieceCache
 ) -> None:
