@@ -15,8 +15,8 @@ from xden1k.access.samples import Examples, SampleView
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.predictor import Budget
+from xden_baselines.learning.checkpoint import FILES as CHECKPOINT
 from xden_baselines.pixie import ColourUNet, PixieStyle
-from xden_baselines.pixie.checkpoint import FILES as CHECKPOINT
 from xden_baselines.pixie.descriptors import FILE, Descriptors
 from xden_baselines.views.cameras import Rig
 from xden_baselines.views.pictures import Pictures
