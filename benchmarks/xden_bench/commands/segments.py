@@ -7,6 +7,7 @@ import functools
 import json
 import shlex
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -237,6 +238,40 @@ def compare(
         print_json({"a": first.name, "b": second.name, **first.compared, "metrics": metrics})
     else:
         echo_comparison(first.name, second.name, found)
+
+
+@segment.command(epilog="Example: xden-bench segment kinds mine.npz other.npz --split unseen")
+@click.argument("submissions", type=FILE, nargs=-1, required=True)
+@root_option
+@split_option
+@json_option
+def kinds(
+    submissions: tuple[Path, ...], root: Path | str | None, split: str, as_json: bool
+) -> None:
+    """Tell where submissions lose: by number of regions, dark metal, hidden parts, voids.
+
+    Objects are scored by protocol A, parts by the cluster that fits each best.
+    """
+    from tabulate import tabulate
+
+    from xden_bench.scoring.kinds import segment_kinds
+
+    reference = _reference(root, split)
+    found = [segment_kinds(path, reference, progress_bar) for path in submissions]
+    if as_json:
+        print_json(
+            {
+                str(path): {kind: asdict(one) for kind, one in means.items()}
+                for path, means in zip(submissions, found, strict=True)
+            }
+        )
+        return
+    rows = [
+        (kind, one.count, *(f"{means[kind].iou:.1f}" for means in found))
+        for kind, one in found[0].items()
+    ]
+    headings = ["mean IoU, %", "number", *(path.stem for path in submissions)]
+    click.echo(tabulate(rows, headings, disable_numparse=True))
 
 
 def _reference(root: Path | str | None, split: str) -> SegmentReference:
