@@ -16,7 +16,7 @@ from xden_baselines.xfield.rays import FLOOR
 __all__ = ["contrastive_loss", "loss"]
 
 TEMPERATURE: Final = 0.1
-PARTS_WEIGHT: Final = 0.1
+PARTS_WEIGHT: Final = 0.5
 """Of the contrastive loss, beside the density's 1."""
 THIRD_WEIGHT: Final = 0.2
 CONTRASTED: Final = 192

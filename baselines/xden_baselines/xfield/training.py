@@ -32,7 +32,7 @@ logger = logging.getLogger(__name__)
 
 __all__ = ["FitReport", "train"]
 
-VERSION: Final = 1
+VERSION: Final = 2
 """Raised whenever the same training gives other weights."""
 WARM_UP: Final = 60
 """Steps in which the learning rate rises."""
