@@ -150,7 +150,7 @@ pictures: $(foreach row,$(SHADED),$(foreach split,test unseen,\
 READING := one-region position-clusters xray-clusters surface-parts density-clusters
 FIELDS := x-field x-field-paper x-field-both x-field-rays x-field-voxel \
   x-field-geometry-density x-field-geometry-contrastive
-FIELD_BUDGET := 600s
+FIELD_BUDGET := 400s
 FIELD_SIZE := tiny
 SEGMENTED = $(READING:%=$(ROWS)/segments/$(1)/%.npz) \
   $(foreach seed,$(SEEDS),$(FIELDS:%=$(ROWS)/segments/$(1)/%-$(seed).npz))

@@ -19,6 +19,8 @@ ITERATIONS: Final = 25
 UNEXPLAINED: Final = 0.05
 """Share of the variance of values that clusters may leave, if a method says how many there are."""
 
+WORTH: Final = 0.2
+"""By how much another cluster must lower the mean squared distance of points from their centres."""
 TREE_POINTS: Final = 1024
 TREE_ITERATIONS: Final = 10
 
@@ -90,25 +92,28 @@ def segmentation_by_value(values: Float[np.ndarray, "points"]) -> Segmentation:
 
 
 def segmentation_by_features(features: Float[np.ndarray, "points values"]) -> Segmentation:
-    """Divide points by several values of each, ``free`` into as few clusters as tell enough.
+    """Divide points by several values of each, ``free`` into as many clusters as are worth it.
 
     k-means for each number of clusters, from where Ward's tree of some points
-    (doi:10.1080/01621459.1963.10500845) puts that many. ``free`` is the fewest that leave at most
-    5 % of the variance.
+    (doi:10.1080/01621459.1963.10500845) puts that many. ``free`` begins with one cluster and stops
+    before the first that lowers the points' mean squared distance from their centres by less than
+    0.2: between vectors of length 1, as embeddings are, a share p of all points apart from the rest
+    by an angle lowers it by 2 p (1 - p) (1 - cos).
 
     Parameters
     ----------
     features
-        Shape (points, values), finite, at least one point.
+        Shape (points, values), finite, at least one point; such that distances are those of
+        embeddings of length 1.
     """
     exact = np.asarray(features, dtype=np.float64)
     some = exact[np.unique(np.linspace(0, len(exact) - 1, TREE_POINTS).astype(int))]
     tree = linkage(some, "ward") if len(some) > 1 else np.zeros((0, 4))
     one = np.zeros(len(exact), dtype=np.uint8)
     rows = [one, *(_cluster_features(exact, some, tree, count) for count in CLUSTER_COUNTS)]
-    most = UNEXPLAINED * _spread_of(exact, one)
-    free = next((row for row in rows if _spread_of(exact, row) <= most), rows[-1])
-    return Segmentation(np.stack(rows[1:]), free)
+    spreads = [_spread_of(exact, row) / len(exact) for row in rows]
+    worth = np.append(-np.diff(spreads) >= WORTH, False)
+    return Segmentation(np.stack(rows[1:]), rows[int(np.argmin(worth))])
 
 
 def _cluster_features(

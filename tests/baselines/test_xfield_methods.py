@@ -160,12 +160,21 @@ def test_settings_tell_fits_apart() -> None:
 
 def test_clusters_by_features_find_groups_and_how_many_there_are() -> None:
     rng = np.random.default_rng(0)
-    truth = np.repeat([0, 1, 2], [1500, 400, 100])
+    truth = np.repeat([0, 1, 2], [1000, 600, 400])
     features = np.eye(3)[truth] + 0.05 * rng.standard_normal((2000, 3))
     found = segmentation_by_features(features)
     pairs = set(zip(truth.tolist(), found.of(3).tolist(), strict=True))
     assert len(pairs) == 3
     assert len(np.unique(found.free)) == 3
+
+
+@pytest.mark.parametrize(("few", "clusters"), [(110, 1), (120, 2)])
+def test_a_group_apart_counts_where_it_lowers_the_mean_squared_distance_enough(
+    few: int, clusters: int
+) -> None:
+    """By 2 p (1 - p) at a right angle: 0.196 and 0.211."""
+    found = segmentation_by_features(np.eye(2)[np.repeat([0, 1], [1000 - few, few])])
+    assert len(np.unique(found.free)) == clusters
 
 
 @pytest.mark.parametrize("points", [1, 2, 30])
