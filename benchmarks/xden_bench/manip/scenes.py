@@ -89,6 +89,18 @@ class Scenes:
             raise MissingObjectError(f"{self.path}: no scene of {object_id}{hint}")
         return Item.of_arrays(read_arrays(self.path / OBJECTS / f"{object_id}.npz"))
 
+    def refuse_others(self, facts: Mapping[str, Any]) -> None:
+        """Refuse rows of other scenes, or of other masses than these have.
+
+        Raises
+        ------
+        DataError
+            By the fact of the row that is another.
+        """
+        for name, expected in (("scenes_sha256", self.sha256), ("homogeneous", False)):
+            if (found := facts[name]) != expected:
+                raise DataError(f"{self.path}: expected rows with {name} {expected}, got {found}")
+
     def items(self) -> Iterator[Item]:
         """Read every object."""
         return map(self.item, self.ids)

@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 
-from xden1k.errors import DataError
 from xden_bench.manip.closed_forms import slip_ratio
 from xden_bench.manip.item import Item
 from xden_bench.manip.rows import ObjectRow, Row, TrialRow
@@ -105,9 +104,7 @@ def slip_trials(scenes: Scenes, rows: Sequence[Row]) -> tuple[SlipTrial, ...]:
     DataError
         If the rows are of other scenes, or with the mass spread evenly.
     """
-    for name, expected in (("scenes_sha256", scenes.sha256), ("homogeneous", False)):
-        if (found := rows[0].facts[name]) != expected:
-            raise DataError(f"{scenes.path}: expected rows with {name} {expected}, got {found}")
+    scenes.refuse_others(rows[0].facts)
     items = {item.object_id: item for item in scenes.items()}
     trials = {
         (one.object_id, trial.regime, trial.draw, trial.candidate): (one, trial)
