@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from xden1k.commands import Group
+from xden_bench.commands.arm import arm
 from xden_bench.commands.board import leaderboard
 from xden_bench.commands.coverage import coverage
 from xden_bench.commands.dataset import dataset
@@ -39,6 +40,7 @@ cli.add_command(withdraw)
 cli.add_command(coverage)
 cli.add_command(baseline)
 cli.add_command(dataset)
+manip.add_command(arm)
 manip.add_command(mechanics)
 manip.add_command(slip)
 cli.add_command(manip)

@@ -6,7 +6,8 @@ surface, ``hulls`` what is felt of it (files of ``arrays``); ``grasps`` are cand
 ``sampler`` or of other detectors (``graspnet``), that have ``clearance``; ``pose`` moves them.
 In MuJoCo, ``scene`` builds table, object and gripper, ``rest`` drops the object, ``trial`` picks,
 and gives an ``outcome``. What is ``standing`` on its ``support`` is placed and pushed, and
-``mechanics`` compares that with statics, by the numbers of ``mechanics_protocol``.
+``mechanics`` compares that with statics, by the numbers of ``mechanics_protocol``. ``arm`` is the
+user's own model of one, and ``torques`` are what it bears, by the numbers of ``arm_protocol``.
 
 ``preparing`` chooses objects and makes each an ``item``, ``scenes`` freezes them. ``choosing``
 says which candidate a row takes, ``running`` tries it, ``row_files`` are written and ``rows`` read,

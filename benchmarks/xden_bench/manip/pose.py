@@ -46,6 +46,28 @@ class Pose:
         moved: Points = (points_cm - self.origin_cm) @ self.rotation
         return moved
 
+    def of(self, inner: Pose) -> Pose:
+        """Move a pose that is given in the body's frame into the world.
+
+        Examples
+        --------
+        >>> up = Pose(np.eye(3), np.array([0.0, 0.0, 2.0]))
+        >>> up.of(up).origin_cm.tolist()
+        [0.0, 0.0, 4.0]
+        """
+        return Pose(self.rotation @ inner.rotation, self.to_world(inner.origin_cm))
+
+    def seen_from(self, other: Pose) -> Pose:
+        """Return it in the frame of another pose.
+
+        Examples
+        --------
+        >>> up = Pose(np.eye(3), np.array([0.0, 0.0, 2.0]))
+        >>> up.seen_from(up).origin_cm.tolist()
+        [0.0, 0.0, 0.0]
+        """
+        return Pose(other.rotation.T @ self.rotation, other.to_body(self.origin_cm))
+
     @property
     def qpos(self) -> Float[np.ndarray, "7"]:
         """Position in m and quaternion w, x, y, z: as MuJoCo's free joints have them."""

@@ -20,7 +20,16 @@ from xden_bench.manip.protocol import GripperRules, ManipProtocol, SolverRules
 
 mujoco: Any = require("mujoco", "sim")
 
-__all__ = ["FINGERS", "HAND", "OBJECT", "TARGET", "WRIST", "gripper_scene", "table_scene"]
+__all__ = [
+    "FINGERS",
+    "HAND",
+    "OBJECT",
+    "TARGET",
+    "WRIST",
+    "add_massive_body",
+    "gripper_scene",
+    "table_scene",
+]
 
 OBJECT: Final = "object"
 HAND: Final = "hand"
@@ -101,11 +110,8 @@ def _contact(rules: SolverRules) -> dict[str, Any]:
 def _add_object(
     spec: Any, hulls: Sequence[trimesh.Trimesh], inertial: Inertial, rules: SolverRules
 ) -> None:
-    body = spec.worldbody.add_body(name=OBJECT, explicitinertial=True)
+    body = add_massive_body(spec.worldbody, OBJECT, inertial)
     body.add_freejoint()
-    body.mass, body.ipos = inertial.mass_kg, inertial.com_m
-    tensor = inertial.inertia_kg_m2
-    body.fullinertia = [tensor[at] for at in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
     for number, hull in enumerate(hulls):
         name = f"hull{number}"
         spec.add_mesh(
@@ -118,6 +124,15 @@ def _add_object(
         body.add_geom(
             type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, mass=0, priority=2, **_contact(rules)
         )
+
+
+def add_massive_body(parent: Any, name: str, inertial: Inertial) -> Any:
+    """Add a body of exact mass properties, and no shape, to another."""
+    body = parent.add_body(name=name, explicitinertial=True)
+    body.mass, body.ipos = inertial.mass_kg, inertial.com_m
+    tensor = inertial.inertia_kg_m2
+    body.fullinertia = [tensor[at] for at in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    return body
 
 
 def _weigh(body: Any, mass_g: float) -> None:

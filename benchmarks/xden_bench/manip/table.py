@@ -17,7 +17,7 @@ from xden_bench.manip.rows import Row
 from xden_bench.manip.statistics import Discordant, discordant, wilson_interval
 from xden_bench.scoring.bootstrap import Estimate, estimate
 
-__all__ = ["AGAINST", "Against", "Line", "is_step", "ladder", "lines"]
+__all__ = ["AGAINST", "Against", "Line", "compared_with", "is_step", "ladder", "lines"]
 
 AGAINST: Final = ("uniform", "true")
 """With which every row is compared."""
@@ -93,10 +93,22 @@ def lines(rows: Sequence[Row], rules: StatisticsRules) -> tuple[Line, ...]:
     DataError
         If there is no row of ``uniform`` or ``true``.
     """
+    others = compared_with(rows)
+    return tuple(_line(row, stratum, others, rows, rules) for stratum in STRATA for row in rows)
+
+
+def compared_with(rows: Sequence[Row]) -> dict[str, Row]:
+    """Rows with which every other is compared, by name.
+
+    Raises
+    ------
+    DataError
+        If there is no row of ``uniform`` or ``true``.
+    """
     others = {row.name: row for row in rows if row.name in AGAINST}
     if missing := [name for name in AGAINST if name not in others]:
         raise DataError(f"every row is compared with {missing[0]!r}, but there is no row of it")
-    return tuple(_line(row, stratum, others, rows, rules) for stratum in STRATA for row in rows)
+    return others
 
 
 def _line(

@@ -20,7 +20,7 @@ from xden_bench.manip.pose import Pose, turn_between_deg
 from xden_bench.manip.protocol import ManipProtocol, TrialRules
 from xden_bench.manip.scene import FINGERS, HAND, OBJECT, TARGET, mujoco
 
-__all__ = ["pick"]
+__all__ = ["eased", "pick"]
 
 Watch = Callable[[str, Any], None]
 """Called after each step with the phase's name and the simulator's data."""
@@ -81,11 +81,22 @@ def _moved(pose: Pose, by_cm: Vec3) -> Pose:
     return Pose(pose.rotation, pose.origin_cm + by_cm)
 
 
+def eased(shares: Shares) -> Shares:
+    """Share of a way that is done at shares of its time, at rest at both ends: a quintic.
+
+    Examples
+    --------
+    >>> eased(np.array([0.0, 0.5, 1.0])).tolist()
+    [0.0, 0.5, 1.0]
+    """
+    done: Shares = shares**3 * (10 - 15 * shares + 6 * shares**2)
+    return done
+
+
 def _way(start: Pose, end: Pose, shares: Shares) -> Float[np.ndarray, "steps 7"]:
-    """Straight, at rest at both ends: a quintic."""
+    """Straight."""
     targets = np.tile(start.qpos, (len(shares), 1))
-    done = shares**3 * (10 - 15 * shares + 6 * shares**2)
-    targets[:, :3] += M_PER_CM * done[:, None] * (end.origin_cm - start.origin_cm)
+    targets[:, :3] += M_PER_CM * eased(shares)[:, None] * (end.origin_cm - start.origin_cm)
     return targets
 
 
