@@ -18,6 +18,7 @@ from xden_bench.commands.segments import segment
 from xden_bench.commands.slip import slip
 from xden_bench.commands.speed import speed
 from xden_bench.commands.submissions import score, submit, template, validate
+from xden_bench.commands.verify_picks import verify as verify_picks
 from xden_bench.commands.web import serve
 
 __all__ = ["cli"]
@@ -43,6 +44,7 @@ cli.add_command(dataset)
 manip.add_command(arm)
 manip.add_command(mechanics)
 manip.add_command(slip)
+manip.add_command(verify_picks)
 cli.add_command(manip)
 cli.add_command(segment)
 cli.add_command(speed)

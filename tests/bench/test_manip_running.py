@@ -248,6 +248,60 @@ def test_a_row_says_the_command_that_makes_it_again(scenes, tmp_path, unsimulate
     assert facts["command"] == f"xden-bench {' '.join(asked)}"
 
 
+def verified(row: Path, scenes: Path, *more: object):
+    asked = ["manip", "verify", str(row), str(scenes), *map(str, more)]
+    return CliRunner().invoke(cli, asked)
+
+
+@pytest.fixture
+def made(scenes: Scenes, tmp_path: Path, unsimulated: None) -> Path:
+    """A row of the true centre, with another friction and steps of another length."""
+    asked = ["manip", "run", str(scenes.path), "--control", "top", "--control", "true"]
+    varied = ["--friction-scale", "0.9", "--vary", "timestep_s=0.001"]
+    done = CliRunner().invoke(cli, [*asked, *varied, "--out", str(tmp_path / "rows")])
+    assert done.exit_code == 0, done.output
+    return tmp_path / "rows" / "true.json"
+
+
+def test_a_row_comes_out_again_to_the_byte(scenes: Scenes, made: Path) -> None:
+    before = made.read_bytes()
+    done = verified(made, scenes.path)
+    assert done.exit_code == 0, done.output
+    assert "true.json: the same bytes; not verifiable: command, " in done.output
+    assert made.read_bytes() == before
+
+
+def test_a_row_that_was_touched_is_told_by_the_place(scenes: Scenes, made: Path) -> None:
+    values = json.loads(made.read_text())
+    values["objects"][1]["trials"]["wrist_moment_nm"][0] += 1e-6
+    values["varied"]["friction_scale"] = 0.95
+    made.write_text(json.dumps(values) + "\n")
+    done = verified(made, scenes.path, "--json")
+    assert done.exit_code == 1
+    told = json.loads(done.stdout)
+    assert [one["where"] for one in told["deviations"]] == [
+        "objects[1].trials.wrist_moment_nm[0]",
+        "varied.friction_scale",
+    ]
+    assert "other bytes, 2 values differ" in verified(made, scenes.path).output
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("scenes_sha256", "f" * 64, "expected rows with scenes_sha256 "),
+        ("command", "rm -r /", "the command must be `xden-bench manip run ...`"),
+        ("command", "xden-bench manip run s --out r --vary a", "expected NAME=VALUE, got 'a'"),
+        ("method", "truer", "no control 'truer'"),
+    ],
+)
+def test_a_row_that_cannot_be_made_again_is_told_why(scenes, made, name, value, said) -> None:
+    made.write_text(json.dumps({**json.loads(made.read_text()), name: value}))
+    done = verified(made, scenes.path)
+    assert done.exit_code == 1
+    assert said in done.output
+
+
 ENTERED = {"command": "xden-bench manip run", "xden_version": "0.1.0", "commit": "a" * 40}
 
 
@@ -526,6 +580,38 @@ def test_scenes_of_another_dataset_do_not_try_a_submission(
     assert done.exit_code == 1
     assert "of another dataset, 000000000000, than" in done.output
     assert not (tmp_path / "rows").exists()
+
+
+@pytest.fixture
+def two_bars(tmp_path: Path, reference) -> Scenes:
+    """Scenes under the names of two objects of the dataset of the tests."""
+    items = (
+        replace(bar("hammer-1", 8.8), object_id="bar-0002"),
+        replace(bar("ruler-1", 0.0), object_id="hollow-0002"),
+    )
+    dataset = {"revision": "0.1.0", "manifest_sha256": reference.manifest_sha256, "split": "test"}
+    write_scenes(Chosen(items, {}, 0), RULES, dataset, "quick", tmp_path / "two")
+    return open_scenes(tmp_path / "two")
+
+
+def test_the_row_of_a_method_comes_out_again_by_its_file_or_by_its_command(
+    two_bars: Scenes, tmp_path: Path, dataset: Path, unsimulated: None
+) -> None:
+    def asked(*words: object) -> str:
+        done = CliRunner().invoke(cli, [*map(str, words), "--root", str(dataset)])
+        assert done.exit_code == 0, done.output
+        return done.output
+
+    preds, out = tmp_path / "water.npz", tmp_path / "rows"
+    asked("baseline", "water", "--out", preds)
+    asked("manip", "run", two_bars.path, preds, "--no-controls", "--out", out)
+    (row,) = out.glob("water-*.json")
+    for more in ((), ("--submission", preds)):
+        assert "the same bytes" in asked("manip", "verify", row, two_bars.path, *more)
+    asked("baseline", "zero", "--out", tmp_path / "zero.npz")
+    done = verified(row, two_bars.path, "--root", dataset, "--submission", tmp_path / "zero.npz")
+    assert done.exit_code == 1
+    assert "zero.npz is not the row's submission" in done.output
 
 
 def test_a_submission_is_tried_at_the_centre_of_its_score(

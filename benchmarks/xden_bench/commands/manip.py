@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xden1k.commands import command_line, json_option, print_json
+from xden_bench.commands.picking import controls_asked, numbers_asked, submissions_asked
 from xden_bench.commands.shared import (
     FILE,
     FOLDER,
@@ -23,12 +23,11 @@ from xden_bench.commands.shared import (
 )
 
 if TYPE_CHECKING:
-    from xden_bench.manip.choosing import Chooser
     from xden_bench.manip.item import Item
     from xden_bench.manip.scenes import Scenes
     from xden_bench.manip.table import Line
 
-__all__ = ["manip"]
+__all__ = ["manip", "run"]
 
 TOLD = "Simulated picks of simulated objects; no robot was used."
 
@@ -153,8 +152,8 @@ def run(
     opened = open_scenes(scenes)
     items = {item.object_id: item for item in opened.items()}
     choosers = [
-        *_controls(items, opened, names, no_controls=no_controls),
-        *_submitted(submissions, items, opened, root),
+        *controls_asked(items, opened, names, no_controls=no_controls),
+        *submissions_asked(submissions, items, opened, root),
     ]
     if not choosers:
         raise click.UsageError("give a submission, or leave --no-controls away")
@@ -163,7 +162,7 @@ def run(
         "xden_version": package_version(),
         "commit": code_commit(),
     }
-    tries = Tries(opened, choosers, Variant(_numbers(vary), friction_scale, homogeneous))
+    tries = Tries(opened, choosers, Variant(numbers_asked(vary), friction_scale, homogeneous))
     paths = run_rows(tries, out, facts, workers, progress_bar)
     if as_json:
         print_json({"rows": [str(path) for path in paths]})
@@ -266,53 +265,11 @@ def _drawn(scenes: Scenes, item: Item, picture: Path, regime: str, draw: int) ->
     return outcomes
 
 
-def _controls(
-    items: Mapping[str, Item], scenes: Scenes, names: tuple[str, ...], *, no_controls: bool
-) -> Sequence[Chooser]:
-    from xden_bench.manip.choosing import by_name, controls
-
-    if no_controls:
-        return ()
-    every = controls(items, scenes.rules)
-    return by_name(every, names) if names else tuple(every)
-
-
-def _submitted(
-    paths: Sequence[Path], items: Mapping[str, Item], scenes: Scenes, root: Path | str | None
-) -> Sequence[Chooser]:
-    from xden1k.errors import DataError
-    from xden_bench.manip.choosing import submitted
-
-    if not paths:
-        return ()
-    dataset = scenes.facts["dataset"]
-    reference = open_reference(root, dataset["split"])
-    if reference.manifest_sha256 != dataset["manifest_sha256"]:
-        raise DataError(
-            f"{scenes.path}: of another dataset, {dataset['manifest_sha256'][:12]}, than "
-            f"{reference.folder.root}, {reference.manifest_sha256[:12]}"
-        )
-    return [submitted(path, items, reference, progress_bar) for path in paths]
-
-
 def _variant(facts: Mapping[str, Any]) -> str:
     """Say by what rules rows were made."""
     departs = "".join(f", {name} {value:g}" for name, value in facts["varied"].items())
     even = ", mass spread evenly" if facts["homogeneous"] else ""
     return f"{facts['protocol']}, tier {facts['tier']}, MuJoCo {facts['mujoco']}{departs}{even}"
-
-
-def _numbers(vary: Sequence[str]) -> dict[str, float]:
-    """Read NAME=VALUE."""
-    found = {}
-    for text in vary:
-        if not (match := re.fullmatch(r"(\w+)=([-+.\deE]+)", text)):
-            raise click.UsageError(f"--vary: expected NAME=VALUE, got {text!r}")
-        try:
-            found[match[1]] = float(match[2])
-        except ValueError as err:
-            raise click.UsageError(f"--vary: {err}") from err
-    return found
 
 
 def _echo_scenes(scenes: Scenes) -> None:

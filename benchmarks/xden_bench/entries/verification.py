@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import datetime
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
+from operator import eq
 from typing import Any, Final
 
 from xden1k.errors import DataError
@@ -16,7 +18,7 @@ from xden_bench.scoring.protocol import load_rules
 from xden_bench.scoring.reference import RECOMPUTED, Reference
 from xden_bench.scoring.score import Score
 
-__all__ = ["Deviation", "Verification", "check_reference", "verify"]
+__all__ = ["Deviation", "Verification", "check_reference", "deviations", "verify"]
 
 
 NOT_VERIFIABLE: Final = ("command", "commit", "date", "xden_version")
@@ -128,14 +130,36 @@ def verify(
     return Verification(
         numbers=len(both),
         largest_relative_difference=max((_relative(*pair) for pair in both), default=0.0),
-        deviations=tuple(
-            Deviation(where, stated.get(where), made.get(where))
-            for where in sorted(stated.keys() | made.keys())
-            if not _same(stated.get(where), made.get(where), tolerance)
-        ),
+        deviations=_deviations(stated, made, partial(_same, tolerance=tolerance)),
         same_file=same_file,
         compared=tuple(sorted(found.keys() - set(skipped))),
         not_verifiable=tuple(sorted(skipped)),
+    )
+
+
+def deviations(stated: Mapping[str, Any], made: Mapping[str, Any]) -> tuple[Deviation, ...]:
+    """Every number and text in which two nested values differ at all.
+
+    Parameters
+    ----------
+    stated, made
+        What a file says, and what came out.
+
+    Examples
+    --------
+    >>> print(*deviations({"a": [1, 2]}, {"a": [1, 3]}))
+    a[1]: the entry has 2, found 3
+    """
+    return _deviations(dict(_leaves(stated)), dict(_leaves(made)), eq)
+
+
+def _deviations(
+    stated: Mapping[str, Any], made: Mapping[str, Any], same: Callable[[Any, Any], bool]
+) -> tuple[Deviation, ...]:
+    return tuple(
+        Deviation(where, stated.get(where), made.get(where))
+        for where in sorted(stated.keys() | made.keys())
+        if not same(stated.get(where), made.get(where))
     )
 
 

@@ -89,17 +89,24 @@ class Scenes:
             raise MissingObjectError(f"{self.path}: no scene of {object_id}{hint}")
         return Item.of_arrays(read_arrays(self.path / OBJECTS / f"{object_id}.npz"))
 
-    def refuse_others(self, facts: Mapping[str, Any]) -> None:
-        """Refuse rows of other scenes, or of other masses than these have.
+    def refuse_others(self, facts: Mapping[str, Any], **expected: Any) -> None:
+        """Refuse rows of other scenes.
+
+        Parameters
+        ----------
+        facts
+            Of a row.
+        expected
+            More that they must be.
 
         Raises
         ------
         DataError
-            By the fact of the row that is another.
+            By the fact that is another.
         """
-        for name, expected in (("scenes_sha256", self.sha256), ("homogeneous", False)):
-            if (found := facts[name]) != expected:
-                raise DataError(f"{self.path}: expected rows with {name} {expected}, got {found}")
+        for name, value in {"scenes_sha256": self.sha256, **expected}.items():
+            if (found := facts[name]) != value:
+                raise DataError(f"{self.path}: expected rows with {name} {value}, got {found}")
 
     def items(self) -> Iterator[Item]:
         """Read every object."""

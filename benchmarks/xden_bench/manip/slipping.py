@@ -104,7 +104,7 @@ def slip_trials(scenes: Scenes, rows: Sequence[Row]) -> tuple[SlipTrial, ...]:
     DataError
         If the rows are of other scenes, or with the mass spread evenly.
     """
-    scenes.refuse_others(rows[0].facts)
+    scenes.refuse_others(rows[0].facts, homogeneous=False)
     items = {item.object_id: item for item in scenes.items()}
     trials = {
         (one.object_id, trial.regime, trial.draw, trial.candidate): (one, trial)

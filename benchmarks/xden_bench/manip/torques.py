@@ -190,7 +190,7 @@ def burden_lines(
         If the rows are of other scenes or with the mass spread evenly, there is none of ``uniform``
         or ``true``, or a grasp is out of reach.
     """
-    scenes.refuse_others(rows[0].facts)
+    scenes.refuse_others(rows[0].facts, homogeneous=False)
     others = compared_with(rows)
     burdens = {name: _burdens(model, scenes, name, rows) for name in progress(scenes.ids)}
     found = []
