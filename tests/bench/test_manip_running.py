@@ -90,6 +90,7 @@ def unsimulated(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 AS_RELEASED = Variant({})
+OWN_PROCESS = [sys.executable, "-c", "from xden_bench.cli import cli; cli()", "manip"]
 
 
 def tries(scenes: Scenes, *names: str, variant: Variant = AS_RELEASED) -> Tries:
@@ -371,6 +372,65 @@ def test_rows_of_other_variants_or_twice_are_no_table(scenes, tmp_path, unsimula
         read_rows([one, one])
 
 
+def of_split(folder: Path, split: str, *items: Item, **facts: object) -> list[Path]:
+    """Rows of uniform and true on objects of a split, without a simulator."""
+    where = folder / split
+    write_scenes(Chosen(items, {}, 0), RULES, {**DATASET, "split": split}, "quick", where)
+    paths = run_rows(tries(open_scenes(where), "uniform", "true"), folder / f"{split}-rows", {})
+    for path in paths:
+        path.write_text(json.dumps(json.loads(path.read_text()) | facts))
+    return list(paths)
+
+
+def joined(*paths: Path):
+    return CliRunner().invoke(cli, ["manip", "table", "--joined", *map(str, paths), "--json"])
+
+
+def test_a_joined_table_has_the_objects_of_both_splits(tmp_path: Path, unsimulated: None) -> None:
+    here = of_split(tmp_path, "test", bar("hammer-1", 8.8), bar("ruler-1", 0.0))
+    there = of_split(tmp_path, "unseen", bar("chisel-1", 2.0), bar("ruler-2", 0.0))
+    found = {
+        (one["stratum"], one["name"]): one
+        for one in json.loads(joined(*here, *there).stdout)["lines"]
+    }
+    # true takes the end of the hammer, which is lost, and the middle of the chisel, which is held
+    assert found["off", "true"]["success"] == 0.5
+    assert found["off", "uniform"]["success"] == 1
+    assert found["off", "true"]["against"]["uniform"]["trials"]["only_b"] == 2
+    shown = CliRunner().invoke(cli, ["manip", "table", "--joined", *map(str, here + there)])
+    assert "splits test and unseen joined" in shown.output
+    apart = CliRunner().invoke(cli, ["manip", "table", *map(str, here + there)])
+    assert "scenes_sha256 is" in apart.output
+
+
+@pytest.mark.parametrize(
+    ("item", "facts", "said"),
+    [
+        (bar("hammer-1", 8.8), {}, "'hammer-1' is in two of the tables"),
+        (bar("axe-1", 8.8), {"tier": "full"}, "tier is 'full', in"),
+        (bar("axe-1", 8.8), {"dataset": {"manifest_sha256": "1" * 64}}, "of another dataset"),
+    ],
+)
+def test_tables_that_do_not_belong_together_are_not_joined(
+    tmp_path: Path, unsimulated: None, item: Item, facts: dict[str, object], said: str
+) -> None:
+    here = of_split(tmp_path, "test", bar("hammer-1", 8.8), bar("ruler-1", 0.0))
+    there = of_split(tmp_path, "unseen", item, bar("ruler-2", 0.0), **facts)
+    done = joined(*here, *there)
+    assert done.exit_code == 1
+    assert said in done.output
+    alone = joined(*here, there[0])
+    assert alone.exit_code == 1
+
+
+def test_a_row_of_one_split_alone_is_not_joined(tmp_path: Path, unsimulated: None) -> None:
+    here = of_split(tmp_path, "test", bar("hammer-1", 8.8), bar("ruler-1", 0.0))
+    there = of_split(tmp_path, "unseen", bar("axe-1", 8.8), bar("ruler-2", 0.0))
+    done = joined(*here, there[0])
+    assert done.exit_code == 1
+    assert "no row of 'true' beside" in done.output
+
+
 def test_what_is_no_row_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text("{}")
     with pytest.raises(DataError, match=r"a.json: expected a row"):
@@ -530,6 +590,24 @@ def test_the_commands_lead_from_a_dataset_to_a_table(tools: Path, tmp_path: Path
     assert told("show", "mallet-0001", scenes)["stratum"] == "off"
 
 
+def elsewhere(*arguments: object) -> dict:
+    """What a command tells that runs in a process of its own."""
+    asked = [*OWN_PROCESS, *map(str, arguments), "--json"]
+    done = subprocess.run(asked, capture_output=True, check=True)  # noqa: S603
+    return json.loads(done.stdout)
+
+
+@pytest.mark.slow
+def test_two_processes_make_the_same_scenes_and_the_same_rows(tools: Path, tmp_path: Path) -> None:
+    for name in ("one", "other"):
+        elsewhere("prepare", tools, "--out", tmp_path / name)
+    one, other = (open_scenes(tmp_path / name) for name in ("one", "other"))
+    assert one.sha256 == other.sha256
+    asked = ["run", one.path, "--control", "uniform", "--control", "random", "--out"]
+    for row in elsewhere(*asked, tmp_path / "rows")["rows"]:
+        assert verified(Path(row), other.path).exit_code == 0
+
+
 @pytest.mark.slow
 def test_the_mechanics_of_bars_are_those_of_statics(scenes: Scenes) -> None:
     asked = ["manip", "mechanics", str(scenes.path)]
@@ -548,10 +626,10 @@ def test_the_mechanics_of_bars_are_those_of_statics(scenes: Scenes) -> None:
 def test_a_picture_shows_a_row_of_frames_for_each_pick(scenes: Scenes, tmp_path: Path) -> None:
     from PIL import Image
 
-    asked = ["manip", "show", "hammer-1", scenes.path, "--regime", "easy", "--json", "--picture"]
+    asked = ["show", "hammer-1", scenes.path, "--regime", "easy", "--json", "--picture"]
     # a process of its own: MuJoCo asks once what it can draw with
     done = subprocess.run(  # noqa: S603
-        [sys.executable, "-c", "from xden_bench.cli import cli; cli()", *asked, "hammer.png"],
+        [*OWN_PROCESS, *asked, "hammer.png"],
         capture_output=True,
         cwd=tmp_path,
         check=False,

@@ -173,14 +173,17 @@ def run(
 @manip.command(epilog="Example: xden-bench manip table rows/*.json")
 @click.argument("rows", type=FILE, nargs=-1, required=True)
 @click.option("--figure", type=FILE, help="Draw success against the error of the centre of mass.")
+@click.option(
+    "--joined", is_flag=True, help="Join rows of one name that are of several splits' scenes."
+)
 @json_option
-def table(rows: tuple[Path, ...], figure: Path | None, as_json: bool) -> None:
+def table(rows: tuple[Path, ...], figure: Path | None, joined: bool, as_json: bool) -> None:
     """Compare ROWS on each stratum, with `uniform` and with `true`."""
     from xden_bench.manip.protocol import load_manip_protocol
-    from xden_bench.manip.rows import read_rows
+    from xden_bench.manip.rows import read_joined_rows, read_rows
     from xden_bench.manip.table import lines
 
-    read = read_rows(rows)
+    read = read_joined_rows(rows) if joined else read_rows(rows)
     found = lines(read, load_manip_protocol().statistics)
     warnings = sum(
         int(trial.warnings > 0) for row in read for one in row.objects for trial in one.trials
@@ -269,7 +272,11 @@ def _variant(facts: Mapping[str, Any]) -> str:
     """Say by what rules rows were made."""
     departs = "".join(f", {name} {value:g}" for name, value in facts["varied"].items())
     even = ", mass spread evenly" if facts["homogeneous"] else ""
-    return f"{facts['protocol']}, tier {facts['tier']}, MuJoCo {facts['mujoco']}{departs}{even}"
+    joined = f", splits {' and '.join(facts['joined'])} joined" if "joined" in facts else ""
+    return (
+        f"{facts['protocol']}, tier {facts['tier']}, MuJoCo {facts['mujoco']}"
+        f"{departs}{even}{joined}"
+    )
 
 
 def _echo_scenes(scenes: Scenes) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +15,7 @@ from xden1k.errors import DataError
 from xden_bench.manip.item import Stratum
 from xden_bench.manip.outcome import Outcome
 
-__all__ = ["SCHEMA", "ObjectRow", "Row", "TrialRow", "read_rows"]
+__all__ = ["SCHEMA", "ObjectRow", "Row", "TrialRow", "read_joined_rows", "read_rows"]
 
 SCHEMA: Final = 2
 DIGITS: Final = 6
@@ -162,17 +162,67 @@ def read_rows(paths: Sequence[Path]) -> tuple[Row, ...]:
         If a file is no row, two are of one name, or they are of different scenes or variants.
     """
     rows = [_read(path) for path in paths]
+    _refuse_unlike(paths, rows, SAME)
+    _refuse_twice([row.name for row in rows])
+    return tuple(rows)
+
+
+def read_joined_rows(paths: Sequence[Path]) -> tuple[Row, ...]:
+    """Read rows of tables of several splits of one dataset, and join those of one name.
+
+    Raises
+    ------
+    DataError
+        If a file is no row, a name is missing in one of the tables or twice in it, an object is in
+        two, or they are of different datasets or variants.
+    """
+    rows = [_read(path) for path in paths]
+    _refuse_unlike(paths, rows, [name for name in SAME if name != "scenes_sha256"])
+    tables: dict[str, list[Row]] = {}
     for path, row in zip(paths, rows, strict=True):
-        for name in SAME:
+        if (found := _dataset(row)) != _dataset(rows[0]):
+            raise DataError(f"{path}: of another dataset, {found}, than {paths[0]}")
+        tables.setdefault(row.facts["scenes_sha256"], []).append(row)
+    for table in tables.values():
+        _refuse_twice([row.name for row in table])
+    return tuple(_joined(name, tables.values()) for name in dict.fromkeys(row.name for row in rows))
+
+
+def _dataset(row: Row) -> str:
+    digest: str = row.facts["dataset"]["manifest_sha256"]
+    return digest
+
+
+def _joined(name: str, tables: Iterable[Sequence[Row]]) -> Row:
+    """Join the rows of one name, of each table."""
+    found = []
+    for table in tables:
+        same = [row for row in table if row.name == name]
+        if not same:
+            split = table[0].facts["dataset"]["split"]
+            raise DataError(f"no row of {name!r} beside {table[0].name!r} of the split {split!r}")
+        found += same
+    objects = tuple(one for row in found for one in row.objects)
+    ids = [one.object_id for one in objects]
+    if twice := {one for one in ids if ids.count(one) > 1}:
+        raise DataError(f"{min(twice)!r} is in two of the tables: they are not joined")
+    splits = [row.facts["dataset"]["split"] for row in found]
+    return Row(name, {**found[0].facts, "joined": splits}, objects)
+
+
+def _refuse_unlike(paths: Sequence[Path], rows: Sequence[Row], names: Sequence[str]) -> None:
+    for path, row in zip(paths, rows, strict=True):
+        for name in names:
             if row.facts[name] != rows[0].facts[name]:
                 raise DataError(
                     f"{path}: {name} is {row.facts[name]!r}, in {paths[0]} "
                     f"{rows[0].facts[name]!r}: no rows of one table"
                 )
-    names = [row.name for row in rows]
+
+
+def _refuse_twice(names: Sequence[str]) -> None:
     if twice := {name for name in names if names.count(name) > 1}:
         raise DataError(f"two rows of the name {min(twice)!r}")
-    return tuple(rows)
 
 
 def _read(path: Path) -> Row:
@@ -180,7 +230,7 @@ def _read(path: Path) -> Row:
         values = json.loads(path.read_text(encoding="utf-8"))
         objects = tuple(map(ObjectRow.of_columns, values.pop("objects")))
         row = Row(values["method"], values, objects)
-        missing = [name for name in SAME if name not in values]
+        missing = [name for name in (*SAME, "dataset") if name not in values]
     except (ValueError, KeyError, TypeError, AttributeError) as err:
         raise DataError(f"{path}: expected a row, from `xden-bench manip run`: {err}") from err
     if missing:
