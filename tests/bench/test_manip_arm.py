@@ -184,6 +184,26 @@ def test_the_joints_that_are_found_bring_the_pads_to_the_pose(arm: Arm, azimuth:
     assert turn_between_deg(found.rotation, wanted.rotation) < RULES.joints.max_error_deg
 
 
+def moves(arm: Arm, joints: np.ndarray) -> np.ndarray:
+    """How the tool moves and turns with each joint, by differences, shape (12, 7)."""
+
+    def placed(at: np.ndarray) -> np.ndarray:
+        tool = arm.tool(at)
+        return np.concatenate([tool.origin_cm, tool.rotation.ravel()])
+
+    steps = 1e-5 * np.eye(7)
+    return np.array([placed(joints + step) - placed(joints - step) for step in steps]).T / 2e-5
+
+
+def test_no_joints_with_the_same_pose_are_nearer_to_home(arm: Arm) -> None:
+    joints = arm.reached(Pose(DOWN, np.array([45.0, 3.0, 12.0])), arm.home)
+    assert joints is not None
+    _, sizes, ways = np.linalg.svd(moves(arm, joints))
+    assert sizes[-1] < 1e-6 < sizes[-2]  # seven joints for six freedoms: one way is left
+    assert ways[-1] @ (joints - arm.home) == pytest.approx(0, abs=1e-3)
+    assert np.abs(joints - arm.home).max() > 0.1
+
+
 def test_what_is_too_far_is_out_of_reach(arm: Arm) -> None:
     assert arm.reached(Pose(DOWN, np.array([150.0, 0, 10])), arm.home) is None
 
@@ -264,6 +284,7 @@ def test_a_grasp_that_no_azimuth_reaches_is_refused_by_its_object(model: ArmMode
             made_up().replace(inertial(0.8), '<geom size="1"/>'),
             "expected an inertial of the body",
         ),
+        (made_up().replace("-2.9 2.9", "0 0"), "expected the range of the joint 'joint1'"),
         ("<mujoco/>", "another robot: expected the joints joint1, .*, got none"),
     ],
 )

@@ -237,6 +237,9 @@ def _refuse_other_robot(path: Path, spec: Any) -> None:
     ):
         if found is None:
             raise DataError(f"{path}: another robot: expected the {kind} {name!r}")
+    for joint in spec.joints:
+        if not joint.range[0] < joint.range[1]:
+            raise DataError(f"{path}: expected the range of the joint {joint.name!r}")
     for body in spec.bodies:
         if len(body.geoms) and not body.explicitinertial:
             raise DataError(f"{path}: expected an inertial of the body {body.name!r}")
