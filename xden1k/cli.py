@@ -79,6 +79,8 @@ def info(root: Path | str | None, as_json: bool) -> None:
         click.echo(f"{name:<12}{_counts(values[name])}")
     if without := values["without_radiographs"]:
         click.echo(f"{'no X-rays':<12}{_counts(without)}")
+    if disturbed := values["disturbed"]:
+        click.echo(f"{'disturbed':<12}radiographs {disturbed['radiographs']}")
     click.echo(f"{'size':<12}{values['bytes'] / 1e6:.1f} MB in {values['files']} files")
     unpacked = f"{values['unpacked_bytes'] / 1e6:.1f} MB, the size of a cache of `datasets`"
     click.echo(f"{'unpacked':<12}{unpacked}")
@@ -100,6 +102,7 @@ def _summary(folder: DatasetFolder) -> dict[str, Any]:
         "sources": manifest.sources,
         "densities": manifest.density_sources,
         "without_radiographs": manifest.without_radiographs,
+        "disturbed": manifest.disturbed and dataclasses.asdict(manifest.disturbed),
         "categories": dict(sorted(Counter(folder.light_column("category")).items())),
         "files": len(manifest.files),
         "bytes": sum(file.bytes for file in manifest.files),

@@ -24,7 +24,7 @@ from tests import phantoms
 from tests.strategies import density_objects
 from xden1k.errors import DataError, MissingObjectError
 from xden1k.folder import open_folder, write_folder, write_rows
-from xden1k.format.manifest import Manifest
+from xden1k.format.manifest import Disturbed, Manifest
 from xden1k.format.records import decode_array, object_row
 from xden1k.format.schema import DATA_SCHEMA
 from xden1k.format.shards import ShardWriter
@@ -209,6 +209,20 @@ def test_a_split_has_four_shards_where_it_can_and_more_where_it_is_large(
 def write(out: Path, rows: list[dict[str, Any]], **more: Any) -> Path:
     write_rows(rows, out, **RELEASE, **more)
     return out
+
+
+def test_a_copy_with_disturbed_radiographs_says_so_and_no_other_folder_has_a_word_of_it(
+    folder: Path, rows: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    told = Disturbed("were shifted by 3 px", seed=7, of="0123456789abcdef")
+    copy = write(tmp_path / "copy", rows, disturbed=told)
+    assert Manifest.read(copy).disturbed == told
+    assert Manifest.read(folder).disturbed is None
+    said = "manifest `0123456789ab` in which radiographs were shifted by 3 px (seed 7)"
+    for name in ("README.md", "DATASHEET.md", "croissant.json"):
+        assert said in (copy / name).read_text(encoding="utf-8"), name
+    assert "disturbed radiographs" in (copy / "CITATION.cff").read_text(encoding="utf-8")
+    assert not [name for name, data in contents(folder).items() if b"isturbed" in data]
 
 
 def test_an_object_is_found_in_any_split(folder: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from xden1k.documents.facts import Facts
 from xden1k.documents.questions import COMMENTS, QUESTIONS
 from xden1k.documents.statements import (
+    disturbed_text,
     label_voxels_text,
     materials_text,
     provenance_text,
@@ -139,7 +140,8 @@ def _content(facts: Facts) -> str:
         "Two radiographs (PA and LAT) as transmissions, closed part meshes, a grid of labels, and "
         "grids of density and of filled shares: `README.md` lists every column."
     )
-    return " ".join(filter(None, [text, radiographs_text(facts.manifest)]))
+    told = (one(facts.manifest) for one in (radiographs_text, disturbed_text))
+    return " ".join(filter(None, [text, *told]))
 
 
 def _splits(facts: Facts) -> str:

@@ -9,6 +9,7 @@ import yaml  # type: ignore[import-untyped]
 
 from xden1k.documents.statements import (
     dataset_title,
+    disturbed_text,
     label_voxels_text,
     materials_text,
     provenance_text,
@@ -131,6 +132,7 @@ _OBJECTS: Final = """\
 Everyday objects with two radiographs (PA and LAT), closed part meshes and volumetric density.
 One row is one object. Units are cm, g and g/cm³; attenuation is in 1/cm; a transmission of 1 is
 air."""
+_PROVENANCE: Final = (disturbed_text, provenance_text, radiographs_text, published_text)
 _OBJECTS_WITHOUT_RADIOGRAPHS: Final = """\
 Everyday objects with closed part meshes and volumetric density, without radiographs. One row is one
 object. Units are cm, g and g/cm³; attenuation is in 1/cm."""
@@ -151,7 +153,7 @@ def readme_text(manifest: Manifest) -> str:
 
 {_OBJECTS if manifest.has_radiographs else _OBJECTS_WITHOUT_RADIOGRAPHS}
 
-{_said(provenance_text(manifest), radiographs_text(manifest), published_text(manifest))}
+{_said(*(text(manifest) for text in _PROVENANCE))}
 
 {_split_table(manifest)}
 

@@ -11,7 +11,12 @@ import pyarrow as pa
 from xden1k.documents.card import CONFIGS, HOMEPAGE, TAGS, bibtex_entry
 from xden1k.documents.facts import Facts
 from xden1k.documents.responsible import RAI_VERSION, responsible_fields
-from xden1k.documents.statements import dataset_title, published_text, radiographs_text
+from xden1k.documents.statements import (
+    dataset_title,
+    disturbed_text,
+    published_text,
+    radiographs_text,
+)
 from xden1k.format.manifest import Manifest
 from xden1k.format.schema import IMAGE, Column
 
@@ -88,8 +93,8 @@ def _description(manifest: Manifest) -> str:
     xrays = "Biplanar X-rays, p" if manifest.has_radiographs else "P"
     text = f"{xrays}art meshes and volumetric density of everyday objects."
     simulated = "Simulated: no object was ever made, scanned or weighed."
-    more = [simulated * manifest.simulated, radiographs_text(manifest), published_text(manifest)]
-    return " ".join(filter(None, [text, *more]))
+    told = [one(manifest) for one in (radiographs_text, disturbed_text, published_text)]
+    return " ".join(filter(None, [text, simulated * manifest.simulated, *told]))
 
 
 def _file_objects(manifest: Manifest, base_url: str) -> list[dict[str, Any]]:

@@ -8,6 +8,7 @@ from xden1k.format.manifest import Manifest
 
 __all__ = [
     "dataset_title",
+    "disturbed_text",
     "label_voxels_text",
     "materials_text",
     "provenance_text",
@@ -18,9 +19,10 @@ __all__ = [
 
 def dataset_title(manifest: Manifest) -> str:
     """Name of a dataset, which says so where nothing in it is real, or all of it is imported."""
+    disturbed = ", disturbed radiographs" if manifest.disturbed else ""
     if manifest.sources.keys() == {"published"}:
-        return "XDen-1K, imported from the authors' release"
-    return "XDen-1K, simulated objects" if manifest.simulated else "XDen-1K"
+        return f"XDen-1K, imported from the authors' release{disturbed}"
+    return f"XDen-1K{', simulated objects' * manifest.simulated}{disturbed}"
 
 
 def provenance_text(manifest: Manifest) -> str:
@@ -47,6 +49,17 @@ _DENSITIES: Final = {
     "none": "unknown (attenuation only)",
     "withheld": "withheld (the split private)",
 }
+
+
+def disturbed_text(manifest: Manifest) -> str:
+    """Say what was done to the radiographs of a copy; empty where nothing was."""
+    if (told := manifest.disturbed) is None:
+        return ""
+    return (
+        f"Disturbed on purpose: a copy of the folder with the manifest `{told.of[:12]}` in which "
+        f"radiographs {told.radiographs} (seed {told.seed}). All else is as it was. It shows how "
+        "much a method needs of its radiographs; scores on it are no entries of the benchmark."
+    )
 
 
 def published_text(manifest: Manifest) -> str:

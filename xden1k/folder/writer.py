@@ -20,7 +20,7 @@ from xden1k.folder.documents import write_documents
 from xden1k.folder.place import publish, staging
 from xden1k.format.checksums import file_sha256, footer_sha256
 from xden1k.format.label_counts import LABEL_COUNTS, label_counts
-from xden1k.format.manifest import MANIFEST_NAME, DataFile, Manifest
+from xden1k.format.manifest import MANIFEST_NAME, DataFile, Disturbed, Manifest
 from xden1k.format.records import has_radiographs, object_row
 from xden1k.format.schema import DATA_SCHEMA, METADATA_SCHEMA
 from xden1k.format.shards import ShardReader, ShardWriter
@@ -74,6 +74,7 @@ def write_rows(
     config_sha256: str = "",
     shard_bytes: int = SHARD_BYTES,
     answers: Answers = NO_ANSWERS,
+    disturbed: Disturbed | None = None,
     more: Callable[[str], Mapping[str, str]] = lambda _: {},
 ) -> Manifest:
     """Write encoded rows as a dataset folder.
@@ -99,6 +100,8 @@ def write_rows(
         A shard is closed by the row that makes it this large.
     answers
         What the maintainer says in the datasheet; kept in the folder.
+    disturbed
+        What was done to the radiographs, where the rows are copies.
     more
         Gives further documents, name and text, for the checksum of the manifest.
 
@@ -134,6 +137,7 @@ def write_rows(
             files=files,
             labels={name: tally.labels[name] for name in LABEL_COUNTS},
             without_radiographs=dict(sorted(tally.without_radiographs.items())),
+            disturbed=disturbed,
         )
         write_documents(root, read_facts(root, manifest, answers), more)
         for path in (root, *root.rglob("*")):

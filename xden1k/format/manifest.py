@@ -11,7 +11,14 @@ from xden1k.errors import DataError
 from xden1k.format.checksums import check_document, footer_sha256
 from xden1k.format.remote import RemoteFile, RemotePath
 
-__all__ = ["MANIFEST_NAME", "SCHEMA", "SCHEMA_WITHOUT_RADIOGRAPHS", "DataFile", "Manifest"]
+__all__ = [
+    "MANIFEST_NAME",
+    "SCHEMA",
+    "SCHEMA_WITHOUT_RADIOGRAPHS",
+    "DataFile",
+    "Disturbed",
+    "Manifest",
+]
 
 SCHEMA = "xden-dataset/1"
 SCHEMA_WITHOUT_RADIOGRAPHS = "xden-dataset/2"
@@ -90,6 +97,25 @@ class DataFile:
 
 
 @dataclass(frozen=True, slots=True)
+class Disturbed:
+    """What was done on purpose to the radiographs of a copy of a folder.
+
+    Parameters
+    ----------
+    radiographs
+        Clause of which they are the subject.
+    seed
+        Of what was drawn.
+    of
+        Checksum of the manifest of the folder that was copied, hexadecimal.
+    """
+
+    radiographs: str
+    seed: int
+    of: str
+
+
+@dataclass(frozen=True, slots=True)
 class Manifest:
     """What a dataset folder holds.
 
@@ -115,6 +141,8 @@ class Manifest:
         older folders.
     without_radiographs
         Objects without radiographs in each split that has some.
+    disturbed
+        What was done to the radiographs of a copy of another folder; None where nothing was.
     """
 
     version: str
@@ -126,6 +154,7 @@ class Manifest:
     files: tuple[DataFile, ...]
     labels: dict[str, int] = field(default_factory=dict)
     without_radiographs: dict[str, int] = field(default_factory=dict)
+    disturbed: Disturbed | None = None
 
     @property
     def schema(self) -> str:
@@ -167,8 +196,9 @@ class Manifest:
     def to_json(self) -> str:
         """Text of ``manifest.json``."""
         values = {"schema": self.schema, "name": "xden1k", "objects": self.objects} | asdict(self)
-        if not self.without_radiographs:  # a folder with all of them has the bytes it always had
-            del values["without_radiographs"]
+        for name in ("without_radiographs", "disturbed"):
+            if not values[name]:  # a folder of which there is nothing to tell keeps its bytes
+                del values[name]
         return json.dumps(values, indent=2, ensure_ascii=False) + "\n"
 
     @classmethod
@@ -212,6 +242,7 @@ class Manifest:
             files=files,
             labels=dict(values.get("labels", {})),
             without_radiographs=dict(values.get("without_radiographs", {})),
+            disturbed=Disturbed(**values["disturbed"]) if "disturbed" in values else None,
         )
 
 

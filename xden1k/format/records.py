@@ -37,6 +37,7 @@ __all__ = [
     "mass_columns",
     "object_row",
     "preview_png",
+    "radiograph_columns",
     "row_object",
     "split_meshes",
 ]
@@ -81,7 +82,7 @@ def _row(obj: DensityObject) -> Row:
         "grid_origin_cm": obj.origin_cm.tolist(),
         "voxel_size_cm": float(obj.voxel_size_cm),
         **_part_columns(obj.parts),
-        **_radiograph_columns(obj.views),
+        **radiograph_columns(obj.views),
         **_grid_columns(obj),
         **_mesh_columns(meshes),
         "meta_json": _meta_json(obj),
@@ -131,7 +132,7 @@ def _part_columns(parts: Sequence[Part]) -> Row:
     }
 
 
-def _radiograph_columns(views: Sequence[XRayView]) -> Row:
+def radiograph_columns(views: Sequence[XRayView]) -> Row:
     """Return the columns of the radiographs: all null where there are none."""
     codes = {view.name: encode_transmission(view.transmission, view.valid) for view in views}
     return dict.fromkeys(RADIOGRAPH_COLUMNS) | {
