@@ -9,6 +9,7 @@ from xden_bench.commands.arm import arm
 from xden_bench.commands.board import leaderboard
 from xden_bench.commands.coverage import coverage
 from xden_bench.commands.dataset import dataset
+from xden_bench.commands.disturb import disturb
 from xden_bench.commands.entries import compare, verify, withdraw
 from xden_bench.commands.manip import manip
 from xden_bench.commands.mechanics import mechanics
@@ -42,6 +43,7 @@ cli.add_command(coverage)
 cli.add_command(baseline)
 cli.add_command(dataset)
 manip.add_command(arm)
+cli.add_command(disturb)
 manip.add_command(mechanics)
 manip.add_command(slip)
 manip.add_command(verify_picks)

@@ -13,6 +13,7 @@ import click
 from xden_bench.commands.shared import RESULTS, echo_lines, interval_text
 
 if TYPE_CHECKING:
+    from xden1k.folder import DatasetFolder
     from xden_bench.scoring.bootstrap import Estimate
     from xden_bench.scoring.comparison import Comparison
     from xden_bench.scoring.reference import Reference
@@ -24,9 +25,27 @@ __all__ = [
     "echo_groups",
     "echo_score",
     "entered",
+    "refuse_disturbed",
     "refuse_the_sample",
     "standing_of",
 ]
+
+
+def refuse_disturbed(folder: DatasetFolder) -> None:
+    """Keep what is scored on disturbed radiographs out of all results.
+
+    Raises
+    ------
+    DataError
+        If the folder is a copy with disturbed radiographs.
+    """
+    from xden1k.errors import DataError
+
+    if folder.manifest.disturbed:
+        raise DataError(
+            f"{folder.root}: a copy in which radiographs {folder.manifest.disturbed.radiographs}: "
+            "no entry can be made on it, only scored"
+        )
 
 
 def refuse_the_sample(reference: Reference) -> None:

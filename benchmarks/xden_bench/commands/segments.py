@@ -22,6 +22,7 @@ from xden_bench.commands.entering import (
     echo_groups,
     echo_score,
     entered,
+    refuse_disturbed,
     refuse_the_sample,
     standing_of,
 )
@@ -183,6 +184,7 @@ def submit(
     if archive_url:
         check_url(archive_url)
     key = read_signing_key(signing_key) if signing_key else None
+    refuse_disturbed(reference.folder)
     if out is None:
         refuse_the_sample(reference)
     scored, entry = _scored(submission, reference, track)

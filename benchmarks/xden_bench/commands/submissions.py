@@ -19,6 +19,7 @@ from xden_bench.commands.entering import (
     echo_groups,
     echo_score,
     entered,
+    refuse_disturbed,
     refuse_the_sample,
     standing_of,
 )
@@ -219,6 +220,7 @@ def submit(
         check_url(archive_url)
     key = read_signing_key(signing_key) if signing_key else None
     reference = asked.reference()
+    refuse_disturbed(reference.folder)
     if out is None:
         refuse_the_sample(reference)
     scored, entry = _scored(asked, reference)

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from xden1k.commands import tell_notes
+from xden_bench.commands.entering import refuse_disturbed
 from xden_bench.commands.shared import FILE, FOLDER, RESULTS, open_reference, root_option
 
 __all__ = ["serve"]
@@ -61,6 +62,7 @@ def serve(
     if results is None:
         results = RESULTS if (RESULTS / "README.md").is_file() else state / "results"
     reference = open_reference(root, "test")
+    refuse_disturbed(reference.folder)
     site = Site(reference, results, state, settings, trusted_proxies=trusted_proxies)
     with take_address(host, port) as listener:
         tell_notes()

@@ -80,11 +80,13 @@ def seal(
     Raises
     ------
     DataError
-        If the folder has no test split or is sealed already, the share is not between 0 and 1, or
-        there is something at ``out``.
+        If the folder has no test split, is sealed already or a disturbed copy, the share is not
+        between 0 and 1, or there is something at ``out``.
     """
     if PRIVATE in folder.manifest.splits:
         raise DataError(f"{folder.root}: it has a split {PRIVATE} already")
+    if folder.manifest.disturbed:
+        raise DataError(f"{folder.root}: its radiographs {folder.manifest.disturbed.radiographs}")
     out = out.resolve()
     if out.exists():
         raise DataError(f"{out} exists: remove it yourself, or choose another")
