@@ -11,7 +11,7 @@ from PIL import Image
 
 from tests import phantoms
 from xden1k.errors import DataError
-from xden1k.pictures import figures
+from xden1k.pictures import figures, page
 from xden1k.pictures.figures import contact_sheet, object_sheet
 from xden1k.rays.reprojection import reprojected
 from xden1k.values.types import DensityObject
@@ -25,7 +25,7 @@ def bar() -> DensityObject:
 @pytest.fixture
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw with few dots: what is on a page does not depend on them."""
-    monkeypatch.setattr(figures, "DPI", 40)
+    monkeypatch.setattr(page, "DPI", 40)
 
 
 def test_reprojection_of_an_exact_object_is_its_radiograph(bar: DensityObject) -> None:
@@ -77,7 +77,7 @@ def test_any_object_can_be_drawn(bar: DensityObject, tmp_path: Path, change: dic
     object_sheet(replace(bar, **change), tmp_path / "bar.png")
     with Image.open(tmp_path / "bar.png") as image:
         picture = np.asarray(image.convert("RGB"))
-    assert picture.shape[1] > 10 * figures.DPI
+    assert picture.shape[1] > 10 * page.DPI
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
 
 
@@ -123,8 +123,8 @@ def texts(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     def note(page: object, left: float, top: float, text: str, **style: object) -> None:
         written.append(text)
 
-    monkeypatch.setattr(figures._Page, "text", note)
-    monkeypatch.setattr(figures._Page, "save", lambda page, path: None)
+    monkeypatch.setattr(page.Page, "text", note)
+    monkeypatch.setattr(page.Page, "save", lambda page, path: None)
     return written
 
 
@@ -163,14 +163,14 @@ def test_a_contact_sheet_says_which_plane_and_which_density_is_shown(
 def shades(monkeypatch: pytest.MonkeyPatch) -> list[tuple[np.ndarray, float]]:
     """What is drawn in grey, 0 to 1, and the height over width of a pixel."""
     drawn: list[tuple[np.ndarray, float]] = []
-    picture = figures._picture
+    picture = figures.draw_image
 
     def note(axes: object, image: np.ndarray, scale: object, **how: object) -> None:
         if scale.cmap.name == "gray":
             drawn.append((np.asarray(scale.norm(image)), how["aspect"]))
         picture(axes, image, scale, **how)
 
-    monkeypatch.setattr(figures, "_picture", note)
+    monkeypatch.setattr(figures, "draw_image", note)
     return drawn
 
 
@@ -192,9 +192,9 @@ def test_a_radiograph_of_few_rows_is_no_hairline_and_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, texts: list[str]
 ) -> None:
     drawn, labels = shades(monkeypatch), []
-    bars = figures._Page.colour_bar
+    bars = page.Page.colour_bar
     monkeypatch.setattr(
-        figures._Page, "colour_bar", lambda *args: labels.append(args[3]) or bars(*args)
+        page.Page, "colour_bar", lambda *args: labels.append(args[3]) or bars(*args)
     )
     flat = phantoms.box_object("flat", phantoms.BAR, shape=(60, 50))
     views = tuple(
@@ -219,7 +219,7 @@ def test_attenuation_is_never_on_the_scale_of_densities(
 ) -> None:
     labels = []
     monkeypatch.setattr(
-        figures._Page,
+        page.Page,
         "colour_bar",
         lambda page, box, scale, label, ticks=None: labels.append((label, scale.norm.vmax)),
     )

@@ -8,38 +8,38 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize, PowerNorm
-from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from xden1k.errors import DataError
-from xden1k.pictures.looks import NO_VALUE, attenuation, grey_scale, readable_aspect
+from xden1k.pictures.looks import NO_VALUE, attenuation, grey_scale, readable_aspect, reduced
+from xden1k.pictures.page import (
+    FAINT,
+    INK,
+    RULE,
+    SOURCE_WORDS,
+    Page,
+    cut_short,
+    draw_image,
+)
 from xden1k.pictures.radiographs import MADE_WORDS, compare
 from xden1k.values.arrays import Image
 from xden1k.values.physics import PAPER_MAC_CM2_G
 from xden1k.values.types import AXES, DensityField, DensityObject, Part
 from xden1k.values.views import XRayView
-from xden1k.values.windows import Window, object_window, pixel_aspect
+from xden1k.values.windows import object_window
 
 __all__ = ["contact_sheet", "object_sheet"]
 
-INK, FAINT, STRIPE, RULE = "#1b1b1b", "#777777", "#f4f4f1", "#c9c9c4"
-DPI = 120
-SOURCE_WORDS = {
-    "scan": "scan",
-    "phantom": "simulated, never on a scanner",
-    "ct": "views computed from a CT",
-    "published": "the authors' release",
-}
+STRIPE = "#f4f4f1"
 DENSITY_COLOURS, LAC_COLOURS = "magma_r", "viridis_r"
 CROSS = {DENSITY_COLOURS: "#1f9e89", LAC_COLOURS: "#e4572e"}
 """Colour of the centre of mass, by the colours it lies on."""
@@ -87,7 +87,7 @@ def object_sheet(obj: DensityObject, path: Path) -> None:
         If the projector's libraries (extra ``build``) are not installed.
     """
     above = RADIOGRAPHS_HEIGHT if obj.views else 0.0
-    page = _Page(16.7, 4.25 + above)
+    page = Page(16.7, 4.25 + above)
     _title(page, obj)
     for left, view in zip((0.35, 8.65), obj.views, strict=False):
         _radiographs(page, left, obj, view)
@@ -96,47 +96,7 @@ def object_sheet(obj: DensityObject, path: Path) -> None:
     page.save(path)
 
 
-class _Page:
-    """A figure whose axes are placed in inches from its top left corner."""
-
-    def __init__(self, width: float, height: float) -> None:
-        self.width, self.height = width, height
-        self.figure = Figure(figsize=(width, height), facecolor="white")
-        FigureCanvasAgg(self.figure)
-
-    def axes(self, left: float, top: float, width: float, height: float) -> Axes:
-        bottom = self.height - top - height
-        return self.figure.add_axes(
-            (left / self.width, bottom / self.height, width / self.width, height / self.height)
-        )
-
-    def text(self, left: float, top: float, text: str, **style: Any) -> None:
-        self.figure.text(
-            left / self.width, 1 - top / self.height, text, **{"color": INK, "va": "top"} | style
-        )
-
-    def colour_bar(
-        self,
-        box: tuple[float, float, float, float],
-        scale: ScalarMappable,
-        label: str,
-        ticks: Sequence[float] | None = None,
-    ) -> None:
-        axes = self.axes(*box)
-        upright = box[3] > box[2]
-        bar = self.figure.colorbar(
-            scale, cax=axes, orientation="vertical" if upright else "horizontal", ticks=ticks
-        )
-        bar.outline.set_linewidth(0.4)
-        bar.set_label(label, fontsize=9, color=INK)
-        axes.tick_params(labelsize=8, length=2, width=0.4, colors=FAINT)
-
-    def save(self, path: Path) -> None:
-        # No version of the library in the file: the same object gives the same bytes.
-        self.figure.savefig(path, dpi=DPI, metadata={"Software": None})
-
-
-def _title(page: _Page, obj: DensityObject) -> None:
+def _title(page: Page, obj: DensityObject) -> None:
     page.text(0.35, 0.28, obj.object_id, fontsize=20, weight="bold")
     centre = ", ".join(_centimetres(value) for value in obj.com_cm)
     words = [
@@ -148,18 +108,14 @@ def _title(page: _Page, obj: DensityObject) -> None:
         f"{obj.split} split",
         *obj.flags,
     ]
-    page.text(0.35, 0.68, _cut_short("   ·   ".join(words), 180), fontsize=11, color=FAINT)
+    page.text(0.35, 0.68, cut_short("   ·   ".join(words), 180), fontsize=11, color=FAINT)
 
 
 def _centimetres(value: float) -> str:
     return f"{round(float(value), 2) + 0.0:.2f}"  # no minus zero
 
 
-def _cut_short(text: str, room: int) -> str:
-    return text if len(text) <= room else f"{text[: room - 1]}…"
-
-
-def _radiographs(page: _Page, left: float, obj: DensityObject, view: XRayView) -> None:
+def _radiographs(page: Page, left: float, obj: DensityObject, view: XRayView) -> None:
     """Draw a view as it is, as reprojected, and the difference, all cut to the object."""
     top, size, gap, made = 1.45, 2.5, 0.1, MADE_WORDS[obj.source]
     found = compare(obj, view)
@@ -176,7 +132,7 @@ def _radiographs(page: _Page, left: float, obj: DensityObject, view: XRayView) -
     for column, (label, image, scale) in enumerate(columns):
         start = left + column * (size + gap)
         page.text(start, top - 0.24, f"{view.name.upper()} {label}", fontsize=10)
-        _picture(page.axes(start, top, size, size), image, scale, aspect=aspect)
+        draw_image(page.axes(start, top, size, size), image, scale, aspect=aspect)
     note = "; orange: no value" if np.isnan(residual).any() else ""
     if times != 1:
         note += f"; rows drawn {times:.3g} times as high"
@@ -191,15 +147,7 @@ def _scale(name: str, norm: Normalize) -> ScalarMappable:
     return ScalarMappable(norm, colormaps[name].with_extremes(bad=NO_VALUE))
 
 
-def _picture(axes: Axes, image: np.ndarray, scale: ScalarMappable, **how: Any) -> None:
-    norm = cast("Normalize", scale.norm)
-    axes.imshow(image, cmap=scale.cmap, norm=norm, interpolation="antialiased", **how)
-    axes.set(xticks=[], yticks=[], anchor="NW")
-    for spine in axes.spines.values():
-        spine.set(linewidth=0.5, color=RULE)
-
-
-def _slices(page: _Page, top: float, obj: DensityObject) -> None:
+def _slices(page: Page, top: float, obj: DensityObject) -> None:
     """Draw three slices through the centre of mass, or of the attenuation if that is all."""
     field, colours = _shown_field(obj)
     what = "density, g/cm³" if obj.density else "LAC, 1/cm"
@@ -244,7 +192,7 @@ def _draw_cut(
     extent = (low[across], high[across], low[up], high[up])
     empty = np.where(cut > 0, cut, np.nan)
     clear = ScalarMappable(scale.norm, scale.cmap.with_extremes(bad="white"))
-    _picture(axes, empty, clear, origin="lower", extent=extent)
+    draw_image(axes, empty, clear, origin="lower", extent=extent)
     cross = CROSS[scale.cmap.name]
     axes.plot(centre[across], centre[up], "+", color=cross, markersize=9, markeredgewidth=1.4)
     columns, rows = _filled(cut, 1), _filled(cut, 0)
@@ -264,7 +212,7 @@ def _filled(cut: Float[np.ndarray, "down across"], axis: int) -> Float[np.ndarra
     return np.array([filled[0], filled[-1] + 1.0] if len(filled) else [0.0, cut.shape[axis]])
 
 
-def _part_table(page: _Page, top: float, parts: Sequence[Part]) -> None:
+def _part_table(page: Page, top: float, parts: Sequence[Part]) -> None:
     """Draw one line for each part, as many as there is room for."""
     left, width, height = 8.65, 7.7, 2.65
     axes = page.axes(left, top, width, height)
@@ -295,7 +243,7 @@ def _table_line(axes: Axes, number: int, cells: Sequence[str], color: str) -> No
         axes.text(
             position,
             middle,
-            _cut_short(text, room),
+            cut_short(text, room),
             ha=side,
             va="center",
             fontsize=8.5,
@@ -351,7 +299,7 @@ def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4
     width, height = inner + 0.35, size + 0.62
     rows = -(-len(cells) // columns)
     columns = min(columns, len(cells))
-    page = _Page(columns * width + 0.35, rows * height + 1.2)
+    page = Page(columns * width + 0.35, rows * height + 1.2)
     looks = {
         colours: _scale(colours, PowerNorm(0.5, 0, max(1e-3, *highest)))
         for colours in (DENSITY_COLOURS, LAC_COLOURS)
@@ -379,7 +327,7 @@ def contact_sheet(objects: Iterable[DensityObject], path: Path, columns: int = 4
 
 
 def _draw_cell(
-    page: _Page,
+    page: Page,
     left: float,
     top: float,
     size: float,
@@ -396,9 +344,9 @@ def _draw_cell(
     for column, (image, scale) in enumerate(pictures):
         start = left + column * (size + CELL_GAP)
         axes = page.axes(start, top + 0.3, size, size)
-        _picture(axes, image, scale, aspect=cell.aspects[column])
+        draw_image(axes, image, scale, aspect=cell.aspects[column])
         page.text(start, top + 0.33 + size, ("PA", "LAT")[column], fontsize=7, color=FAINT)
-    _picture(page.axes(right - size, top + 0.3, size, size), cell.cut, clear, aspect=1.0)
+    draw_image(page.axes(right - size, top + 0.3, size, size), cell.cut, clear, aspect=1.0)
     page.text(right - size, top + 0.33 + size, cell.plane, fontsize=7, color=FAINT)
 
 
@@ -410,7 +358,7 @@ def _cell(obj: DensityObject) -> _Cell:
     axis = max(cuts, key=lambda each: _filled_area(cuts[each]))
     what = "" if obj.density else "LAC, "
     cut = cuts[axis][::-1]
-    small = [_small(view, object_window(obj, view)) for view in obj.views]
+    small = [reduced(view, object_window(obj, view)) for view in obj.views]
     return _Cell(
         name=obj.object_id,
         note=f"{obj.mass_g:.4g} g" if np.isfinite(obj.mass_g) else "attenuation only",
@@ -424,11 +372,3 @@ def _cell(obj: DensityObject) -> _Cell:
 
 def _filled_area(cut: Float[np.ndarray, "down across"]) -> float:
     return float(np.ptp(_filled(cut, 0)) * np.ptp(_filled(cut, 1)))
-
-
-def _small(view: XRayView, window: Window) -> tuple[Image, float]:
-    """Return some pixels of a radiograph, and the height over width to draw each with."""
-    image = np.where(view.valid, view.transmission, np.float32(np.nan))[window]
-    rows, columns = (-(-size // 256) for size in image.shape)
-    image = attenuation(image[::rows, ::columns])
-    return image, readable_aspect(image.shape, pixel_aspect(view) * rows / columns)[0]

@@ -10,13 +10,17 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import PowerNorm
 
 from xden1k.values.arrays import Image
+from xden1k.values.views import XRayView
+from xden1k.values.windows import Window, pixel_aspect
 
-__all__ = ["NO_VALUE", "attenuation", "grey_scale", "readable_aspect"]
+__all__ = ["NO_VALUE", "attenuation", "grey_scale", "readable_aspect", "reduced"]
 
 NO_VALUE: Final = "#e9a23b"
 """Colour of pixels without a value: invalid, or seen through a part of unknown attenuation."""
 OPAQUE: Final = 1e-4
 """Transmission below which a picture makes no difference."""
+SMALL_PX: Final = 256
+"""So many pixels along each edge are enough for a small picture."""
 SLENDER: Final = 0.25
 """Height over width below which a radiograph is stretched."""
 
@@ -55,3 +59,19 @@ def readable_aspect(shape: tuple[int, ...], aspect: float) -> tuple[float, float
     slender = shape[0] * aspect / shape[1]
     times = min(max(slender, SLENDER), 1 / SLENDER) / slender
     return aspect * times, times
+
+
+def reduced(view: XRayView, window: Window) -> tuple[Image, float]:
+    """Attenuation at some pixels of a radiograph, and the height over width to draw each with.
+
+    Parameters
+    ----------
+    view
+        The radiograph.
+    window
+        Rows and columns to show.
+    """
+    image = np.where(view.valid, view.transmission, np.float32(np.nan))[window]
+    rows, columns = (-(-size // SMALL_PX) for size in image.shape)
+    image = attenuation(image[::rows, ::columns])
+    return image, readable_aspect(image.shape, pixel_aspect(view) * rows / columns)[0]
