@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from PIL import Image
 
 from tests.phantoms import BAR, Box, box_object
 from xden1k.folder import open_folder, write_folder
@@ -18,6 +19,7 @@ from xden1k.segmentation import CLUSTER_COUNTS, SegmentsMeta, SegmentsWriter
 from xden_bench.cli import cli
 from xden_bench.entries.leaderboard import render
 from xden_bench.entries.reading import read_entries
+from xden_bench.pictures.cuts import OUTSIDE, widest_cut
 from xden_bench.scoring.protocol import load_segment_protocol
 from xden_bench.scoring.regions import SegmentReference
 
@@ -201,3 +203,51 @@ def test_a_method_is_asked_only_for_what_it_gives(run: Run) -> None:
     assert one.stderr == "Error: the method one-region gives segments, no densities\n"
     assert other.stderr == "Error: the method water gives densities, no segments\n"
     assert not list(Path().glob(".*.partial"))
+
+
+def test_show_tells_and_draws_what_is_scored(run: Run, truth: Path) -> None:
+    words = ("segment", "show", "bottle-0001,sheet-0001", truth, truth)
+    found = json.loads(run(*words, "--picture", "both.png", "--json").stdout)
+    assert [row["regions"] for row in found] == [2, 1]
+    assert [row["answers"][0]["iou_a"] for row in found] == [pytest.approx(100), None]
+    with Image.open("both.png") as image:
+        both = np.asarray(image.convert("RGB"))
+    assert run("segment", "show", "bottle-0001", truth, "--picture", "one.png").exit_code == 0
+    with Image.open("one.png") as image:
+        assert image.width < both.shape[1]
+        assert image.height < both.shape[0]
+    assert (both == 255).all(axis=2).mean() > 0.4, "on light ground"
+
+
+def test_a_cut_shows_the_cavity_and_true_labels_of_points_fill_it_alike(
+    reference: SegmentReference,
+) -> None:
+    drawn = reference.drawn("bottle-0001")
+    cut = widest_cut(drawn, RULES.region_gap_g_cm3)
+    void = int((cut.regions == 0).sum())
+    whole = int((cut.regions != OUTSIDE).sum())
+    assert cut.axis != 0, "not across the longest axis"
+    assert void / whole == pytest.approx(6 * 1 / (8 * 2), abs=0.02)
+    labels = drawn.regions(RULES.region_gap_g_cm3).materials
+    spread = cut.nearest(drawn.points, labels)
+    np.testing.assert_array_equal(spread == OUTSIDE, cut.regions == OUTSIDE)
+    assert (spread == cut.regions)[cut.inside].mean() > 0.9
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("bottle-0009", "truth.npz"), "no object 'bottle-0009' in the split test"),
+        (("bottle-0001", "other.npz"), "E205"),
+        (("bottle-0001", "gone.npz"), "gone.npz"),
+    ],
+)
+def test_show_refuses_in_a_line_and_draws_nothing(
+    run: Run, truth: Path, words: tuple[str, str], expected: str
+) -> None:
+    Path("truth.npz").write_bytes(truth.read_bytes())
+    changed(truth, "other.npz", meta={"points_seed": 1})
+    done = run("segment", "show", *words, "--picture", "none.png")
+    assert done.exit_code == 1
+    assert expected in done.stderr
+    assert not Path("none.png").exists()

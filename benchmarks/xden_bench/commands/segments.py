@@ -276,6 +276,54 @@ def kinds(
     click.echo(tabulate(rows, headings, disable_numparse=True))
 
 
+@segment.command(
+    epilog="Example: xden-bench segment show pliers-0000 a.npz b.npz --picture pliers.png"
+)
+@click.argument("objects", metavar="OBJECT[,OBJECT...]")
+@click.argument("submissions", type=FILE, nargs=-1, required=True)
+@root_option
+@split_option
+@click.option("--picture", type=FILE, help="Draw them: an object a row, a submission a column.")
+@json_option
+def show(
+    objects: str,
+    submissions: tuple[Path, ...],
+    root: Path | str | None,
+    split: str,
+    picture: Path | None,
+    as_json: bool,
+) -> None:
+    """Show clusters of SUBMISSIONS beside the true regions of single objects.
+
+    Prints IoU by protocol A of each, and draws surface, radiographs, true regions in a cut and the
+    clusters that are scored. Needs the extra view to draw.
+    """
+    from tabulate import tabulate
+
+    from xden1k.errors import require
+
+    if picture:
+        require("matplotlib", "view")
+    from xden_bench.pictures.rows import rows_of
+
+    reference = _reference(root, split)
+    rows = rows_of(reference, objects.split(","), submissions)
+    if picture:
+        from xden_bench.pictures.segments import draw_segments
+
+        draw_segments(reference, rows, picture)
+    if as_json:
+        print_json([row.to_json() for row in rows])
+        return
+    headings = ["object", "regions", *(one.method for one in rows[0].answers)]
+    cells = [
+        [row.object_id, row.regions, *(f"{one.iou_a:.1f}" for one in row.answers)] for row in rows
+    ]
+    click.echo(tabulate(cells, headings, disable_numparse=True))
+    if picture:
+        click.echo(f"{picture}: drawn")
+
+
 def _reference(root: Path | str | None, split: str) -> SegmentReference:
     from xden_bench.scoring.protocol import load_segment_protocol
     from xden_bench.scoring.regions import SegmentReference

@@ -15,12 +15,19 @@ from collections.abc import Mapping
 from math import nan
 
 import numpy as np
-from jaxtyping import Float64, Integer
+from jaxtyping import Float64, Int64, Integer, UInt8
 from scipy.optimize import linear_sum_assignment
 
 from xden1k.segmentation import CLUSTER_COUNTS, Segmentation
 
-__all__ = ["iou_matrix", "many_to_one", "one_to_one", "score_segments"]
+__all__ = [
+    "assignment",
+    "iou_matrix",
+    "many_to_one",
+    "one_to_one",
+    "oracle_clusters",
+    "score_segments",
+]
 
 PERCENT = 100.0
 Ids = Integer[np.ndarray, "points"]
@@ -47,6 +54,14 @@ def iou_matrix(regions: Ids, clusters: Ids) -> Float64[np.ndarray, "regions clus
     return np.asarray(shared / union, dtype=np.float64)
 
 
+def assignment(
+    iou: Float64[np.ndarray, "regions clusters"],
+) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"]]:
+    """Return regions and clusters, pair by pair, of the largest sum of IoU, one to one."""
+    regions, clusters = linear_sum_assignment(iou, maximize=True)
+    return regions, clusters
+
+
 def one_to_one(iou: Float64[np.ndarray, "regions clusters"]) -> float:
     """Sum of IoU of the best assignment of clusters to regions.
 
@@ -55,7 +70,7 @@ def one_to_one(iou: Float64[np.ndarray, "regions clusters"]) -> float:
     >>> one_to_one(np.array([[0.6, 0.5], [0.5, 0.1]]))
     1.0
     """
-    return float(iou[linear_sum_assignment(iou, maximize=True)].sum())
+    return float(iou[assignment(iou)].sum())
 
 
 def many_to_one(iou: Float64[np.ndarray, "regions clusters"]) -> float:
@@ -69,6 +84,19 @@ def many_to_one(iou: Float64[np.ndarray, "regions clusters"]) -> float:
     return float(iou.max(axis=1).mean())
 
 
+def oracle_clusters(regions: int, answer: Segmentation) -> UInt8[np.ndarray, "points"]:
+    """Clusters that protocol A scores: as many as there are regions, from 2 to 19.
+
+    Parameters
+    ----------
+    regions
+        True number of material regions.
+    answer
+        Of the method.
+    """
+    return answer.of(min(max(regions, CLUSTER_COUNTS[0]), CLUSTER_COUNTS[-1]))
+
+
 def score_segments(materials: Ids, parts: Ids, answer: Segmentation) -> Mapping[str, float]:
     """Every metric of one object, percent; A and B are not a number where there is one region.
 
@@ -80,7 +108,7 @@ def score_segments(materials: Ids, parts: Ids, answer: Segmentation) -> Mapping[
         Of the method, for the same points.
     """
     count = len(np.unique(materials))
-    oracle = answer.of(min(max(count, CLUSTER_COUNTS[0]), CLUSTER_COUNTS[-1]))
+    oracle = oracle_clusters(count, answer)
     free = iou_matrix(materials, answer.free)
     several = count > 1
     return {

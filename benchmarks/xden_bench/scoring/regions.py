@@ -63,6 +63,24 @@ class DrawnObject:
     extent_cm: float
     points: SegmentPoints
 
+    @property
+    def densities_g_cm3(self) -> list[float]:
+        """Density of void and of each part.
+
+        Raises
+        ------
+        DataError
+            If only the attenuation of a part is known.
+        """
+        names, densities = self.row["part_names"], self.row["part_density_g_cm3"]
+        for name, density in zip(names, densities, strict=True):
+            if density is None or np.isnan(density):
+                raise DataError(
+                    f"{self.row['object_id']}: the part {name} must have a density, for its "
+                    "material region; only its attenuation is known"
+                )
+        return [0.0, *densities]
+
     def regions(self, gap_g_cm3: float) -> Regions:
         """Find the regions of the points; a gap between densities is larger than this.
 
@@ -71,9 +89,8 @@ class DrawnObject:
         DataError
             If a part has no density.
         """
-        densities = _densities_g_cm3(self.row)
         owners = point_owners(self.meshes, self.grid, self.points)
-        return Regions(material_regions(densities, gap_g_cm3)[owners], owners)
+        return Regions(material_regions(self.densities_g_cm3, gap_g_cm3)[owners], owners)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,21 +151,3 @@ _COLUMNS = (
     "mesh_faces",
     "face_part",
 )
-
-
-def _densities_g_cm3(row: Row) -> list[float]:
-    """Density of void and of each part.
-
-    Raises
-    ------
-    DataError
-        If only the attenuation of a part is known.
-    """
-    densities = row["part_density_g_cm3"]
-    for name, density in zip(row["part_names"], densities, strict=True):
-        if density is None or np.isnan(density):
-            raise DataError(
-                f"{row['object_id']}: the part {name} must have a density, for its material "
-                "region; only its attenuation is known"
-            )
-    return [0.0, *densities]

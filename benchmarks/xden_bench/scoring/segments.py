@@ -20,7 +20,7 @@ from xden_bench.scoring.regions import DrawnObject, SegmentReference
 from xden_bench.scoring.score import ObjectScore, Score
 from xden_bench.scoring.submission import Progress, id_problems, meta_problems
 
-__all__ = ["SegmentCheck", "score_segment_file", "validate_segments"]
+__all__ = ["SegmentCheck", "score_segment_file", "seed_problem", "validate_segments"]
 
 
 @dataclass(eq=False)
@@ -88,13 +88,19 @@ class SegmentCheck:
 
     def _point_problems(self, seed: int, sha256: str) -> Iterator[Problem]:
         """Tell of labels that are of other points."""
-        rules = self.reference.rules
-        if seed != rules.points_seed:
-            message = f"points_seed must be {rules.points_seed} here, got {seed}"
-            yield Problem("E205", None, f"{message}: the labels are of another protocol's points")
+        if found := seed_problem(seed, self.reference.rules):
+            yield found
         elif sha256 != (expected := points_sha256(self._voxels)):
             message = f"points_sha256 must be {expected!r} here, got {sha256!r}"
             yield Problem("E205", None, f"{message}: the labels are of other points")
+
+
+def seed_problem(seed: int, rules: SegmentProtocol) -> Problem | None:
+    """Tell of labels of another protocol's points."""
+    if seed == rules.points_seed:
+        return None
+    message = f"points_seed must be {rules.points_seed} here, got {seed}"
+    return Problem("E205", None, f"{message}: the labels are of another protocol's points")
 
 
 def validate_segments(
