@@ -14,6 +14,7 @@ from xden1k.rays.lengths import PathLengths, path_lengths
 from xden1k.rays.priority import ownership_order
 from xden1k.rays.regions import disjoint_regions, half_beyond, outer_surface, sealed
 from xden1k.rays.reprojection import reprojected
+from xden1k.rays.solids import label_solids
 from xden1k.rays.voxels import (
     CUBE_MARGIN,
     CubeGrid,
@@ -38,6 +39,7 @@ __all__ = [
     "disjoint_regions",
     "fill_grid",
     "half_beyond",
+    "label_solids",
     "object_cube",
     "object_grids",
     "outer_surface",

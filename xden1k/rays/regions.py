@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import trimesh
 
-from xden1k.errors import DataError, require
+from xden1k.errors import require
 from xden1k.rays.lengths import path_lengths
+from xden1k.rays.manifolds import mesh_of, solid_of
 from xden1k.rays.priority import check_order
 from xden1k.values.arrays import Vec3
 from xden1k.values.views import ViewGeometry
@@ -66,14 +67,14 @@ def disjoint_regions(
     [31.0, 5.0]
     """
     check_order(order, len(meshes))
-    solids = [_solid(mesh, part) for part, mesh in enumerate(meshes)]
+    solids = [solid_of(mesh, part) for part, mesh in enumerate(meshes)]
     regions = list(meshes)
     for place, part in enumerate(order):
         cutters = [solids[k] for k in order[:place] if _overlap(meshes[k], meshes[part])]
         if cutters:
             rest = solids[part] - _union(cutters)
             gone = rest.volume() <= NEGLIGIBLE * solids[part].volume()
-            regions[part] = trimesh.Trimesh() if gone else _mesh(rest)
+            regions[part] = trimesh.Trimesh() if gone else mesh_of(rest)
     return regions
 
 
@@ -101,7 +102,7 @@ def outer_surface(meshes: Sequence[trimesh.Trimesh]) -> trimesh.Trimesh:
     # The shells that face inwards bound cavities. The others, each taken as solid, cover the
     # cavities and all that floats in them.
     shells = _union(solids).decompose()
-    return _mesh(_union([shell for shell in shells if shell.volume() > 0]))
+    return mesh_of(_union([shell for shell in shells if shell.volume() > 0]))
 
 
 def sealed(meshes: Sequence[trimesh.Trimesh]) -> list[trimesh.Trimesh]:
@@ -121,7 +122,7 @@ def sealed(meshes: Sequence[trimesh.Trimesh]) -> list[trimesh.Trimesh]:
     >>> 1 < float(grown.volume) < 1.0001
     True
     """
-    return [_mesh(solid) for solid in _sealed_solids(meshes)]
+    return [mesh_of(solid) for solid in _sealed_solids(meshes)]
 
 
 def half_beyond(mesh: trimesh.Trimesh, normal: Vec3, offset_cm: float) -> trimesh.Trimesh:
@@ -137,40 +138,18 @@ def half_beyond(mesh: trimesh.Trimesh, normal: Vec3, offset_cm: float) -> trimes
     >>> float(half_beyond(trimesh.creation.box((2, 2, 2)), np.array([0, 1.0, 0]), 0.5).volume)
     2.0
     """
-    return _mesh(_solid(mesh, 0).trim_by_plane(tuple(normal.tolist()), offset_cm))
+    return mesh_of(solid_of(mesh).trim_by_plane(tuple(normal.tolist()), offset_cm))
 
 
 def _sealed_solids(meshes: Sequence[trimesh.Trimesh]) -> list[manifold3d.Manifold]:
     """Parts, grown if there are two or more."""
-    solids = [_solid(mesh, part) for part, mesh in enumerate(meshes)]
+    solids = [solid_of(mesh, part) for part, mesh in enumerate(meshes)]
     filled = [solid for solid in solids if not solid.is_empty()]
     if len(filled) < 2:
         return solids
     boxes = np.array([solid.bounding_box() for solid in filled])
     diagonal = float(np.linalg.norm(boxes[:, 3:].max(axis=0) - boxes[:, :3].min(axis=0)))
     return [one if one.is_empty() else _grown(one, SEAL * diagonal) for one in solids]
-
-
-def _solid(mesh: trimesh.Trimesh, part: int) -> manifold3d.Manifold:
-    buffers = manifold3d.Mesh64(  # copies, since it wants to be able to write
-        np.array(mesh.vertices, dtype=np.float64, order="C"),
-        np.array(mesh.faces, dtype=np.uint64, order="C"),
-    )
-    buffers.merge()
-    solid = manifold3d.Manifold(buffers)
-    if solid.status() != manifold3d.Error.NoError:
-        raise DataError(f"part {part} is not a closed mesh (manifold3d: {solid.status().name})")
-    if solid.volume() < 0:
-        raise DataError(f"part {part} is wound inwards: its volume is {solid.volume():.6g} cm³")
-    return solid
-
-
-def _mesh(solid: manifold3d.Manifold) -> trimesh.Trimesh:
-    # unprocessed: joining vertices by distance, as trimesh does, may fold thin slivers
-    buffers = solid.to_mesh64()
-    return trimesh.Trimesh(
-        buffers.vert_properties[:, :3], buffers.tri_verts.astype(np.int64), process=False
-    )
 
 
 def _union(solids: Sequence[manifold3d.Manifold]) -> manifold3d.Manifold:
@@ -207,6 +186,6 @@ def _corners(one: trimesh.Trimesh, other: trimesh.Trimesh, which: int) -> tuple[
 
 def _grown(solid: manifold3d.Manifold, distance_cm: float) -> manifold3d.Manifold:
     """Move each vertex outwards along its normal."""
-    mesh = _mesh(solid)
+    mesh = mesh_of(solid)
     mesh.vertices = mesh.vertices + distance_cm * mesh.vertex_normals
-    return _solid(mesh, 0)
+    return solid_of(mesh)
