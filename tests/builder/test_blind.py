@@ -9,6 +9,7 @@ import pytest
 
 from tests.builder.poly_scenes import captured, relabelled, tool
 from xden1k.format.records import object_row
+from xden1k.rays import outer_surface
 from xden_builder.capture import Capture
 from xden_builder.reconstruct.clues import find_clues
 from xden_builder.reconstruct.object import reconstruct
@@ -16,6 +17,7 @@ from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.reconstruct.withheld import as_told
 
 BLIND = BuildSettings(labels="withheld")
+OUTER = BuildSettings(geometry="outer")
 
 
 @pytest.fixture(scope="module")
@@ -32,10 +34,25 @@ def lying(capture: Capture) -> Capture:
 
 
 def test_a_blind_capture_holds_no_material_hollow_part_or_mass(lying: Capture) -> None:
-    told = as_told(lying, "withheld")
+    told = as_told(lying, BLIND)
     assert {(part.material, part.hollow) for part in told.parts} == {("", False)}
     assert told.weighed_mass_g is None
-    assert as_told(lying, "read") is lying
+    assert as_told(lying, BuildSettings()) is lying
+
+
+def test_the_outer_surface_alone_says_nothing_of_parts(lying: Capture) -> None:
+    (whole,) = as_told(lying, OUTER).parts
+    assert (whole.name, whole.material, whole.hollow) == ("whole", "", True)
+    outer = outer_surface([part.mesh for part in lying.parts])
+    assert float(whole.mesh.volume) == pytest.approx(float(outer.volume))
+
+
+@pytest.mark.slow
+def test_a_rebuild_of_the_outer_surface_alone_is_of_one_part(capture: Capture) -> None:
+    rebuilt = reconstruct(capture, OUTER)
+    assert [part.name for part in rebuilt.parts] == ["whole"]
+    assert rebuilt.meta["settings"]["geometry"] == "outer"
+    assert rebuilt.meta["mesh_units"] == "cm"
 
 
 @pytest.mark.slow

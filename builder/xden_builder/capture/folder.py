@@ -103,6 +103,8 @@ class Capture:
     turned
         Names of the fitted views before which the object was turned by hand: the geometry of each
         is told roughly, and its pose is its own.
+    mesh_units
+        As in ``objects.csv``: of the files that the parts were read from.
     """
 
     object_id: str
@@ -124,6 +126,7 @@ class Capture:
     scale_unknown: bool = False
     further_views: tuple[XRayView, ...] = ()
     turned: frozenset[str] = frozenset()
+    mesh_units: str = "cm"
 
     @property
     def fitted_views(self) -> tuple[XRayView, ...]:
@@ -218,6 +221,7 @@ class CaptureFolder:
             scale_unknown=row.scale_unknown and not in_place,
             further_views=tuple(views[name].view for name in scanner.further_names),
             turned=frozenset(name for name, stored in scanner.views.items() if stored.turned),
+            mesh_units=row.mesh_units,
         )
 
     def parts(self, object_id: str) -> tuple[tuple[CapturePart, ...], tuple[str, ...]]:

@@ -52,6 +52,11 @@ MOST_LISTED = 30
 )
 @click.option("--parts", help="Other part meshes in place of the annotated ones.")
 @click.option(
+    "--outer-only",
+    is_flag=True,
+    help="Take the parts' outer surface for the object's only part: no annotation is used.",
+)
+@click.option(
     "--cluster",
     metavar="ADDRESS",
     default="",
@@ -66,6 +71,7 @@ def run(
     filtration: Any,
     blind: bool,
     parts: str | None,
+    outer_only: bool,
     cluster: str,
     workers: int,
     as_json: bool,
@@ -81,6 +87,8 @@ def run(
     from xden_builder.pipeline.storage import place
     from xden_builder.reconstruct.settings import BuildSettings
 
+    if parts and outer_only:
+        raise click.UsageError("--outer-only has no use for --parts: it takes parts for one")
     told = click.get_current_context().get_parameter_source("workers")
     if cluster and told is ParameterSource.COMMANDLINE:
         raise click.UsageError("--workers has no meaning with --cluster: Ray knows its cores")
@@ -88,7 +96,12 @@ def run(
         report = build(
             place(captures),
             place(out),
-            BuildSettings(model, filtration, labels="withheld" if blind else "read"),
+            BuildSettings(
+                model,
+                filtration,
+                labels="withheld" if blind else "read",
+                geometry="outer" if outer_only else "parts",
+            ),
             workers=workers,
             cluster=cluster,
             parts=place(parts) if parts else None,

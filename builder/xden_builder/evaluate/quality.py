@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import trimesh
 
-from xden1k.rays import object_grids, outer_surface
+from xden1k.rays import object_grids
 from xden_builder.audit.view import ViewAudit, audit_image, noise_floor
-from xden_builder.capture import Capture, CapturePart
+from xden_builder.capture import Capture
 from xden_builder.evaluate.methods import poly
 from xden_builder.evaluate.truth import Truth
 from xden_builder.poly.judgement import PolyFit
 from xden_builder.poly.settings import PolySettings
+from xden_builder.reconstruct.withheld import as_whole
 
 __all__ = ["SHOWN", "Quality", "QualityPair", "quality_of"]
 
@@ -52,7 +52,6 @@ class QualityPair:
 def quality_of(
     capture: Capture,
     order: Sequence[int],
-    regions: Sequence[trimesh.Trimesh],
     truth: Truth,
     fit: PolyFit,
 ) -> QualityPair:
@@ -60,8 +59,8 @@ def quality_of(
 
     Parameters
     ----------
-    capture, order, regions
-        The object, which part owns space first, and what each owns.
+    capture, order
+        The object, and which part owns space first.
     truth
         Its densities.
     fit
@@ -71,9 +70,8 @@ def quality_of(
     grids = object_grids(meshes, order)
     true_field = grids.density(truth.density_g_cm3.tolist()).density_g_cm3
     weights = grids.envelope.astype(np.float64)
-    shell = outer_surface(list(regions))
-    hull = replace(capture, parts=(CapturePart("whole", shell, hollow=True),))
-    (alone,) = poly(hull, [0], [shell], [None], PolySettings())
+    hull = as_whole(capture)
+    (alone,) = poly(hull, [0], [hull.parts[0].mesh], [None], PolySettings())
     whole = float(alone.solution.density_g_cm3[0]) * weights
 
     def mae(field: np.ndarray) -> float:

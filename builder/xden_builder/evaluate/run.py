@@ -188,7 +188,7 @@ def _evaluate_object(captures: Path, drawn: frozenset[str], object_id: str) -> O
         if mode == "labels":
             body, quality = _body_check(fit, bench.regions, truth), None
             if object_id in drawn or capture.category in SHOWN:
-                quality = quality_of(capture, order, bench.regions, truth, fit)
+                quality = quality_of(capture, order, truth, fit)
     ablated = {name: bench.ablation(each) for name, each in ABLATIONS.items() if object_id in drawn}
     return ObjectResult(bench.errors, checks, body, ablated, quality, bench.seconds)
 

@@ -23,7 +23,7 @@ def find_clues(capture: Capture, settings: BuildSettings) -> tuple[Clue, ...]:
     """
     if capture.tube is None or capture.tube.kv is None:
         return ()
-    capture = registered(as_told(capture, settings.labels)).capture
+    capture = registered(as_told(capture, settings)).capture
     check_places(capture.parts, capture.fitted_views)
     check_twins(capture.parts)
     space = divide(capture.parts)

@@ -52,7 +52,7 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
         the source or through the detector, most of the object is saturated, the meshes are in
         other units than ``objects.csv`` says, or their pose is unknown and cannot be looked for.
     """
-    there = registered(as_told(capture, settings.labels))
+    there = registered(as_told(capture, settings))
     capture = there.capture
     check_places(capture.parts, capture.fitted_views)
     check_twins(capture.parts)

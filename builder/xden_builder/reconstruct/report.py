@@ -55,6 +55,7 @@ def _fits(explained: Explained, settings: BuildSettings) -> dict[str, Any]:
     meta = {
         "model": explained.model,
         "settings": asdict(settings),
+        "mesh_units": capture.mesh_units,
         "tube": None if capture.tube is None else asdict(capture.tube),
         "detector": asdict(capture.detector),
         "fit": {

@@ -11,11 +11,12 @@ from xden1k.errors import DataError
 from xden1k.rays import COLUMN_SAMPLES
 from xden_builder.poly.settings import PolySettings
 
-__all__ = ["MODELS", "BuildSettings", "Filtration", "Labels", "Model"]
+__all__ = ["MODELS", "BuildSettings", "Filtration", "Geometry", "Labels", "Model"]
 
 Model = Literal["poly", "paper"]
 Filtration = Literal["fitted", "told"]
 Labels = Literal["read", "withheld"]
+Geometry = Literal["parts", "outer"]
 MODELS: tuple[Model, ...] = get_args(Model)
 
 
@@ -37,6 +38,9 @@ class BuildSettings:
         ``read``: what the capture folder says of materials, hollow parts and weighed masses is
         reckoned with. ``withheld``: it is blanked before anything looks at it, as it is for a
         method of the X-ray track.
+    geometry
+        ``parts``: the annotated parts. ``outer``: their outer surface as one part, hollow and of
+        unknown material, as if nobody had told them apart.
     subrays
         Rays along each side of a pixel whose intensities are averaged when attenuation
         coefficients are fitted (``poly`` only). One ray a pixel reads a frame of thin bars 2 %
@@ -55,6 +59,7 @@ class BuildSettings:
     model: Model = "poly"
     filtration: Filtration = "fitted"
     labels: Labels = "read"
+    geometry: Geometry = "parts"
     subrays: int = 3
     column_samples: int = COLUMN_SAMPLES
     poly: PolySettings = field(default_factory=PolySettings)

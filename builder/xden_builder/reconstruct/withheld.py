@@ -3,24 +3,38 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Final
 
-from xden_builder.capture import Capture
-from xden_builder.reconstruct.settings import Labels
+from xden1k.rays import outer_surface
+from xden_builder.capture import Capture, CapturePart
+from xden_builder.reconstruct.settings import BuildSettings
 
-__all__ = ["as_told"]
+__all__ = ["WHOLE", "as_told", "as_whole"]
+
+WHOLE: Final = "whole"
+"""Name of the part that an outer surface is."""
 
 
-def as_told(capture: Capture, labels: Labels) -> Capture:
-    """Return a capture with its labels, or with all that tells a density apart from the images.
+def as_told(capture: Capture, settings: BuildSettings) -> Capture:
+    """Return a capture as a rebuild is told it.
 
     Parameters
     ----------
     capture
         As its folder holds it.
-    labels
-        ``withheld`` blanks material and ``hollow`` of every part, and the weighed mass.
+    settings
+        ``labels="withheld"`` blanks material and ``hollow`` of every part, and the weighed mass:
+        all that tells a density apart from the images. ``geometry="outer"`` makes one part of all.
     """
-    if labels == "read":
+    if settings.geometry == "outer":
+        capture = as_whole(capture)
+    if settings.labels == "read":
         return capture
     parts = tuple(replace(part, material="", hollow=False) for part in capture.parts)
     return replace(capture, parts=parts, weighed_mass_g=None)
+
+
+def as_whole(capture: Capture) -> Capture:
+    """Return a capture of one part, the outer surface of all: hollow, of unknown material."""
+    outer = outer_surface([part.mesh for part in capture.parts])
+    return replace(capture, parts=(CapturePart(WHOLE, outer, hollow=True),))
