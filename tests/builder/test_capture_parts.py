@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from xden1k.errors import DataError
+from xden1k.values.ply import CM_PER_UNIT
 from xden_builder.capture.meshes import read_meshes
-from xden_builder.capture.parts import CM_PER_UNIT, CapturePart, read_parts
+from xden_builder.capture.parts import CapturePart, read_parts
 from xden_builder.capture.solids import closed_mesh
 
 turn = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3], [0.3, 0, 0])

@@ -153,4 +153,6 @@ def _without_slivers(solid: manifold3d.Manifold, least_cm3: float) -> trimesh.Tr
     """Return the mesh of a solid less the shells, around material or void, of next to no volume."""
     pieces = solid.decompose()
     kept = [mesh_of(one) for one in pieces if abs(one.volume()) > least_cm3]
-    return mesh_of(solid) if len(kept) == len(pieces) else trimesh.util.concatenate(kept)
+    if len(kept) == len(pieces):
+        return mesh_of(solid)
+    return trimesh.Scene(kept).to_mesh() if kept else trimesh.Trimesh()

@@ -13,13 +13,14 @@ from typing import cast
 
 from xden1k.errors import DataError, MissingObjectError
 from xden1k.values.arrays import Image
+from xden1k.values.ply import CM_PER_UNIT
 from xden1k.values.types import CAPTURED, SPLITS, Source, Split
 from xden1k.values.views import XRayView
 from xden_builder.capture.calibration import CalibratedView, calibrate
 from xden_builder.capture.ct import CTReference, read_ct
 from xden_builder.capture.ignored import ignore_name, without_ignored
 from xden_builder.capture.meshes import MESH_SUFFIXES
-from xden_builder.capture.parts import CM_PER_UNIT, CapturePart, read_parts
+from xden_builder.capture.parts import CapturePart, read_parts
 from xden_builder.capture.pose import PoseTold, read_pose, read_scale_unknown
 from xden_builder.capture.scanner import DATASET_VIEWS, ScannerFile, read_scanner
 from xden_builder.capture.tables import CsvRow, read_csv

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,14 +11,13 @@ import trimesh
 
 from xden1k.errors import DataError
 from xden1k.values.materials import check_label
+from xden1k.values.ply import CM_PER_UNIT
 from xden_builder.capture.meshes import read_meshes
 from xden_builder.capture.solids import closed_mesh
 from xden_builder.capture.tables import CsvRow, read_csv
 
-__all__ = ["CM_PER_UNIT", "EXTENT_CM", "CapturePart", "read_parts"]
+__all__ = ["EXTENT_CM", "CapturePart", "read_parts"]
 
-CM_PER_UNIT: Mapping[str, float] = {"cm": 1.0, "mm": 0.1, "m": 100.0, "in": 2.54}
-"""The units a mesh may be in."""
 EXTENT_CM = (0.1, 500.0)
 """An object's largest extent lies between; outside, the unit is wrong."""
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from xden1k.errors import DataError
 from xden1k.values.arrays import Vec3
-from xden_builder.capture.parts import CM_PER_UNIT
+from xden1k.values.ply import CM_PER_UNIT
 from xden_builder.phantoms.phantom import Phantom, Plan
 from xden_builder.phantoms.scanner import VIEWS, Scanner
 

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from xden1k.errors import DataError
+from xden1k.values.ply import write_ply
 from xden1k.values.types import Split
 from xden_builder.capture import write_scanner
-from xden_builder.capture.writing import write_image, write_json, write_ply, write_table
+from xden_builder.capture.writing import write_image, write_json, write_table
 from xden_builder.phantoms.glb import write_glb
 from xden_builder.phantoms.grid import truth_grid
 from xden_builder.phantoms.phantom import Phantom, Plan, make_phantom, plan_objects

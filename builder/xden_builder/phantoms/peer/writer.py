@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from xden1k.errors import DataError
+from xden1k.values.ply import write_ply
 from xden_builder.capture import write_scanner
-from xden_builder.capture.writing import write_image, write_json, write_ply, write_table
+from xden_builder.capture.writing import write_image, write_json, write_table
 from xden_builder.phantoms.peer.matter import xraylib
 from xden_builder.phantoms.peer.objects import PeerObject, make_object, plan_bench
 from xden_builder.phantoms.peer.radiograph import Beam, expose, make_beam

@@ -10,10 +10,10 @@ from typing import Any, Final
 import numpy as np
 
 from xden1k.values.plain import plain
+from xden1k.values.ply import CM_PER_UNIT, write_ply
 from xden_builder.capture import CaptureFolder, CapturePart
 from xden_builder.capture.folder import REGISTRATION_NAME
-from xden_builder.capture.parts import CM_PER_UNIT
-from xden_builder.capture.writing import write_json, write_ply
+from xden_builder.capture.writing import write_json
 from xden_builder.pipeline.align.card import AlignCard, make_align_card
 from xden_builder.registration.capture import registered
 
