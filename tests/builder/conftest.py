@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 POOLS = (
-    *("audit.run", "evaluate.run", "phantoms.writer"),
+    *("audit.run", "evaluate.interiors", "evaluate.run", "phantoms.writer"),
     *("pipeline.align.run", "pipeline.run", "triage.report"),
 )
 """The modules that work in a pool of processes."""

@@ -29,6 +29,11 @@ SEED = 4711
     multiple=True,
     help="What `xden-build run` made of CAPTURES; once for each of them.",
 )
+@click.option(
+    "--by-voxel",
+    is_flag=True,
+    help="With several --rebuilt of one CAPTURES: compare voxels and radiographs, not parts.",
+)
 @click.option("--count", type=click.IntRange(min=1), default=200, show_default=True)
 @click.option("--seed", type=click.IntRange(min=0), default=SEED, show_default=True)
 @click.option("--size", type=click.IntRange(min=64), default=512, show_default=True)
@@ -50,6 +55,7 @@ SEED = 4711
 def evaluate(
     captures: tuple[Path, ...],
     rebuilt: tuple[Path, ...],
+    by_voxel: bool,
     count: int,
     seed: int,
     size: int,
@@ -62,11 +68,16 @@ def evaluate(
 
     CAPTURES is a folder of simulated captures of a tube, evaluated whole; without it, objects are
     simulated by --count, --seed and --size, with every effect of the scanner, pores, and labels
-    that err. With --rebuilt nothing is fitted: the dataset folders are compared with the truth.
+    that err. With --rebuilt nothing is fitted: the dataset folders are compared with the truth,
+    with --by-voxel whatever their parts are, such as those of X-Field or an outer surface alone.
     Exits with 3 if some object could not be evaluated.
     """
     if out and not out.parent.is_dir():
         raise click.UsageError(f"--out: there is no folder {out.parent}")
+    if by_voxel:
+        if len(captures) != 1 or not rebuilt:
+            raise click.UsageError("--by-voxel: expected one folder CAPTURES, and --rebuilt")
+        return _compare_interiors(captures[0], rebuilt, out, workers, as_json)
     if len(captures) != len(rebuilt) if rebuilt else len(captures) > 1:
         raise click.UsageError("expected one folder CAPTURES, or as many as --rebuilt")
     if rebuilt:
@@ -109,6 +120,26 @@ def _compare(folders: Mapping[Path, Path], out: Path | None, as_json: bool) -> N
     for key in missing:
         click.echo(f"not rebuilt: {key}", err=True)
     if missing:
+        raise SystemExit(DONE_IN_PART)
+
+
+def _compare_interiors(
+    captures: Path, roots: tuple[Path, ...], out: Path | None, workers: int, as_json: bool
+) -> None:
+    from xden_builder.evaluate.interiors import compare_interiors, interiors_markdown
+
+    with progress_bar() as bar:
+        found = compare_interiors(captures, roots, workers=workers, on_done=lambda _: bar.update())
+    tables = interiors_markdown([str(root) for root in roots], found)
+    if as_json:
+        print_json({"rebuilt": [str(root) for root in roots], **found.to_dict()})
+    else:
+        click.echo(tables)
+    if out:
+        out.write_text(tables, encoding="utf-8")
+    for object_id, why in found.failures:
+        click.echo(f"failed: {object_id}: {why}", err=True)
+    if found.failures:
         raise SystemExit(DONE_IN_PART)
 
 

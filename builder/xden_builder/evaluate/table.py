@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from xden_builder.evaluate.cells import HEADERS, error_cells, share_cell, table
+from xden_builder.evaluate.cells import HEADERS, error_cells, reprojection_cells, share_cell, table
 from xden_builder.evaluate.methods import ABLATIONS, MODES
 from xden_builder.evaluate.quality import SHOWN, Quality, QualityPair
 from xden_builder.evaluate.run import Evaluation, ObjectResult, PartCheck
@@ -96,8 +96,8 @@ def _quality_sections(objects: Sequence[ObjectResult]) -> list[str]:
             table(
                 headers,
                 [
-                    ["annotated parts", *_reprojection([pair.interior for pair in drawn])],
-                    ["outer surface alone", *_reprojection([pair.outside for pair in drawn])],
+                    ["annotated parts", *reprojection_cells([pair.interior for pair in drawn])],
+                    ["outer surface alone", *reprojection_cells([pair.outside for pair in drawn])],
                 ],
             ),
         ]
@@ -116,18 +116,6 @@ def _quality_sections(objects: Sequence[ObjectResult]) -> list[str]:
         "absolute error of -ln T and correlation of T on the object.",
         table(("object", "known", "voxel MAE", "PA MAE", "LAT MAE", "PA corr.", "LAT corr."), rows),
     ]
-
-
-def _reprojection(qualities: Sequence[Quality]) -> list[str]:
-    numbers = np.array(
-        [
-            [view.attenuation_mae for view in quality.views]
-            + [view.background_attenuation_mae for view in quality.views]
-            for quality in qualities
-        ]
-    )
-    means, sds = np.nanmean(numbers, axis=0), np.nanstd(numbers, axis=0)
-    return [f"{mean:.3f} ± {sd:.3f}" for mean, sd in zip(means, sds, strict=True)]
 
 
 def _quality_columns(quality: Quality) -> list[str]:
