@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable, Iterator
 from typing import Final
 
 import numpy as np
@@ -13,7 +14,14 @@ from scipy.cluster.vq import kmeans2
 from xden1k.segmentation import CLUSTER_COUNTS, Segmentation
 from xden1k.values.arrays import Points
 
-__all__ = ["cluster_places", "cluster_values", "segmentation_by_features", "segmentation_by_value"]
+__all__ = [
+    "cluster_places",
+    "cluster_values",
+    "free_by_features",
+    "free_by_value",
+    "segmentation_by_features",
+    "segmentation_by_value",
+]
 
 ITERATIONS: Final = 25
 UNEXPLAINED: Final = 0.05
@@ -85,10 +93,14 @@ def segmentation_by_value(values: Float[np.ndarray, "points"]) -> Segmentation:
         Shape (points,), finite, at least one.
     """
     exact = np.asarray(values, dtype=np.float64)
-    rows = [cluster_values(exact, count) for count in (1, *CLUSTER_COUNTS)]
-    most = UNEXPLAINED * _spread(exact, rows[0])
-    free = next((row for row in rows if _spread(exact, row) <= most), rows[-1])
-    return Segmentation(np.stack(rows[1:]), free)
+    rows = list(_rows_of_values(exact))
+    return Segmentation(np.stack(rows[1:]), _as_told(exact, rows))
+
+
+def free_by_value(values: Float[np.ndarray, "points"]) -> Clusters:
+    """Return ``free`` of :func:`segmentation_by_value` alone; no more clusters are tried."""
+    exact = np.asarray(values, dtype=np.float64)
+    return _as_told(exact, _rows_of_values(exact))
 
 
 def segmentation_by_features(features: Float[np.ndarray, "points values"]) -> Segmentation:
@@ -107,13 +119,51 @@ def segmentation_by_features(features: Float[np.ndarray, "points values"]) -> Se
         embeddings of length 1.
     """
     exact = np.asarray(features, dtype=np.float64)
-    some = exact[np.unique(np.linspace(0, len(exact) - 1, TREE_POINTS).astype(int))]
+    rows = list(_rows_of_features(exact))
+    return Segmentation(np.stack(rows[1:]), _as_worth(exact, rows))
+
+
+def free_by_features(features: Float[np.ndarray, "points values"]) -> Clusters:
+    """Return ``free`` of :func:`segmentation_by_features` alone; no more clusters are tried."""
+    exact = np.asarray(features, dtype=np.float64)
+    return _as_worth(exact, _rows_of_features(exact))
+
+
+def _rows_of_values(values: Values) -> Iterator[Clusters]:
+    """Yield one cluster, then two, three, ..."""
+    for count in (1, *CLUSTER_COUNTS):
+        yield cluster_values(values, count)
+
+
+def _rows_of_features(features: Features) -> Iterator[Clusters]:
+    """Yield one cluster, then two, three, ..."""
+    yield np.zeros(len(features), dtype=np.uint8)
+    some = features[np.unique(np.linspace(0, len(features) - 1, TREE_POINTS).astype(int))]
     tree = linkage(some, "ward") if len(some) > 1 else np.zeros((0, 4))
-    one = np.zeros(len(exact), dtype=np.uint8)
-    rows = [one, *(_cluster_features(exact, some, tree, count) for count in CLUSTER_COUNTS)]
-    spreads = [_spread_of(exact, row) / len(exact) for row in rows]
-    worth = np.append(-np.diff(spreads) >= WORTH, False)
-    return Segmentation(np.stack(rows[1:]), rows[int(np.argmin(worth))])
+    for count in CLUSTER_COUNTS:
+        yield _cluster_features(features, some, tree, count)
+
+
+def _as_told(values: Values, rows: Iterable[Clusters]) -> Clusters:
+    """Return the first row that leaves little enough of the variance, else the last."""
+    row = np.zeros(len(values), dtype=np.uint8)
+    most = UNEXPLAINED * _spread(values, row)
+    for row in rows:
+        if _spread(values, row) <= most:
+            return row
+    return row
+
+
+def _as_worth(features: Features, rows: Iterable[Clusters]) -> Clusters:
+    """Return the last row before one that is not worth its cluster."""
+    counted = iter(rows)
+    last = next(counted)
+    for row in counted:
+        lower = (_spread_of(features, last) - _spread_of(features, row)) / len(features)
+        if lower < WORTH:
+            return last
+        last = row
+    return last
 
 
 def _cluster_features(

@@ -13,10 +13,11 @@ from safetensors import SafetensorError
 
 from xden1k.errors import DataError
 
-__all__ = ["CONFIG_FILE", "check_files", "load_pretrained", "load_report"]
+__all__ = ["CONFIG_FILE", "WEIGHTS_FILE", "check_files", "load_pretrained", "load_report"]
 
 CONFIG_FILE = "config.json"
-FILES = (CONFIG_FILE, "model.safetensors")
+WEIGHTS_FILE = "model.safetensors"
+FILES = (CONFIG_FILE, WEIGHTS_FILE)
 
 Model = TypeVar("Model", bound=PyTorchModelHubMixin)
 Report = TypeVar("Report")

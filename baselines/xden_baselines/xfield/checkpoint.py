@@ -9,7 +9,7 @@ from xden1k.errors import DataError
 from xden_baselines.learning.checkpoint import CONFIG_FILE, check_files, load_pretrained
 from xden_baselines.xfield.network import XField
 
-__all__ = ["load_model"]
+__all__ = ["load_model", "saved_variant"]
 
 KEYS = {"variant", "size", "target", "format", "unit_g_cm3", "views"}
 
@@ -23,6 +23,20 @@ def load_model(folder: Path, variant: str) -> XField:
         If files are missing or damaged, a key is missing or unknown, or the variant, format, size,
         unit or views are others.
     """
+    if (saved := saved_variant(folder)) != variant:
+        path = folder / CONFIG_FILE
+        raise DataError(f"{path}: expected the variant {variant!r}, got {saved!r}")
+    return load_pretrained(folder, XField).eval()
+
+
+def saved_variant(folder: Path) -> str:
+    """Say of which variant a checkpoint is.
+
+    Raises
+    ------
+    DataError
+        If files are missing, or the configuration is damaged or has other keys.
+    """
     check_files(folder)
     path = folder / CONFIG_FILE
     try:
@@ -31,6 +45,4 @@ def load_model(folder: Path, variant: str) -> XField:
         raise DataError(f"{path}: not JSON: {err}") from err
     if not isinstance(config, dict) or (wrong := config.keys() ^ KEYS):
         raise DataError(f"{path}: expected the keys {sorted(KEYS)}, wrong are {sorted(wrong)}")
-    if config["variant"] != variant:
-        raise DataError(f"{path}: expected the variant {variant!r}, got {config['variant']!r}")
-    return load_pretrained(folder, XField).eval()
+    return str(config["variant"])

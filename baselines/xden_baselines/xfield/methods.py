@@ -9,13 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from jaxtyping import Float32, UInt8
 
 from xden1k.access.samples import Examples, SampleView
 from xden1k.errors import DataError
 from xden1k.predictor import Budget, Prediction
 from xden1k.segmentation import CLUSTER_COUNTS, Segmentation, SegmentPoints
+from xden1k.values.arrays import Points
 from xden1k.values.modality import Modality
-from xden_baselines.clustering import segmentation_by_features, segmentation_by_value
+from xden_baselines.xfield.clusters import free_clusters, segmentation
 from xden_baselines.xfield.settings import Settings
 
 if TYPE_CHECKING:
@@ -33,8 +35,6 @@ __all__ = [
 ]
 
 REPORT_FILE = "training.json"
-DENSITY_WEIGHT = 0.5
-"""Of a density in g/cm³ beside an embedding of length 1, where points are clustered by both."""
 
 
 class _Segmenting:
@@ -110,12 +110,7 @@ class _Segmenting:
 
         if not len(points):
             return Segmentation(np.zeros((len(CLUSTER_COUNTS), 0), np.uint8), np.zeros(0, np.uint8))
-        density, embedding = answers(self._model, sample, points.points_cm, self.settings)
-        if not embedding.shape[1]:
-            return segmentation_by_value(density[:, 0])
-        return segmentation_by_features(
-            np.concatenate([embedding, DENSITY_WEIGHT * density], axis=1)
-        )
+        return segmentation(*answers(self._model, sample, points.points_cm, self.settings))
 
     def save(self, folder: Path) -> None:
         """Write the checkpoint (``model.safetensors``, ``config.json``) and the report."""
@@ -140,8 +135,30 @@ class _Segmenting:
         self._report = load_report(folder / REPORT_FILE, FitReport)
 
 
-class _Predicting(_Segmenting):
+class Predicting(_Segmenting):
     """A variant that gives densities too."""
+
+    def clusters(
+        self, sample: SampleView, points_cm: Points
+    ) -> tuple[UInt8[np.ndarray, "points"], Float32[np.ndarray, "points"]]:
+        """Divide points into as many clusters as tell enough, and give the density of each point.
+
+        Parameters
+        ----------
+        sample
+            The object.
+        points_cm
+            Shape (points, 3), at least one: inside its outer surface.
+
+        Raises
+        ------
+        DataError
+            If a radiograph does not show the object.
+        """
+        from xden_baselines.xfield.inference import answers
+
+        density, embedding = answers(self._model, sample, points_cm, self.settings)
+        return free_clusters(density, embedding), density[:, 0]
 
     def predict(self, sample: SampleView) -> Prediction:
         """Integrate the density over eight points of each voxel.
@@ -159,7 +176,7 @@ class _Predicting(_Segmenting):
         return Prediction(grid, device=self.settings.device)
 
 
-class XFieldGeometryDensity(_Predicting):
+class XFieldGeometryDensity(Predicting):
     """X-Field without X-rays: density from the outer surface alone."""
 
     name = "x-field-geometry-density"
@@ -175,35 +192,35 @@ class XFieldGeometryContrastive(_Segmenting):
     reads = Modality.GEOMETRY
 
 
-class XFieldPaper(_Predicting):
+class XFieldPaper(Predicting):
     """X-Field as the paper has it: cross-attention to radiographs, scale, third view."""
 
     name = "x-field-paper"
     variant = "cross"
 
 
-class XFieldPixel(_Predicting):
+class XFieldPixel(Predicting):
     """X-Field, pixel-aligned: each point is told what the radiographs show where it projects to."""
 
     name = "x-field"
     variant = "pixel"
 
 
-class XFieldBoth(_Predicting):
+class XFieldBoth(Predicting):
     """X-Field, pixel-aligned and with cross-attention."""
 
     name = "x-field-both"
     variant = "both"
 
 
-class XFieldRays(_Predicting):
+class XFieldRays(Predicting):
     """X-Field without an encoder of radiographs: points are told their own two rays alone."""
 
     name = "x-field-rays"
     variant = "rays"
 
 
-class XFieldVoxel(_Predicting):
+class XFieldVoxel(Predicting):
     """X-Field with a 3D U-Net on back-projected radiographs in place of the triplane."""
 
     name = "x-field-voxel"

@@ -1,0 +1,66 @@
+"""``python -m xden_baselines.xfield``: what a trained network is good for beside a submission."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from xden1k.commands import DONE_IN_PART, LOCAL_ROOT, Group, json_option, print_json
+
+__all__ = ["cli"]
+
+PROGRAM = "python -m xden_baselines.xfield"
+
+
+@click.group(cls=Group)
+def cli() -> None:
+    """Use a trained X-Field for more than a submission."""
+
+
+@cli.command(epilog=f"Example: {PROGRAM} parts FIT ROOT --out PARTS")
+@click.argument("fit", type=click.Path(path_type=Path, file_okay=False, exists=True))
+@click.argument("root", type=LOCAL_ROOT)
+@click.option(
+    "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Parts' folder."
+)
+@click.option("--device", default="cpu", show_default=True, help="Of the network: cpu or cuda.")
+@click.option("--threads", type=click.IntRange(min=1), default=1, show_default=True)
+@json_option
+def parts(fit: Path, root: Path, out: Path, device: str, threads: int, as_json: bool) -> None:
+    """Divide objects into parts, by their radiographs and outer surface.
+
+    FIT is what `xden-bench baseline --save` wrote, ROOT what `xden-build run --outer-only` made.
+    Writes --out/OBJECT_ID/parts/region-N.ply: closed, disjoint meshes that fill the outer surface
+    but for voids, as `xden-build run --parts` reads them. Run again to go on. Exits with 3 if some
+    objects were refused; they are listed.
+    """
+    from tqdm import tqdm
+
+    from xden1k.errors import DataError
+    from xden1k.folder import open_folder
+    from xden_baselines.xfield.parts import write_parts
+    from xden_baselines.xfield.saved import saved_method
+
+    method, folder = saved_method(fit, device=device, threads=threads), open_folder(root)
+    made: dict[str, str] = {}
+    refused: dict[str, str] = {}
+    for object_id in tqdm(folder.ids(), unit="object", disable=None, leave=False):
+        try:
+            made[object_id] = write_parts(method, fit, folder, object_id, out)
+        except DataError as err:
+            refused[object_id] = str(err)
+    if as_json:
+        print_json({"out": str(out), "objects": made, "refused": refused})
+    else:
+        states = list(made.values())
+        counts = [f"{states.count(state)} {state}" for state in ("made", "kept")]
+        click.echo(f"{out}: {', '.join(counts)}, {len(refused)} refused, by {method.name}")
+    for object_id, why in refused.items():
+        click.echo(f"refused: {object_id}: {why}", err=True)
+    if refused:
+        raise SystemExit(DONE_IN_PART)
+
+
+if __name__ == "__main__":
+    cli(prog_name=PROGRAM)
