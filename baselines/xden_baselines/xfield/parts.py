@@ -248,7 +248,7 @@ def _digest(method: Predicting, fit: Path, folder: DatasetFolder, object_id: str
     digest = hashlib.sha256(f"{method.name} {method.version}".encode())
     digest.update((fit / WEIGHTS_FILE).read_bytes())
     for value in folder.row(object_id, list(ROW)).values():
-        digest.update(value if isinstance(value, bytes) else str(value).encode())
+        digest.update(value.encode() if isinstance(value, str) else value)
     return digest.hexdigest()
 
 
