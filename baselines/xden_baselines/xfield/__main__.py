@@ -18,7 +18,7 @@ def cli() -> None:
     """Use a trained X-Field for more than a submission."""
 
 
-@cli.command(epilog=f"Example: {PROGRAM} parts FIT ROOT --out PARTS")
+@cli.command(epilog=f"Example: {PROGRAM} parts FIT/state ROOT --out PARTS")
 @click.argument("fit", type=click.Path(path_type=Path, file_okay=False, exists=True))
 @click.argument("root", type=LOCAL_ROOT)
 @click.option(
@@ -30,7 +30,8 @@ def cli() -> None:
 def parts(fit: Path, root: Path, out: Path, device: str, threads: int, as_json: bool) -> None:
     """Divide objects into parts, by their radiographs and outer surface.
 
-    FIT is what `xden-bench baseline --save` wrote, ROOT what `xden-build run --outer-only` made.
+    FIT is the folder `state` of what `xden-bench baseline --save` wrote, ROOT what `xden-build run
+    --outer-only` made.
     Writes --out/OBJECT_ID/parts/region-N.ply: closed, disjoint meshes that fill the outer surface
     but for voids, as `xden-build run --parts` reads them. Run again to go on. Exits with 3 if some
     objects were refused; they are listed.
