@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import wrap
 from typing import Any, Final
 
 import numpy as np
@@ -48,7 +49,11 @@ EDGE: Final = 0.3
 """Of a picture, between pictures, and around the page, inches."""
 HEAD: Final = 0.55
 ROW: Final = 0.34 + SIZE + 0.62
-FOOT: Final = 0.55
+HEAD_LETTERS: Final = 18
+"""Of a line above a picture."""
+CAPTION_LETTERS: Final = 14.0
+CAPTION_LINE: Final = 0.17
+"""Letters an inch, and height of a line."""
 SHADED_PX: Final = 190
 
 
@@ -69,22 +74,26 @@ def draw_segments(reference: SegmentReference, rows: Sequence[Row], path: Path) 
         The PNG to write.
     """
     columns = 4 + len(rows[0].answers)
-    page = Page(2 * EDGE + columns * (SIZE + GAP) - GAP, HEAD + len(rows) * ROW + FOOT)
+    width = 2 * EDGE + columns * (SIZE + GAP) - GAP
+    sources = dict.fromkeys(SOURCE_WORDS[row.drawn.row["source"]] for row in rows)
+    caption = wrap(_caption(" / ".join(sources)), int(CAPTION_LETTERS * (width - 2 * EDGE)))
+    body = HEAD + len(rows) * ROW
+    page = Page(width, body + EDGE + CAPTION_LINE * len(caption))
     heads = ("outer surface", "PA", "LAT", "true regions")
     for place, text in enumerate((*heads, *(one.method for one in rows[0].answers))):
         middle = _left(place) + SIZE / 2
-        page.text(middle, 0.25, cut_short(text, 24), fontsize=10, weight="bold", ha="center")
+        head = "\n".join(wrap(text, HEAD_LETTERS)[:2])
+        page.text(middle, HEAD - 0.12, head, fontsize=10, weight="bold", ha="center", va="bottom")
     for number, row in enumerate(rows):
         _draw_row(page, HEAD + number * ROW, reference, row)
-    sources = dict.fromkeys(SOURCE_WORDS[row.drawn.row["source"]] for row in rows)
-    page.text(EDGE, page.height - 0.42, _caption(" / ".join(sources)), fontsize=9, color=FAINT)
+    page.text(EDGE, body + 0.1, "\n".join(caption), fontsize=9, color=FAINT, linespacing=1.3)
     page.save(path)
 
 
 def _caption(sources: str) -> str:
     return (
         f"{sources[0].upper()}{sources[1:]}. Clusters in the colour of the region that each is "
-        "assigned to; lines are borders of true regions.\nIoU by protocol A, percent: as many "
+        "assigned to; lines are borders of true regions. IoU by protocol A, percent: as many "
         "clusters as there are true regions, one to one. A pixel has the cluster of the nearest of "
         "the points that are asked for. Numbers before parts: g/cm³."
     )
