@@ -35,6 +35,7 @@ from xden_bench.entries.signing import (
     write_signing_key,
 )
 from xden_bench.entries.verification import NOT_VERIFIABLE, verify
+from xden_bench.methods.baseline import builtin_names
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.scoring.reference import Reference
 from xden_bench.scoring.score import Score, score
@@ -264,6 +265,13 @@ def test_the_same_arrays_are_entered_once_whatever_they_are_called(
 def test_names_of_built_in_methods_are_kept(made: dict[str, Any], name: str) -> None:
     with pytest.raises(DataError, match="is kept for what `xden-bench baseline"):
         check_admission(named(made, name), [])
+
+
+@pytest.mark.parametrize("name", sorted(builtin_names()))
+def test_each_built_in_method_may_have_its_own_name(made: dict[str, Any], name: str) -> None:
+    entry = named(made, name)
+    entry["method"]["command"] = f"xden-bench baseline {name} --out preds.npz"
+    check_admission(entry, [])
 
 
 @pytest.mark.parametrize(

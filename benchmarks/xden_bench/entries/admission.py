@@ -149,7 +149,7 @@ def _check_reserved(path: Path, entry: Entry) -> None:
     """Keep the names of the methods that come with this package, and of the paper's, for these."""
     method = entry["method"]
     bare = skeleton(ADDITIONS.sub(" ", method["name"].casefold()))
-    name = _reserved().get(bare) or _reserved().get(skeleton(method["name"]))
+    name = _reserved().get(skeleton(method["name"])) or _reserved().get(bare)
     if name is None or is_trivial(method["name"], load_rules(entry["protocol"])):
         return  # a trivial method's values are compared with its own
     asked = "root" if name in REBUILT else name.replace(ZERO_SHOT, STYLE)
