@@ -150,7 +150,7 @@ def test_a_stack_of_objects_with_and_without_radiographs_is_refused(
 def test_pictures_show_slices_and_parts_alone(
     tmp_path: Path, bar: DensityObject, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(figures, "DPI", 20)
+    monkeypatch.setattr("xden1k.pictures.page.DPI", 20)
     figures.object_sheet(bar, tmp_path / "page.png")
     figures.contact_sheet([bar], tmp_path / "sheet.png")
     page, sheet = (imread(tmp_path / name).shape for name in ("page.png", "sheet.png"))

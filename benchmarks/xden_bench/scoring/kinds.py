@@ -142,9 +142,9 @@ def part_ious(parts: UInt8[np.ndarray, "points"], answer: Segmentation) -> Mappi
 
     Examples
     --------
-    >>> labels = np.tile(np.array([0, 0, 1, 1], np.uint8), (18, 1))
-    >>> part_ious(np.array([0, 0, 0, 2], np.uint8), Segmentation(labels, labels[0]))
-    {0: 66.66666666666667, 2: 50.0}
+    >>> labels = np.tile(np.array([0, 0, 0, 1, 1], np.uint8), (18, 1))
+    >>> part_ious(np.array([0, 0, 0, 0, 2], np.uint8), Segmentation(labels, labels[0]))
+    {0: 75.0, 2: 50.0}
     """
     matrices = [iou_matrix(parts, row) for row in answer.labels]
     best = max(matrices, key=many_to_one).max(axis=1)
