@@ -21,7 +21,7 @@ baselines := tests/baselines baselines
 docs := tests/docs $(wildcard tests/test_*.py)
 TWO_AT_A_TIME := $(MAKE) --jobs=2 --keep-going $(if $(filter output-sync,$(.FEATURES)),--output-sync=target)
 
-.PHONY: setup demo test test-all coverage $(TESTS:%=test-%) lint docs speed sample leaderboard pictures segments clean
+.PHONY: setup demo test test-all coverage $(TESTS:%=test-%) lint docs speed sample leaderboard pictures segments picks clean
 
 setup: $(STAMP)
 
@@ -136,13 +136,16 @@ $(foreach method,$(FITTED),$(eval \
   $(call LEARNED_ROWS,$(method)-flat,$(method),--pictures flat)))
 $(eval $(call LEARNED_ROWS,colour-unet-0-flat,colour-unet,--seed 0 --pictures flat,--budget 20epochs))
 
-pictures: $(foreach row,$(SHADED),$(foreach split,test unseen,\
-    $(ROWS)/$(split)/$(row).npz $(ROWS)/$(split)/$(row)-flat.npz))
+pictures: $(foreach split,test unseen,$(ROWS)/$(split)/seen-materials.npz \
+    $(foreach row,$(SHADED),$(ROWS)/$(split)/$(row).npz $(ROWS)/$(split)/$(row)-flat.npz))
 	for split in test unseen; do \
 	  for row in $(SHADED); do \
 	    $(BIN)/xden-bench compare $(ROWS)/$$split/$$row.npz $(ROWS)/$$split/$$row-flat.npz \
 	      --root $(ROWS)/data --split $$split || exit 1; \
 	  done; \
+	  $(BIN)/xden-bench appearance $(foreach row,$(SHADED),$(ROWS)/$$split/$(row).npz \
+	    $(ROWS)/$$split/$(row)-flat.npz) --eye $(ROWS)/$$split/seen-materials.npz \
+	    --root $(ROWS)/data --split $$split || exit 1; \
 	done
 
 # The board of segmentation: rows to read others by, and X-Field's variants with one budget each,
@@ -183,6 +186,20 @@ $(ROWS)/segments/unseen/$(1)-$(2).npz: $(ROWS)/segments/test/$(1)-$(2).npz
 
 endef
 $(foreach method,$(FIELDS),$(foreach seed,$(SEEDS),$(eval $(call FIELD_ROWS,$(method),$(seed)))))
+
+# Simulated picks by methods' centres of mass, on the full tier.
+PICKING := category-median nerf2physics-style gaussian-property-style colour-unet-0 geometry-unet-0 \
+  xray-mean xray-unet-0 blind
+PICKS := benchmarks/picks/test-full
+
+picks: $(PICKING:%=$(ROWS)/test/%.npz) $(ROWS)/scenes/scenes.json
+	$(BIN)/xden-bench manip run $(ROWS)/scenes $(PICKING:%=$(ROWS)/test/%.npz) \
+	  --root $(ROWS)/data --out $(PICKS) --workers 2
+	$(BIN)/xden-bench manip table $(PICKS)/*.json
+	$(BIN)/xden-bench leaderboard
+
+$(ROWS)/scenes/scenes.json: $(ROWS)/data/manifest.json
+	$(BIN)/xden-bench manip prepare $(ROWS)/data --tier full --out $(@D)
 
 $(foreach split,test unseen,$(BUILT:%=$(ROWS)/$(split)/%.npz)): \
   $(ROWS)/%.npz: $(ROWS)/rebuilt/%/manifest.json $(ROWS)/data/manifest.json

@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from xden1k.commands import Group
+from xden_bench.commands.appearance import appearance
 from xden_bench.commands.arm import arm
 from xden_bench.commands.board import leaderboard
 from xden_bench.commands.coverage import coverage
@@ -37,6 +38,7 @@ cli.add_command(score)
 cli.add_command(submit)
 cli.add_command(leaderboard)
 cli.add_command(compare)
+cli.add_command(appearance)
 cli.add_command(verify)
 cli.add_command(withdraw)
 cli.add_command(coverage)
