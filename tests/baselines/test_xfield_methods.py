@@ -153,6 +153,14 @@ def test_another_variant_does_not_take_it_up(saved: Path) -> None:
         XFieldPaper().load(saved)
 
 
+def test_the_paper_without_one_part_is_another_fit() -> None:
+    names = {XFieldPaper(without=one).variant for one in ("", "scale", "attention", "third")}
+    assert names == {"cross", "cross-no-scale", "cross-no-attention", "cross-no-third"}
+    assert XFieldPaper().fingerprint != XFieldPaper(without="third").fingerprint
+    with pytest.raises(DataError, match=r"without must be one of \['scale', .*, got 'film'"):
+        XFieldPaper(without="film")
+
+
 def test_settings_tell_fits_apart() -> None:
     assert XFieldPixel().fingerprint == XFieldPixel().fingerprint
     assert XFieldPixel().fingerprint != XFieldPixel(queries=99).fingerprint

@@ -141,7 +141,9 @@ def test_scale_changes_nothing_before_it_is_learned() -> None:
     assert torch.equal(FiLM(5)(features, torch.tensor([0.5, 40.0])), features)
 
 
-@pytest.mark.parametrize("variant", ["geometry-density", "geometry-contrastive"])
+@pytest.mark.parametrize(
+    "variant", ["geometry-density", "geometry-contrastive", "cross-no-attention"]
+)
 def test_geometry_does_not_look_at_radiographs(variant: str) -> None:
     model, shown, asked = XField(variant=variant, size="tiny").eval(), inputs(), places()
     none = replace(
@@ -172,6 +174,23 @@ def test_every_part_of_the_network_learns_from_both_views(variant: str) -> None:
     assert out.embedding.shape[-1] == 16 * VARIANTS[variant].parts
     idle = [name for name, one in model.named_parameters() if one.grad is None]
     assert not idle
+
+
+@pytest.mark.parametrize(("variant", "told"), [("cross", True), ("cross-no-scale", False)])
+def test_tokens_of_radiographs_are_told_the_scale(variant: str, told: bool) -> None:
+    model = XField(variant=variant, size="tiny").eval()
+    assert model.context is not None
+    for weights in model.context.film.parameters():
+        torch.nn.init.normal_(weights)
+    levels, half_cm = torch.rand(1, 2, SIZES["tiny"].view_widths[-1], 8, 8), torch.tensor([[3.0]])
+    with torch.inference_mode():
+        small, large = (model.context(levels, half_cm[0] * factor) for factor in (1, 4))
+    assert torch.equal(small, large) != told
+
+
+def test_a_paper_without_a_third_view_decodes_none() -> None:
+    assert XField(variant="cross", size="tiny").third is not None
+    assert XField(variant="cross-no-third", size="tiny").third is None
 
 
 def test_points_are_answered_one_by_one() -> None:

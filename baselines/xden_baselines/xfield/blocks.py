@@ -13,7 +13,7 @@ from torch.nn import functional
 
 from xden_baselines.xfield.planes import grid_means, grid_samples
 
-__all__ = ["FiLM", "Head", "PointVoxel", "Pyramid", "TokenBlock", "ViewEncoder"]
+__all__ = ["FiLM", "Head", "PointVoxel", "Pyramid", "TokenBlock", "Unscaled", "ViewEncoder"]
 
 GROUPS: Final = 8
 STEM: Final = 4
@@ -87,6 +87,18 @@ class FiLM(nn.Module):
         gain, offset = told.view(len(told), 1, -1, *[1] * (features.ndim - 3)).chunk(2, dim=2)
         out: Tensor = features * (1 + gain) + offset
         return out
+
+
+class Unscaled(nn.Module):
+    """In place of :class:`FiLM`, to see what that is worth: tells nothing."""
+
+    def forward(
+        self,
+        features: Float[Tensor, "batch views channels *places"],
+        half_cm: Float[Tensor, "batch"],
+    ) -> Float[Tensor, "batch views channels *places"]:
+        """Return the features."""
+        return features
 
 
 class ChannelNorm(nn.LayerNorm):

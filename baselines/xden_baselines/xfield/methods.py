@@ -35,6 +35,8 @@ __all__ = [
 ]
 
 REPORT_FILE = "training.json"
+PAPER_PARTS = ("scale", "attention", "third")
+"""What can be left out of the paper's network."""
 
 
 class _Segmenting:
@@ -56,7 +58,7 @@ class _Segmenting:
     external_data = False
     reads = Modality.GEOMETRY | Modality.XRAY
     name: ClassVar[str]
-    variant: ClassVar[str]
+    variant: str
 
     _model: XField
     _report: FitReport
@@ -73,8 +75,8 @@ class _Segmenting:
 
     @property
     def fingerprint(self) -> str:
-        """Checksum of the settings."""
-        text = json.dumps(asdict(self.settings), sort_keys=True)
+        """Checksum of the settings and the variant."""
+        text = json.dumps(asdict(self.settings) | {"variant": self.variant}, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
     def fit(self, train: Examples, *, seed: int, budget: Budget | None = None) -> None:
@@ -193,10 +195,30 @@ class XFieldGeometryContrastive(_Segmenting):
 
 
 class XFieldPaper(Predicting):
-    """X-Field as the paper has it: cross-attention to radiographs, scale, third view."""
+    """X-Field as the paper has it: cross-attention to radiographs, scale, third view.
+
+    Parameters
+    ----------
+    without
+        ``scale``, ``attention`` or ``third``: it lacks this, to see what it is worth.
+    settings
+        Fields of :class:`Settings`.
+
+    Raises
+    ------
+    DataError
+        If it is none of these, or a setting is out of its range.
+    """
 
     name = "x-field-paper"
     variant = "cross"
+
+    def __init__(self, *, without: str = "", **settings: Any) -> None:
+        super().__init__(**settings)
+        if without:
+            if without not in PAPER_PARTS:
+                raise DataError(f"without must be one of {list(PAPER_PARTS)}, got {without!r}")
+            self.variant = f"{self.variant}-no-{without}"
 
 
 class XFieldPixel(Predicting):

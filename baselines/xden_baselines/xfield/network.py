@@ -15,7 +15,15 @@ from torch.nn import functional
 
 from xden1k.predictions import Target
 from xden_baselines.pixie.networks import Residual, count_parameters
-from xden_baselines.xfield.blocks import FiLM, Head, PointVoxel, Pyramid, TokenBlock, ViewEncoder
+from xden_baselines.xfield.blocks import (
+    FiLM,
+    Head,
+    PointVoxel,
+    Pyramid,
+    TokenBlock,
+    Unscaled,
+    ViewEncoder,
+)
 from xden_baselines.xfield.planes import (
     PLANES,
     grid_means,
@@ -131,8 +139,8 @@ class XField(nn.Module, PyTorchModelHubMixin):
         what, how = self.variant, self.size
         self.backbone = Volume(how) if what.volume else Triplane(how, what.cross)
         self.view_encoder = ViewEncoder(IMAGE_CHANNELS, how.view_widths) if what.encodes else None
-        self.told = ViewMap(how.view_widths) if what.pixel else None
-        self.context = Context(how) if what.cross else None
+        self.told = ViewMap(how.view_widths, what.scaled) if what.pixel else None
+        self.context = Context(how, what.scaled) if what.cross else None
         self.third = ThirdView(how.channels) if what.third else None
         told = what.pixel * how.view_widths[0] + what.rays * RAY_CHANNELS
         inputs = how.channels + 3 + len(VIEWS) * told
@@ -191,12 +199,14 @@ class ViewMap(nn.Module):
     ----------
     widths
         Channels of the encoder's stages.
+    scaled
+        Whether the maps are told the object's scale.
     """
 
-    def __init__(self, widths: Sequence[int]) -> None:
+    def __init__(self, widths: Sequence[int], scaled: bool) -> None:
         super().__init__()
         self.pyramid = Pyramid(widths)
-        self.film = FiLM(widths[0])
+        self.film = FiLM(widths[0]) if scaled else Unscaled()
 
     def forward(
         self, levels: Sequence[Float[Tensor, "batch views _ _ _"]], half_cm: Float[Tensor, "batch"]
@@ -209,13 +219,13 @@ class ViewMap(nn.Module):
 
 
 class Context(nn.Module):
-    """Tokens of the radiographs, told of the object's scale and of which view they are."""
+    """Tokens of the radiographs, told of which view they are and, if ``scaled``, of the scale."""
 
-    def __init__(self, size: Size) -> None:
+    def __init__(self, size: Size, scaled: bool) -> None:
         super().__init__()
         along = size.crop_px // 2 ** (len(size.view_widths) + 1)
         self.narrow = nn.Linear(size.view_widths[-1], size.context)
-        self.film = FiLM(size.context)
+        self.film = FiLM(size.context) if scaled else Unscaled()
         self.place = nn.Parameter(0.02 * torch.randn(len(VIEWS), along**2, size.context))
 
     def forward(

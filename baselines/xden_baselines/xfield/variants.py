@@ -29,6 +29,8 @@ class Variant:
         A point is told what the radiographs themselves say along its two rays.
     volume
         A 3D U-Net on voxels that are told of their rays, in place of planes and transformer.
+    scaled
+        What is encoded of the radiographs is told the object's scale (FiLM).
     """
 
     density: bool = True
@@ -38,6 +40,7 @@ class Variant:
     pixel: bool = False
     rays: bool = False
     volume: bool = False
+    scaled: bool = True
 
     @property
     def encodes(self) -> bool:
@@ -59,6 +62,10 @@ VARIANTS: Final[Mapping[str, Variant]] = MappingProxyType(
         "both": Variant(parts=True, cross=True, third=True, pixel=True, rays=True),
         "rays": Variant(parts=True, rays=True),
         "voxel": Variant(parts=True, volume=True),
+        "cross-no-scale": Variant(cross=True, third=True, scaled=False),
+        "cross-no-attention": Variant(third=True),
+        "cross-no-third": Variant(cross=True),
     }
 )
-"""By name: ``cross`` is the paper's, ``geometry-contrastive`` PartField's."""
+"""By name: ``cross`` is the paper's, ``geometry-contrastive`` PartField's; the last three lack one
+part of the paper's each."""
