@@ -21,7 +21,7 @@ baselines := tests/baselines baselines
 docs := tests/docs $(wildcard tests/test_*.py)
 TWO_AT_A_TIME := $(MAKE) --jobs=2 --keep-going $(if $(filter output-sync,$(.FEATURES)),--output-sync=target)
 
-.PHONY: setup demo test test-all coverage $(TESTS:%=test-%) lint docs speed sample leaderboard pictures segments picks clean
+.PHONY: setup demo test test-all coverage $(TESTS:%=test-%) lint docs speed sample leaderboard pictures segments ablations robustness picks clean
 
 setup: $(STAMP)
 
@@ -172,20 +172,63 @@ $(ROWS)/segments/%.npz: $(ROWS)/data/manifest.json
 	mkdir -p $(@D)
 	$(BIN)/xden-bench baseline $(*F) --task segments --split $(*D) --root $(ROWS)/data --out $@
 
-# Learned once, when the row of `test` is made. Method, seed.
+# Learned once, when the row of `test` is made. File, method, settings.
 define FIELD_ROWS
-$(ROWS)/segments/test/$(1)-$(2).npz: $(ROWS)/data/manifest.json
+$(ROWS)/segments/test/$(1).npz: $(ROWS)/data/manifest.json
 	mkdir -p $$(@D) $(ROWS)/fits
-	$(BIN)/xden-bench baseline $(1) --task segments --seed $(2) --set size=$(FIELD_SIZE) \
-	  --budget $(FIELD_BUDGET) --save $(ROWS)/fits/$(1)-$(2) --root $(ROWS)/data --out $$@
+	$(BIN)/xden-bench baseline $(2) --task segments $(3) --set size=$(FIELD_SIZE) \
+	  --budget $(FIELD_BUDGET) --save $(ROWS)/fits/$(1) --root $(ROWS)/data --out $$@
 
-$(ROWS)/segments/unseen/$(1)-$(2).npz: $(ROWS)/segments/test/$(1)-$(2).npz
+$(ROWS)/segments/unseen/$(1).npz: $(ROWS)/segments/test/$(1).npz
 	mkdir -p $$(@D)
-	$(BIN)/xden-bench baseline $(1) --task segments --split unseen --seed $(2) \
-	  --model $(ROWS)/fits/$(1)-$(2) --root $(ROWS)/data --out $$@
+	$(BIN)/xden-bench baseline $(2) --task segments --split unseen $(3) \
+	  --model $(ROWS)/fits/$(1) --root $(ROWS)/data --out $$@
+
+$(foreach how,$(DISTURBANCES),$(ROWS)/segments/val-$(how)/$(1).npz): \
+  $(ROWS)/segments/val-%/$(1).npz: $(ROWS)/val-%/manifest.json $(ROWS)/segments/test/$(1).npz
+	mkdir -p $$(@D)
+	$(BIN)/xden-bench baseline $(2) --task segments --split val $(3) \
+	  --model $(ROWS)/fits/$(1) --root $$(<D) --out $$@
 
 endef
-$(foreach method,$(FIELDS),$(foreach seed,$(SEEDS),$(eval $(call FIELD_ROWS,$(method),$(seed)))))
+# Radiographs that are not as they should be, on copies of `val`.
+DISTURBANCES := mean swap px1 px3 scale noise mesh
+disturb-mean := --mean
+disturb-swap := --swap
+disturb-px1 := --shift-px 1
+disturb-px3 := --shift-px 3
+disturb-scale := --scale 1.05
+disturb-noise := --noise 2
+disturb-mesh := --mesh-error 1 0.1
+$(foreach method,$(FIELDS),$(foreach seed,$(SEEDS),$(eval \
+  $(call FIELD_ROWS,$(method)-$(seed),$(method),--seed $(seed)))))
+$(foreach part,scale attention third,$(eval \
+  $(call FIELD_ROWS,x-field-paper-no-$(part),x-field-paper,--set without=$(part))))
+EXACT := $(foreach error,deg shift scale gain,--set jitter_$(error)=0)
+$(eval $(call FIELD_ROWS,x-field-exact,x-field,$(EXACT)))
+
+$(foreach how,$(DISTURBANCES),$(ROWS)/val-$(how)/manifest.json): \
+  $(ROWS)/val-%/manifest.json: $(ROWS)/data/manifest.json
+	$(BIN)/xden-bench disturb $(ROWS)/data --out $(@D) --split val $(disturb-$*)
+
+# Scored, compared and not entered: the paper's X-Field without one of its parts, X-Field that
+# learned without errors of alignment, and what disturbed radiographs cost.
+ABLATED := x-field-paper-0 x-field-paper-no-scale x-field-paper-no-attention x-field-paper-no-third \
+  x-field-0 x-field-exact
+DISTURBED := x-field-0 x-field-exact x-field-rays-0 x-field-voxel-0 x-field-both-0 x-field-paper-0
+
+ablations: $(ABLATED:%=$(ROWS)/segments/test/%.npz)
+	for file in $^; do \
+	  $(BIN)/xden-bench segment score $$file --root $(ROWS)/data --split test || exit 1; \
+	done
+
+robustness: $(foreach how,$(DISTURBANCES),$(DISTURBED:%=$(ROWS)/segments/val-$(how)/%.npz))
+	for how in $(DISTURBANCES); do \
+	  for row in $(DISTURBED); do \
+	    echo $$row, $$how && $(BIN)/xden-bench segment score $(ROWS)/segments/val-$$how/$$row.npz \
+	      --root $(ROWS)/val-$$how --split val || exit 1; \
+	  done; \
+	done
 
 # Simulated picks by methods' centres of mass, on the full tier.
 PICKING := category-median nerf2physics-style gaussian-property-style colour-unet-0 geometry-unet-0 \

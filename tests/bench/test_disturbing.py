@@ -23,6 +23,7 @@ from xden1k.format.schema import RADIOGRAPH_COLUMNS
 from xden1k.values.types import DensityObject
 from xden1k.values.views import XRayView
 from xden_bench.cli import cli
+from xden_bench.datasets import disturbances
 from xden_bench.datasets.disturbances import (
     Averaged,
     Disturbance,
@@ -159,6 +160,26 @@ def test_an_exchange_is_a_derangement_within_each_split(root: Path) -> None:
     assert len({tuple(sorted(givers.items())) for givers in drawn}) > 3
     with pytest.raises(DataError, match="the split train has nobody to exchange with"):
         Exchanged.drawn(folder, ["train"], 0)
+
+
+APART = (Box("left", (-4, -1, -1), (-3, 1, 1), 1.0), Box("right", (3, -1, -1), (4, 1, 1), 1.0))
+"""Nothing where a rod in the middle would be."""
+ROD = (Box("rod", (-0.3, -0.3, -4), (0.3, 0.3, 4), 1.0),)
+
+
+def test_nobody_gets_radiographs_that_show_nothing_of_it(tmp_path: Path) -> None:
+    objects = [
+        noisy("pair-0001", APART),
+        noisy("pair-0002", APART),
+        *(noisy(f"rod-000{number}", ROD) for number in (1, 2, 3)),
+    ]
+    write_folder(objects, tmp_path / "dataset", version="0.1.0", builder="tests")
+    folder = open_folder(tmp_path / "dataset")
+    assert not disturbances._is_shown(folder, "rod-0001", "pair-0001")
+    for seed in range(3):
+        givers = Exchanged.drawn(folder, ["test"], seed).givers
+        assert sorted(givers) == sorted(givers.values())
+        assert all(disturbances._is_shown(folder, *pair) for pair in givers.items())
 
 
 def test_exchanged_images_are_the_givers_to_the_bit_where_sizes_agree(root: Path) -> None:

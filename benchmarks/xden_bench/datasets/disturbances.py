@@ -40,6 +40,8 @@ FEWEST: Final = 200
 """Pixels beside an object, of which noise can be told."""
 CLIPPED_SD: Final = 4.0
 """What is farther out is no noise: an edge of something, a dead line."""
+SHOWN: Final = 0.005
+"""Transmission by which an object is darker than what is beside it, if it is shown."""
 STEPS: Final = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 Views = tuple[XRayView, ...]
@@ -219,10 +221,13 @@ class Exchanged:
     def drawn(cls, folder: DatasetFolder, splits: Sequence[str], seed: int) -> Exchanged:
         """Draw who gets whose, within each split: each gives once, none to itself.
 
+        Two objects exchange givers where one would be shown nothing: a radiograph that is hardly
+        darker on it than beside it, of which no method could say anything.
+
         Raises
         ------
         DataError
-            If a split has a single object.
+            If a split has a single object, or an object is shown nothing by any other.
         """
         rng, givers = np.random.default_rng(seed), dict[str, str]()
         for split in splits:
@@ -230,7 +235,12 @@ class Exchanged:
             if len(ids) < 2:
                 raise DataError(f"{folder.root}: the split {split} has nobody to exchange with")
             order = [ids[place] for place in rng.permutation(len(ids))]
-            givers |= dict(zip(order, [*order[1:], order[0]], strict=True))
+            drawn = dict(zip(order, [*order[1:], order[0]], strict=True))
+            for one in ids:
+                if not _is_shown(folder, one, drawn[one]):
+                    others = [ids[place] for place in rng.permutation(len(ids))]
+                    _exchange(folder, drawn, one, others)
+            givers |= drawn
         return cls(folder, givers)
 
     @property
@@ -340,6 +350,37 @@ def _in_place_of(
     own_centre, own_side = _square(receiver, own.geometry)
     scale = side / own_side
     return _resampled(theirs, scale, centre - scale * own_centre, own)
+
+
+def _is_shown(folder: DatasetFolder, receiver_id: str, giver_id: str) -> bool:
+    """Whether a giver's radiographs are darker on the receiver than beside it."""
+    receiver, giver = folder.object(receiver_id), folder.object(giver_id)
+    for theirs, own in zip(giver.views, receiver.views, strict=True):
+        new, shadow = _in_place_of(giver, theirs, receiver, own), _shadow(receiver, own.geometry)
+        on, beside = (new.transmission[new.valid & where] for where in (shadow, ~shadow))
+        if on.size and beside.size and not on.mean() < np.median(beside) - SHOWN:
+            return False
+    return True
+
+
+def _exchange(
+    folder: DatasetFolder, givers: dict[str, str], blind: str, others: Sequence[str]
+) -> None:
+    """Let an object that is shown nothing take the giver of the first other with which that helps.
+
+    Raises
+    ------
+    DataError
+        If there is none.
+    """
+    for other in others:
+        theirs, own = givers[other], givers[blind]
+        if blind in (other, theirs) or other == own:
+            continue
+        if _is_shown(folder, blind, theirs) and _is_shown(folder, other, own):
+            givers[blind], givers[other] = theirs, own
+            return
+    raise DataError(f"{blind}: no other object's radiographs show anything where it is")
 
 
 def _square(
