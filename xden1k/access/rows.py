@@ -20,7 +20,7 @@ from datasets import Features, builder
 from datasets.packaged_modules.parquet.parquet import Parquet, ParquetConfig
 
 from xden1k.documents.card import HOMEPAGE, bibtex_entry
-from xden1k.documents.statements import dataset_title, provenance_text
+from xden1k.documents.statements import dataset_title, licence_text, provenance_text
 from xden1k.errors import DataError
 from xden1k.folder import open_folder
 from xden1k.folder.reader import other_name
@@ -161,6 +161,7 @@ def _about(base_path: str | None) -> dict[str, str]:
     if base_path and not is_url(base_path) and (Path(base_path) / MANIFEST_NAME).is_file():
         manifest = Manifest.read(Path(base_path), damaged=True)
         about["description"] = f"{dataset_title(manifest)}. {provenance_text(manifest)}"
+        about["license"] = licence_text(manifest)
     return about
 
 

@@ -13,10 +13,12 @@ from xden1k.documents.questions import COMMENTS, QUESTIONS
 from xden1k.documents.statements import (
     disturbed_text,
     label_voxels_text,
+    licence_text,
     materials_text,
     provenance_text,
     published_text,
     radiographs_text,
+    shapes_text,
 )
 from xden1k.values.types import PRIVATE, UNSEEN, Split
 
@@ -77,8 +79,15 @@ def _if_ours(text: str) -> Answer:
     return told
 
 
+def _licence(facts: Facts) -> str:
+    if facts.manifest.on_partnext:
+        return f"{licence_text(facts.manifest)}."
+    return "[CC-BY-4.0](https://creativecommons.org/licenses/by/4.0/), without a fee."
+
+
 def _instances(facts: Facts) -> str:
-    return f"Everyday objects, one in a row, of one type.\n\n{provenance_text(facts.manifest)}"
+    told = filter(None, [shapes_text(facts.manifest), provenance_text(facts.manifest)])
+    return "\n\n".join(["Everyday objects, one in a row, of one type.", *told])
 
 
 def _count(facts: Facts) -> str:
@@ -302,9 +311,7 @@ _DATA: Final[Mapping[str, Answer]] = {
     "distribution.when": _always(
         "`croissant.json` of a published version has the day (`datePublished`)."
     ),
-    "distribution.license": _always(
-        "[CC-BY-4.0](https://creativecommons.org/licenses/by/4.0/), without a fee."
-    ),
+    "distribution.license": _licence,
     "distribution.restrictions": _if_drawn("No: nothing in it was taken from third parties."),
     "maintenance.updates": _always(
         "Errors are corrected in a new version; a published version never changes, and "

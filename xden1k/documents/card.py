@@ -11,10 +11,12 @@ from xden1k.documents.statements import (
     dataset_title,
     disturbed_text,
     label_voxels_text,
+    licence_text,
     materials_text,
     provenance_text,
     published_text,
     radiographs_text,
+    shapes_text,
 )
 from xden1k.format.manifest import Manifest
 from xden1k.format.schema import COLUMNS, IMAGE, LIGHT_COLUMNS, Column
@@ -69,7 +71,7 @@ def header(manifest: Manifest, prefix: str = "", *, features: bool = True) -> di
     """
     return {
         "language": ["en"],
-        "license": "cc-by-4.0",
+        "license": "other" if manifest.on_partnext else "cc-by-4.0",
         "pretty_name": dataset_title(manifest),
         "size_categories": ["1K<n<10K" if manifest.objects >= 1000 else "n<1K"],
         "source_datasets": ["original"],
@@ -132,7 +134,13 @@ _OBJECTS: Final = """\
 Everyday objects with two radiographs (PA and LAT), closed part meshes and volumetric density.
 One row is one object. Units are cm, g and g/cm³; attenuation is in 1/cm; a transmission of 1 is
 air."""
-_PROVENANCE: Final = (disturbed_text, provenance_text, radiographs_text, published_text)
+_PROVENANCE: Final = (
+    disturbed_text,
+    shapes_text,
+    provenance_text,
+    radiographs_text,
+    published_text,
+)
 _OBJECTS_WITHOUT_RADIOGRAPHS: Final = """\
 Everyday objects with closed part meshes and volumetric density, without radiographs. One row is one
 object. Units are cm, g and g/cm³; attenuation is in 1/cm."""
@@ -200,7 +208,7 @@ field voxels and start a quarter of a field voxel lower on each axis.
 
 ## Licence and citation
 
-Data: CC-BY-4.0. `DATASHEET.md` says how it was made and what it is not good for.
+Data: {licence_text(manifest)}. `DATASHEET.md` says how it was made and what it is not good for.
 
 {bibtex()}
 """
@@ -282,7 +290,7 @@ def citation_text(manifest: Manifest) -> str:
         "message": "If you use the dataset, please cite the paper.",
         "title": dataset_title(manifest),
         "type": "dataset",
-        "license": "CC-BY-4.0",
+        **({} if manifest.on_partnext else {"license": "CC-BY-4.0"}),
         "version": manifest.version,
         "authors": [{"name": "The XDen-1K maintainers"}],
         "preferred-citation": {

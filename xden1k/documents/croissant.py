@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import PurePosixPath
-from typing import Any
+from typing import Any, Final
 
 import pyarrow as pa
 
@@ -14,8 +14,10 @@ from xden1k.documents.responsible import RAI_VERSION, responsible_fields
 from xden1k.documents.statements import (
     dataset_title,
     disturbed_text,
+    licence_text,
     published_text,
     radiographs_text,
+    shapes_text,
 )
 from xden1k.format.manifest import Manifest
 from xden1k.format.schema import IMAGE, Column
@@ -76,7 +78,7 @@ def croissant_text(facts: Facts, base_url: str = "", date_published: str = "") -
         "keywords": [*TAGS, *(["synthetic"] if manifest.simulated else [])],
         "version": manifest.version,
         **({"datePublished": date_published} if date_published else {}),
-        "license": "https://creativecommons.org/licenses/by/4.0/",
+        "license": _LICENCE if not manifest.on_partnext else licence_text(manifest),
         "url": HOMEPAGE,
         "citeAs": bibtex_entry(),
         **responsible_fields(facts),
@@ -89,11 +91,15 @@ def croissant_text(facts: Facts, base_url: str = "", date_published: str = "") -
     return json.dumps(values, indent=2, ensure_ascii=False) + "\n"
 
 
+_LICENCE: Final = "https://creativecommons.org/licenses/by/4.0/"
+
+
 def _description(manifest: Manifest) -> str:
     xrays = "Biplanar X-rays, p" if manifest.has_radiographs else "P"
     text = f"{xrays}art meshes and volumetric density of everyday objects."
     simulated = "Simulated: no object was ever made, scanned or weighed."
-    told = [one(manifest) for one in (radiographs_text, disturbed_text, published_text)]
+    texts = (shapes_text, radiographs_text, disturbed_text, published_text)
+    told = [one(manifest) for one in texts]
     return " ".join(filter(None, [text, simulated * manifest.simulated, *told]))
 
 

@@ -5,21 +5,26 @@ from __future__ import annotations
 from typing import Final
 
 from xden1k.format.manifest import Manifest
+from xden1k.format.shapes import ON_PARTNEXT
 
 __all__ = [
     "dataset_title",
     "disturbed_text",
     "label_voxels_text",
+    "licence_text",
     "materials_text",
     "provenance_text",
     "published_text",
     "radiographs_text",
+    "shapes_text",
 ]
 
 
 def dataset_title(manifest: Manifest) -> str:
     """Name of a dataset, which says so where nothing in it is real, or all of it is imported."""
     disturbed = ", disturbed radiographs" if manifest.disturbed else ""
+    if manifest.on_partnext == manifest.objects:
+        return f"XDen-1K, {ON_PARTNEXT}{disturbed}"
     if manifest.sources.keys() == {"published"}:
         return f"XDen-1K, imported from the authors' release{disturbed}"
     return f"XDen-1K{', simulated objects' * manifest.simulated}{disturbed}"
@@ -76,6 +81,28 @@ _PUBLISHED: Final = (
     "it was made from, how well mesh and volume agree (`registration`) and the beam that was taken "
     "(`fit`)."
 )
+
+
+def shapes_text(manifest: Manifest) -> str:
+    """Say whose shapes objects have that are simulated on others' models; empty without any."""
+    if not (count := manifest.on_partnext):
+        return ""
+    return (
+        f"{count} of {manifest.objects} objects are {ON_PARTNEXT} (arXiv:2510.20155). Their "
+        "surfaces and the names of their parts are others' work; what they are made of, their "
+        "sizes, walls and insides were drawn at random, and nothing of them was ever measured."
+    )
+
+
+def licence_text(manifest: Manifest) -> str:
+    """Say under what terms the data are."""
+    if not manifest.on_partnext:
+        return "CC-BY-4.0"
+    return (
+        "CC-BY-4.0, but for the shapes: models in PartNeXt come from Objaverse, ABO and 3D-FUTURE, "
+        "each under a licence of its own, which is not known here. Do not pass on this folder "
+        "unless the licence of every shape in it allows that"
+    )
 
 
 def radiographs_text(manifest: Manifest) -> str:

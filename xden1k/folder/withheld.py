@@ -11,6 +11,7 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
+from xden1k.format.shapes import ON_PARTNEXT, is_on_partnext
 from xden1k.format.shards import Row
 from xden1k.values.types import PRIVATE
 
@@ -27,6 +28,8 @@ def _for_each_part(value: Any) -> Callable[[Mapping[str, Any]], Any]:
 
 def _geometry_alone(row: Mapping[str, Any]) -> str:
     meta = {"views": json.loads(row["meta_json"])["views"]}
+    if is_on_partnext(row):
+        meta["notes"] = ON_PARTNEXT
     return json.dumps(meta, sort_keys=True, ensure_ascii=False, allow_nan=False)
 
 

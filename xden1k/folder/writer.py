@@ -23,6 +23,7 @@ from xden1k.format.label_counts import LABEL_COUNTS, label_counts
 from xden1k.format.manifest import MANIFEST_NAME, DataFile, Disturbed, Manifest
 from xden1k.format.records import has_radiographs, object_row
 from xden1k.format.schema import DATA_SCHEMA, METADATA_SCHEMA
+from xden1k.format.shapes import is_on_partnext
 from xden1k.format.shards import ShardReader, ShardWriter
 from xden1k.values.types import ALL_SPLITS, DensityObject
 
@@ -138,6 +139,7 @@ def write_rows(
             labels={name: tally.labels[name] for name in LABEL_COUNTS},
             without_radiographs=dict(sorted(tally.without_radiographs.items())),
             disturbed=disturbed,
+            on_partnext=tally.on_partnext,
         )
         write_documents(root, read_facts(root, manifest, answers), more)
         for path in (root, *root.rglob("*")):
@@ -168,12 +170,14 @@ class _Tally:
         self.density_sources: Counter[str] = Counter()
         self.labels: Counter[str] = Counter()
         self.without_radiographs: Counter[str] = Counter()
+        self.on_partnext = 0
 
     def counted(self, row: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the row."""
         self.sources[row["source"]] += 1
         self.density_sources.update(row["part_density_source"])
         self.labels.update(label_counts(row))
+        self.on_partnext += is_on_partnext(row)
         if not has_radiographs(row):
             self.without_radiographs[row["split"]] += 1
         return row

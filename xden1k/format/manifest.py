@@ -143,6 +143,8 @@ class Manifest:
         Objects without radiographs in each split that has some.
     disturbed
         What was done to the radiographs of a copy of another folder; None where nothing was.
+    on_partnext
+        Objects that are simulated materials on shapes of PartNeXt.
     """
 
     version: str
@@ -155,6 +157,7 @@ class Manifest:
     labels: dict[str, int] = field(default_factory=dict)
     without_radiographs: dict[str, int] = field(default_factory=dict)
     disturbed: Disturbed | None = None
+    on_partnext: int = 0
 
     @property
     def schema(self) -> str:
@@ -196,7 +199,7 @@ class Manifest:
     def to_json(self) -> str:
         """Text of ``manifest.json``."""
         values = {"schema": self.schema, "name": "xden1k", "objects": self.objects} | asdict(self)
-        for name in ("without_radiographs", "disturbed"):
+        for name in ("without_radiographs", "disturbed", "on_partnext"):
             if not values[name]:  # a folder of which there is nothing to tell keeps its bytes
                 del values[name]
         return json.dumps(values, indent=2, ensure_ascii=False) + "\n"
@@ -243,6 +246,7 @@ class Manifest:
             labels=dict(values.get("labels", {})),
             without_radiographs=dict(values.get("without_radiographs", {})),
             disturbed=Disturbed(**values["disturbed"]) if "disturbed" in values else None,
+            on_partnext=int(values.get("on_partnext", 0)),
         )
 
 

@@ -14,7 +14,7 @@ from xden1k.rays.lengths import PathLengths, path_lengths
 from xden1k.rays.priority import ownership_order
 from xden1k.rays.regions import disjoint_regions, half_beyond, outer_surface, sealed
 from xden1k.rays.reprojection import reprojected
-from xden1k.rays.solids import label_solids
+from xden1k.rays.solids import field_solid, label_solids
 from xden1k.rays.voxels import (
     CUBE_MARGIN,
     CubeGrid,
@@ -37,6 +37,7 @@ __all__ = [
     "column_samples",
     "density_grid",
     "disjoint_regions",
+    "field_solid",
     "fill_grid",
     "half_beyond",
     "label_solids",

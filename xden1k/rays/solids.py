@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 else:
     manifold3d = require("manifold3d", "build")
 
-__all__ = ["label_solids"]
+__all__ = ["field_solid", "label_solids"]
 
 SOFTENED = 0.5
 """Standard deviation by which labels are smeared, in voxels: it rounds their steps. Less makes a
@@ -88,8 +88,7 @@ def label_solids(
     for place, number in enumerate(numbers[:-1]):
         among = fields[place] - np.max(fields[place + 1 :], axis=0)
         region = _region(among, _around(told == number))
-        in_cm = region.scale((grid.voxel_size_cm,) * 3).translate(tuple(near_cm.tolist()))
-        owned[number], rest = rest.split(in_cm)
+        owned[number], rest = rest.split(_in_cm(region, grid.voxel_size_cm, near_cm))
     owned[numbers[-1]] = rest
     return [
         _without_slivers(owned[number], SLIVER * whole.volume())
@@ -97,6 +96,46 @@ def label_solids(
         else trimesh.Trimesh()
         for number in range(1, int(labels.max()) + 1)
     ]
+
+
+def field_solid(field: Field, grid: CubeGrid) -> trimesh.Trimesh:
+    """Close a surface around where a field is positive, between voxel centres.
+
+    Parameters
+    ----------
+    field
+        Shape (x, y, z), at voxel centres; not positive at the border.
+    grid
+        Where they lie.
+
+    Returns
+    -------
+    trimesh.Trimesh
+        Closed, cm, maybe of several pieces; empty where the field is positive nowhere.
+
+    Raises
+    ------
+    DataError
+        If the grid has another size.
+
+    Examples
+    --------
+    >>> grid = CubeGrid(np.full(3, -1.4), voxel_size_cm=0.4, size=8)
+    >>> height = np.broadcast_to(np.linspace(-1.4, 1.4, 8), (8, 8, 8))
+    >>> inside = 1 - np.max(np.abs([height, height.swapaxes(1, 2), height.T]), axis=0)
+    >>> 7.5 < float(field_solid(inside.astype(np.float32), grid).volume) < 8
+    True
+    """
+    if field.shape != (grid.size,) * 3:
+        raise DataError(f"field: expected a grid of {grid.size} a side, got {field.shape}")
+    region = _region(field, tuple(slice(0, size) for size in field.shape))
+    return mesh_of(_in_cm(region, grid.voxel_size_cm, grid.origin_cm))
+
+
+def _in_cm(
+    region: manifold3d.Manifold, voxel_size_cm: float, origin_cm: Vec3
+) -> manifold3d.Manifold:
+    return region.scale((voxel_size_cm,) * 3).translate(tuple(origin_cm.tolist()))
 
 
 def _everywhere(outer: trimesh.Trimesh, labels: Labels, grid: CubeGrid) -> tuple[Vec3, Labels]:

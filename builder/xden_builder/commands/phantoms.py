@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -10,6 +9,7 @@ import click
 
 from xden1k.commands import DONE_IN_PART, json_option, print_json
 from xden1k.errors import DataError
+from xden_builder.commands.scanning import scan_options, simulated_scanner, wanted_realism
 from xden_builder.commands.shared import FOLDER, progress_bar, workers_option
 
 if TYPE_CHECKING:
@@ -23,12 +23,6 @@ __all__ = ["gallery", "phantoms"]
 @click.argument("out", type=FOLDER)
 @click.option("--count", type=click.IntRange(min=1), required=True, help="Objects to make.")
 @click.option("--seed", type=click.IntRange(min=0), required=True, help="Which objects.")
-@click.option(
-    "--size",
-    type=click.IntRange(min=16),
-    show_default="512, or the scanner file's",
-    help="Pixels a side.",
-)
 @click.option("--categories", default="", help="Only these, separated by commas.")
 @click.option(
     "--split",
@@ -41,35 +35,7 @@ __all__ = ["gallery", "phantoms"]
     metavar="NAMES|FILE",
     help="Categories of the split unseen: separated by commas, or `unseen_categories` of a TOML.",
 )
-@click.option(
-    "--scanner",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="TOML file of the simulated scanner.",
-    show_default="realistic",
-)
-@click.option(
-    "--lifelike/--tidy",
-    default=None,
-    show_default="lifelike",
-    help="Whether there are pores, paint, and labels that err or are missing.",
-)
-@click.option("--ideal", is_flag=True, help="Nothing errs; monochromatic and tidy, if not chosen.")
-@click.option(
-    "--pose",
-    type=click.Choice(["near", "unknown"]),
-    default="near",
-    show_default=True,
-    help="Meshes in the scanner's frame, or of objects that lie anyhow, in a frame of their own.",
-)
-@click.option(
-    "--mesh-scale",
-    type=click.Choice(["known", "unknown"]),
-    default="known",
-    show_default=True,
-    help="With --pose unknown: whether that frame has a scale of its own, from 1/2 to 2.",
-)
-@click.option("--turned", is_flag=True, help="One tube; objects are turned by hand for LAT.")
-@click.option("--as-dataset", is_flag=True, help="Write the truth as a dataset folder instead.")
+@scan_options
 @click.option("--check", is_flag=True, help="Look whether shapes and grids are sound, in the end.")
 @workers_option
 @json_option
@@ -100,13 +66,9 @@ def phantoms(
     """
     from xden_builder.phantoms import plan_objects, write_captures, write_truth_dataset
     from xden_builder.phantoms.posing import Posing
-    from xden_builder.phantoms.realism import LIFELIKE, TIDY
-    from xden_builder.phantoms.scanner import Scanner, load_scanner
 
     if as_dataset and check:
         raise click.UsageError("--check is for captures, not for --as-dataset")
-    made = Scanner.monochromatic() if ideal else Scanner.realistic()
-    taken = load_scanner(scanner) if scanner else made
     write = write_truth_dataset if as_dataset else write_captures
     names = [name for name in categories.split(",") if name]
     never_learned = _unseen(unseen)
@@ -118,8 +80,8 @@ def phantoms(
             seed,
             size=size,
             ideal=ideal,
-            scanner=replace(taken, one_tube=True) if turned else taken,
-            realism=LIFELIKE if (not ideal if lifelike is None else lifelike) else TIDY,
+            scanner=simulated_scanner(scanner, ideal, turned),
+            realism=wanted_realism(lifelike, ideal),
             posing=Posing(pose, mesh_scale),
             workers=workers,
             progress=lambda _: bar.update(),

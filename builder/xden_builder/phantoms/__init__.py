@@ -4,7 +4,7 @@ Reading order: ``shapes`` and ``skins`` (a vocabulary of solids), ``archetypes``
 them), ``catalogue`` (which there are, of what), ``phantom`` (one object), ``scanner`` (its
 radiographs), ``posing`` (where it lies, and in which frame its meshes come), ``writer``, ``grid``,
 ``glb`` and ``truth`` (files), ``check`` (of a whole set), ``sheet`` (to look at), ``peer``
-(captures by another simulator).
+(captures by another simulator), ``partnext`` (objects on others' shapes).
 """
 
 from xden_builder.phantoms.catalogue import CATALOGUE, Category

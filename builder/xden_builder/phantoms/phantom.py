@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import trimesh
@@ -25,12 +25,46 @@ from xden_builder.phantoms.pieces import Piece, disjoint, moved
 from xden_builder.phantoms.realism import TIDY, Realism, draw_label, draw_solid_share
 from xden_builder.phantoms.shapes import to_mesh
 
-__all__ = ["Phantom", "PhantomPart", "Plan", "make_phantom", "plan_objects", "random_numbers"]
+__all__ = [
+    "Identity",
+    "Phantom",
+    "PhantomPart",
+    "Plan",
+    "draw_density",
+    "finished",
+    "make_phantom",
+    "plan_objects",
+    "random_numbers",
+]
 
 _SPLITS: tuple[Split, ...] = (
     *("train", "train", "test", "train", "val"),
     *("train", "train", "test", "train", "train"),
 )
+
+
+@runtime_checkable
+class Identity(Protocol):
+    """What tells a simulated object from all others, and draws its random numbers."""
+
+    @property
+    def seed(self) -> int:
+        """Of the whole set."""
+
+    @property
+    def object_id(self) -> str:
+        """Unique in its set."""
+
+    @property
+    def kind(self) -> str:
+        """Name of its category."""
+
+    @property
+    def split(self) -> Split:
+        """Which one it is in."""
+
+    def rng(self, purpose: str) -> np.random.Generator:
+        """Return random numbers of this object for one purpose, independent of all others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +123,11 @@ class Plan:
     def category(self) -> Category:
         """Its kind."""
         return CATALOGUE[self.place]
+
+    @property
+    def kind(self) -> str:
+        """Name of its category."""
+        return self.category.name
 
     @property
     def object_id(self) -> str:
@@ -216,7 +255,7 @@ class Phantom:
         Sorted by name, disjoint.
     """
 
-    plan: Plan
+    plan: Identity
     parts: tuple[PhantomPart, ...]
 
     @cached_property
@@ -241,8 +280,15 @@ def make_phantom(plan: Plan, realism: Realism = TIDY) -> Phantom:
     size_cm = float(shape.uniform(*plan.category.size_cm))
     pieces = disjoint(ARCHETYPES[plan.category.archetype].build(shape, size_cm))
     parts = _draw_materials(_placed(pieces, plan.rng("pose")), plan)
+    return Phantom(plan, finished(parts, plan, realism))
+
+
+def finished(
+    parts: Sequence[PhantomPart], plan: Identity, realism: Realism
+) -> tuple[PhantomPart, ...]:
+    """Give parts their finish, pores, paint and labels, and sort them by name."""
     parts = _labelled(_weathered(parts, plan, realism), plan, realism)
-    return Phantom(plan, tuple(sorted(parts, key=lambda part: part.name)))
+    return tuple(sorted(parts, key=lambda part: part.name))
 
 
 def _placed(pieces: Sequence[Piece], rng: np.random.Generator) -> list[Piece]:
@@ -271,14 +317,14 @@ def _draw_materials(pieces: Sequence[Piece], plan: Plan) -> list[PhantomPart]:
     batches: dict[str, tuple[str, float, tuple[float, float, float]]] = {}
     for role in dict.fromkeys(piece.role for piece in pieces):
         material = str(rng.choice(choices[role].split()))
-        batches[role] = (material, _draw_density(rng, material), draw_color(rng, material))
+        batches[role] = (material, draw_density(rng, material), draw_color(rng, material))
     return [
         PhantomPart(piece.name, piece.role, to_mesh(piece.solid), *batches[piece.role])
         for piece in pieces
     ]
 
 
-def _weathered(parts: Sequence[PhantomPart], plan: Plan, realism: Realism) -> list[PhantomPart]:
+def _weathered(parts: Sequence[PhantomPart], plan: Identity, realism: Realism) -> list[PhantomPart]:
     """Give the parts of each batch their finish, pores and paint."""
     finish, pores, paint, shades = map(plan.rng, ("finish", "pores", "paint", "shades"))
     batches: dict[str, dict[str, Any]] = {}
@@ -300,12 +346,12 @@ def _weathered(parts: Sequence[PhantomPart], plan: Plan, realism: Realism) -> li
     return [replace(part, **batches[part.role]) for part in parts]
 
 
-def _labelled(parts: Sequence[PhantomPart], plan: Plan, realism: Realism) -> list[PhantomPart]:
+def _labelled(parts: Sequence[PhantomPart], plan: Identity, realism: Realism) -> list[PhantomPart]:
     rng = plan.rng("labels")
     return [replace(part, label=draw_label(rng, part.material, realism)) for part in parts]
 
 
-def _draw_density(rng: np.random.Generator, material: str) -> float:
+def draw_density(rng: np.random.Generator, material: str) -> float:
     """Draw a density of the material's range, most likely near its usual value."""
     known = load_materials()[material]
     return float(

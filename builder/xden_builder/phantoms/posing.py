@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from xden1k.errors import DataError
 from xden1k.values.arrays import Vec3
 from xden1k.values.ply import CM_PER_UNIT
-from xden_builder.phantoms.phantom import Phantom, Plan
+from xden_builder.phantoms.phantom import Identity, Phantom
 from xden_builder.phantoms.scanner import VIEWS, Scanner
 
 __all__ = ["AS_SCANNED", "MeshFrame", "Posing", "draw_mesh_frame", "posed", "true_poses"]
@@ -190,7 +190,7 @@ class MeshFrame:
         return trimesh.Trimesh(mesh.vertices / CM_PER_UNIT[self.units], mesh.faces, process=False)
 
 
-def draw_mesh_frame(plan: Plan, posing: Posing) -> MeshFrame:
+def draw_mesh_frame(plan: Identity, posing: Posing) -> MeshFrame:
     """Draw the frame an object's meshes come in; a pose that is ``near`` is in the scanner's.
 
     Any rotation, a shift of up to 10 cm along each axis, any units and, where it is to be unknown,
@@ -206,7 +206,7 @@ def draw_mesh_frame(plan: Plan, posing: Posing) -> MeshFrame:
     return MeshFrame(_similarity(rotation, shift_cm, 1.0 if known else scale), units)
 
 
-def true_poses(plan: Plan, scanner: Scanner, posing: Posing) -> dict[str, Any]:
+def true_poses(plan: Identity, scanner: Scanner, posing: Posing) -> dict[str, Any]:
     """Give what ``truth.json`` holds of poses that are not told; nothing where they are.
 
     Each is a quaternion, scalar last, a translation and, of meshes, a scale: a point x is at

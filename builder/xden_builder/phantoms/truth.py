@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from xden1k import __version__
 from xden1k.documents.maintainer import Answers
@@ -21,7 +22,13 @@ from xden_builder.phantoms.phantom import Phantom, PhantomPart, Plan, make_phant
 from xden_builder.phantoms.posing import AS_SCANNED, Posing, posed
 from xden_builder.phantoms.realism import TIDY, Realism
 from xden_builder.phantoms.scanner import VIEWS, Scanner
-from xden_builder.phantoms.writer import Progress, each_object, make_scanner, simulation
+from xden_builder.phantoms.writer import (
+    NOTHING,
+    Progress,
+    each_object,
+    make_scanner,
+    simulation,
+)
 
 __all__ = ["TruthMaker", "truth_object", "write_truth_dataset", "write_truth_rows"]
 
@@ -116,11 +123,26 @@ class TruthMaker:
         return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
-def truth_object(phantom: Phantom, scanner: Scanner) -> DensityObject:
+def truth_object(
+    phantom: Phantom,
+    scanner: Scanner,
+    *,
+    builder: str = BUILDER,
+    told: Mapping[str, Any] = NOTHING,
+) -> DensityObject:
     """Give the dataset object of a phantom: simulated radiographs, true densities.
 
     Attenuation coefficients are those at the scanner's reference energy; apparent densities follow
     from them by the paper's rule, as they would for a perfect fit.
+
+    Parameters
+    ----------
+    phantom, scanner
+        What, and by what it is taken.
+    builder
+        Name and version of the command.
+    told
+        What else its ``meta`` says.
 
     Raises
     ------
@@ -136,7 +158,7 @@ def truth_object(phantom: Phantom, scanner: Scanner) -> DensityObject:
     )
     return DensityObject(
         object_id=phantom.plan.object_id,
-        category=phantom.plan.category.name,
+        category=phantom.plan.kind,
         split=phantom.plan.split,
         source="phantom",
         views=(scanner.corrected(phantom, "pa"), scanner.corrected(phantom, "lat")),
@@ -150,7 +172,8 @@ def truth_object(phantom: Phantom, scanner: Scanner) -> DensityObject:
         voxel_size_cm=grids.field.voxel_size_cm,
         flags=() if grids.labels.any() else (THINNER_THAN_LABELS,),
         meta={
-            "builder": BUILDER,
+            "builder": builder,
+            **told,
             "seed": phantom.plan.seed,
             "setting": setting,
             "scanner": scanner.settings(),

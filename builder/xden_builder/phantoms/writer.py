@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from types import MappingProxyType
+from typing import Any, Final, TypeVar
 
 from xden1k.errors import DataError
 from xden1k.values.ply import write_ply
@@ -15,7 +16,13 @@ from xden_builder.capture import write_scanner
 from xden_builder.capture.writing import write_image, write_json, write_table
 from xden_builder.phantoms.glb import write_glb
 from xden_builder.phantoms.grid import truth_grid
-from xden_builder.phantoms.phantom import Phantom, Plan, make_phantom, plan_objects
+from xden_builder.phantoms.phantom import (
+    Identity,
+    Phantom,
+    Plan,
+    make_phantom,
+    plan_objects,
+)
 from xden_builder.phantoms.posing import (
     AS_SCANNED,
     MeshFrame,
@@ -32,14 +39,18 @@ __all__ = [
     "Progress",
     "each_object",
     "make_scanner",
+    "object_columns",
     "refuse_filled",
     "simulation",
     "write_captures",
+    "write_object",
     "write_planned",
+    "write_set",
 ]
 
 Result = TypeVar("Result")
 Progress = Callable[[str], None]
+NOTHING: Final[Mapping[str, Any]] = MappingProxyType({})
 
 
 def make_scanner(size: int | None, ideal: bool, scanner: Scanner | None = None) -> Scanner:
@@ -130,21 +141,47 @@ def write_planned(
     seed = plans[0].seed
     out.mkdir(parents=True, exist_ok=True)
     task = partial(_write_object, out, scanner, realism, posing, seed)
-    settings = {"standard", *each_object(task, plans, workers, progress)}
+    settings = set(each_object(task, plans, workers, progress))
+    rows = [object_columns(plan, posing) for plan in plans]
+    write_set(out, rows, scanner, seed, settings, simulation(seed, scanner, realism, posing))
+
+
+def write_set(
+    out: Path,
+    rows: Sequence[Mapping[str, str]],
+    scanner: Scanner,
+    seed: int,
+    settings: Container[str],
+    told: Mapping[str, Any],
+) -> None:
+    """Write what is beside the objects' folders: scanner, panels, simulation, ``objects.csv``.
+
+    Parameters
+    ----------
+    out
+        The capture folder.
+    rows
+        Of ``objects.csv``, all with the same columns.
+    scanner, seed
+        Of the set.
+    settings
+        In which objects were scanned: ``standard``, ``large``.
+    told
+        What ``simulation.json`` says.
+    """
     write_scanner(scanner_file(scanner), out / "scanner.toml")
     _write_panels(out, scanner, seed, "standard")
     if "large" in settings:
         _write_panels(out, scanner.large(), seed, "large")
-    write_json(out / "simulation.json", simulation(seed, scanner, realism, posing))
-    rows = [_row(plan, posing) for plan in plans]
+    write_json(out / "simulation.json", told)
     write_table(out / "objects.csv", list(rows[0]), [list(row.values()) for row in rows])
 
 
-def _row(plan: Plan, posing: Posing) -> dict[str, str]:
+def object_columns(plan: Identity, posing: Posing) -> dict[str, str]:
     """Give the columns of ``objects.csv`` that there is something to say in."""
     row = {
         "object_id": plan.object_id,
-        "category": plan.category.name,
+        "category": plan.kind,
         "split": plan.split,
         "source": "phantom",
     }
@@ -203,8 +240,35 @@ def simulation(seed: int, scanner: Scanner, realism: Realism, posing: Posing) ->
 def _write_object(
     out: Path, scanner: Scanner, realism: Realism, posing: Posing, seed: int, object_id: str
 ) -> str:
-    """Write the folder of one object; return the setting it was scanned in."""
-    phantom = posed(make_phantom(Plan.of(seed, object_id), realism), scanner, posing)
+    return write_object(out, make_phantom(Plan.of(seed, object_id), realism), scanner, posing)
+
+
+def write_object(
+    out: Path,
+    phantom: Phantom,
+    scanner: Scanner,
+    posing: Posing,
+    told: Mapping[str, Any] = NOTHING,
+) -> str:
+    """Write the folder of one object; return the setting it was scanned in.
+
+    Parameters
+    ----------
+    out
+        The capture folder.
+    phantom
+        As it was made, not posed yet.
+    scanner, posing
+        How it is taken.
+    told
+        What ``truth.json`` says beside what it always does.
+
+    Raises
+    ------
+    DataError
+        If it is too large; nothing is written then.
+    """
+    phantom = posed(phantom, scanner, posing)
     setting, scanner = scanner.setting_for(phantom)
     folder = out / object_id
     folder.mkdir()
@@ -218,7 +282,7 @@ def _write_object(
         write_image(folder / f"{view}.tif", scanner.radiograph(phantom, view, signal))
         shares[view] = signal.scatter_share
     truth = _truth(phantom, setting, scanner, shares)
-    write_json(folder / "truth.json", truth | true_poses(phantom.plan, scanner, posing))
+    write_json(folder / "truth.json", {**truth, **told} | true_poses(phantom.plan, scanner, posing))
     truth_grid(phantom).save(folder / "truth.npz")
     return setting
 

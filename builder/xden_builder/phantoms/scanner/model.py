@@ -21,7 +21,7 @@ from xden1k.values.arrays import Image
 from xden1k.values.materials import load_materials
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.capture.tables import is_number
-from xden_builder.phantoms.phantom import Phantom, PhantomPart, Plan, random_numbers
+from xden_builder.phantoms.phantom import Identity, Phantom, PhantomPart, random_numbers
 from xden_builder.phantoms.scanner.beam import Beam, kept_beam
 from xden_builder.phantoms.scanner.handover import MeshError, draw_mesh_error
 from xden_builder.phantoms.scanner.panel import Calibration, Panel
@@ -306,12 +306,12 @@ class Scanner:
             shape=(self.size_px, self.size_px),
         )
 
-    def true_geometry(self, plan: Plan, view: str) -> ViewGeometry:
+    def true_geometry(self, plan: Identity, view: str) -> ViewGeometry:
         """Place source and panel of a view as they were, in the frame of PA."""
         geometry, turn = self.geometry(view), self.turn(plan, view)
         return geometry if turn is None else seen_by_object(geometry, turn)
 
-    def turn(self, plan: Plan, view: str) -> Float64[np.ndarray, "4 4"] | None:
+    def turn(self, plan: Identity, view: str) -> Float64[np.ndarray, "4 4"] | None:
         """How an object that was turned by hand stood in a view; None where it was not turned."""
         return draw_turn(plan.rng("turn")) if self.is_turned(view) else None
 
@@ -394,12 +394,12 @@ class Scanner:
         spread = gaussian_spread(light, self.glare_cm / self.pixel_cm)
         return np.asarray((1 - self.glare_share) * light + self.glare_share * spread)
 
-    def scatter(self, plan: Plan) -> ScatterDraw:
+    def scatter(self, plan: Identity) -> ScatterDraw:
         """Scatter kernel of an object, the same in both views."""
         widths_cm = (self.scatter_near_cm, self.scatter_far_cm)
         return draw_scatter(plan.rng("scatter"), self.scatter_level, *widths_cm)
 
-    def mesh_error(self, plan: Plan) -> MeshError:
+    def mesh_error(self, plan: Identity) -> MeshError:
         """How the part meshes of an object are written."""
         return draw_mesh_error(
             plan.rng("meshes"),
@@ -409,7 +409,7 @@ class Scanner:
             self.mesh_tolerance_cm,
         )
 
-    def exposure(self, plan: Plan, view: str) -> float:
+    def exposure(self, plan: Identity, view: str) -> float:
         """Exposure of an object's view, as a factor on that of the flat."""
         drawn = plan.rng(f"exposure/{view}").normal(0.0, self.exposure_sd)
         return self.exposure_ratio * float(np.exp(drawn))
