@@ -79,7 +79,9 @@ def case_and_lid(model_id: str) -> tuple[list[trimesh.Trimesh], dict[str, Any]]:
     size = (1.0, 0.6, 0.8)
     case, lid = lidless(size)
     meshes = [box(size)]
-    return meshes, row(model_id, meshes, {"0": {"0": case}, "1": {"0": lid}}, ["Case", "Wooden Lid"])
+    return meshes, row(
+        model_id, meshes, {"0": {"0": case}, "1": {"0": lid}}, ["Case", "Wooden Lid"]
+    )
 
 
 def hammer(model_id: str) -> tuple[list[trimesh.Trimesh], dict[str, Any]]:

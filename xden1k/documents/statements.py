@@ -23,7 +23,7 @@ __all__ = [
 def dataset_title(manifest: Manifest) -> str:
     """Name of a dataset, which says so where nothing in it is real, or all of it is imported."""
     disturbed = ", disturbed radiographs" if manifest.disturbed else ""
-    if manifest.on_partnext == manifest.objects:
+    if 0 < manifest.on_partnext == manifest.objects:
         return f"XDen-1K, {ON_PARTNEXT}{disturbed}"
     if manifest.sources.keys() == {"published"}:
         return f"XDen-1K, imported from the authors' release{disturbed}"

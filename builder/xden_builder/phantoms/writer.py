@@ -270,7 +270,7 @@ def write_object(
     """
     phantom = posed(phantom, scanner, posing)
     setting, scanner = scanner.setting_for(phantom)
-    folder = out / object_id
+    folder = out / phantom.plan.object_id
     folder.mkdir()
     if setting != "standard":
         write_scanner(scanner_file(scanner, setting), folder / "scanner.toml")

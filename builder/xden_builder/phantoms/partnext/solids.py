@@ -28,7 +28,7 @@ from xden_builder.phantoms.partnext.flood import depths, flooded, near_voxels, s
 from xden_builder.phantoms.partnext.model import Model
 from xden_builder.phantoms.partnext.surface import Surface
 
-__all__ = ["GRID", "Shape", "Solid", "role_of", "shape_model"]
+__all__ = ["FATES", "GRID", "HOLLOW_SHARE", "Shape", "Solid", "role_of", "shape_model"]
 
 GRID: Final = 96
 """Voxels along each side by default; parts of the size of one are lost."""
@@ -41,6 +41,8 @@ WALL_VOXELS: Final = (2.0, 6.0)
 """Thinner is not told apart on the grid, thicker does not fit its margin."""
 HOLLOW_SHARE: Final = 0.5
 """Of the parts that enclose space only with their holes covered: they are shells."""
+FATES: Final = ("filler", "void", "inclusion")
+"""Of a space that no part fills, each as likely; an inclusion lies in filler."""
 LEAST_ROOM: Final = 27
 """Voxels; a smaller space goes to the parts around it."""
 LEAST_ROOM_SHARE: Final = 1e-3
@@ -263,7 +265,7 @@ def _fill_rooms(
     least = max(LEAST_ROOM, LEAST_ROOM_SHARE * int(full.sum()))
     empty = []
     for room in (np.flatnonzero(sizes >= least) + 1).tolist():
-        fate = str(rng.choice(["filler", "void", "inclusion"]))
+        fate = str(rng.choice(FATES))
         if fate == "void" or len(kinds) + 3 > MAX_PARTS:
             empty.append(room)
             continue

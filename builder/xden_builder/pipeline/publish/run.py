@@ -136,6 +136,7 @@ def push(
     manifest = read_folder(root)
     tag = _checked_tag(tag, manifest)
     _refuse_simulated(manifest, repo_id, simulated_too)
+    _refuse_foreign_shapes(manifest)
     repository = Repository(repo_id)
     if not dry_run:
         with one_line(repo_id):
@@ -155,6 +156,14 @@ def _checked_tag(tag: str | None, manifest: Manifest) -> str:
     if re.fullmatch(r"\d+\.\d+\.\d+", number) and number != manifest.version:
         raise DataError(f"the folder's version is {manifest.version}, the tag says {tag}")
     return tag
+
+
+def _refuse_foreign_shapes(manifest: Manifest) -> None:
+    if manifest.on_partnext:
+        raise DataError(
+            f"{manifest.on_partnext} of {manifest.objects} objects of this folder have shapes of "
+            "PartNeXt, each under a licence of its own: they are not published from here"
+        )
 
 
 def _refuse_simulated(manifest: Manifest, repo_id: str, simulated_too: bool) -> None:

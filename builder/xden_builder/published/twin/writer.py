@@ -190,7 +190,7 @@ def _truth(
     apparent = [apparent_density_g_cm3(lac) for lac in lac_per_cm.values()]
     return {
         "phantom": phantom.plan.object_id,
-        "category": phantom.plan.category.name,
+        "category": phantom.plan.kind,
         "mesh_matrix": pose.mesh.tolist(),
         "volume_matrix": pose.volume.tolist(),
         "extents_cm": pose.extents_cm.tolist(),
