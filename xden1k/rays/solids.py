@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import trimesh
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float32, UInt8
 from scipy import ndimage
 
 from xden1k.errors import DataError, require
@@ -138,7 +138,9 @@ def _in_cm(
     return region.scale((voxel_size_cm,) * 3).translate(tuple(origin_cm.tolist()))
 
 
-def _everywhere(outer: trimesh.Trimesh, labels: Labels, grid: CubeGrid) -> tuple[Vec3, Labels]:
+def _everywhere(
+    outer: trimesh.Trimesh, labels: Labels, grid: CubeGrid
+) -> tuple[Vec3, UInt8[np.ndarray, "near_x near_y near_z"]]:
     """Give labels, each voxel without one that of the nearest, in a box with room around a surface.
 
     Returns

@@ -42,7 +42,7 @@ def _corners(triangles: Triangles) -> Int64[np.ndarray, "t 3"]:
     return np.unique(places, axis=0, return_inverse=True)[1].reshape(-1, 3).astype(np.int64)
 
 
-def capped(triangles: Triangles) -> Triangles:
+def capped(triangles: Triangles) -> Float64[np.ndarray, "more 3 3"]:
     """Add a fan over each hole of a surface, from the middle of its rim; the same where none is.
 
     Examples

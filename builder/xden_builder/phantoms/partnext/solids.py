@@ -53,7 +53,7 @@ SMOOTHED: Final = 0.02
 """Voxels by which facets of the outer surface may be moved to leave out others."""
 
 Mask3D = Bool[np.ndarray, "x y z"]
-Voxels = Int64[np.ndarray, "v"]
+Voxels = Int64[np.ndarray, "_"]
 Draw = Callable[[str], np.random.Generator]
 Kind = Literal["part", "filler", "inclusion"]
 
