@@ -25,6 +25,7 @@ from xden1k.commands import (
     print_json,
 )
 from xden1k.errors import DataError, MissingObjectError
+from xden1k.format.shapes import ON_PARTNEXT
 
 if TYPE_CHECKING:
     from xden1k.export import Exported
@@ -81,6 +82,8 @@ def info(root: Path | str | None, as_json: bool) -> None:
         click.echo(f"{'no X-rays':<12}{_counts(without)}")
     if disturbed := values["disturbed"]:
         click.echo(f"{'disturbed':<12}radiographs {disturbed['radiographs']}")
+    if count := values["on_partnext"]:
+        click.echo(f"{'shapes':<12}{count} are {ON_PARTNEXT}")
     click.echo(f"{'size':<12}{values['bytes'] / 1e6:.1f} MB in {values['files']} files")
     unpacked = f"{values['unpacked_bytes'] / 1e6:.1f} MB, the size of a cache of `datasets`"
     click.echo(f"{'unpacked':<12}{unpacked}")
@@ -103,6 +106,7 @@ def _summary(folder: DatasetFolder) -> dict[str, Any]:
         "densities": manifest.density_sources,
         "without_radiographs": manifest.without_radiographs,
         "disturbed": manifest.disturbed and dataclasses.asdict(manifest.disturbed),
+        "on_partnext": manifest.on_partnext,
         "categories": dict(sorted(Counter(folder.light_column("category")).items())),
         "files": len(manifest.files),
         "bytes": sum(file.bytes for file in manifest.files),

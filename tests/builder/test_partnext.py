@@ -24,11 +24,12 @@ from builder.partnext_snapshots import (
 )
 from click.testing import CliRunner
 
+from xden1k.cli import cli as xden
 from xden1k.errors import DataError
 from xden1k.folder import open_folder
 from xden1k.format.manifest import Manifest
 from xden1k.format.shapes import ON_PARTNEXT
-from xden1k.rays import disjoint_regions
+from xden1k.rays import disjoint_regions, outer_surface
 from xden1k.values.closed import edge_faults
 from xden1k.values.materials import load_materials
 from xden_builder.capture import CaptureFolder
@@ -160,6 +161,16 @@ def test_a_box_that_is_drawn_to_be_solid_is_so() -> None:
     shape = shaped(divided_box(), seed)
     assert list(shape.walls_cm) == ["part_2"]
     assert volumes(shape)[0] + shape.walls_cm["part_2"] * 4 == pytest.approx(8, rel=0.03)
+
+
+def test_a_void_does_not_reach_the_air_where_faces_are_of_no_part() -> None:
+    case, _ = lidless((2, 2, 2))
+    model = surface([box((2, 2, 2))], [[1 if face in case else 0 for face in range(12)]])
+    shape = shaped(model, seed_of("void"))
+    assert shape.voids == 1
+    around = outer_surface([solid.mesh for solid in shape.solids])
+    assert float(around.volume) == pytest.approx(float(shape.outer.volume), rel=1e-3)
+    assert float(around.volume) - sum(volumes(shape)) == pytest.approx(shape.void_cm3, rel=0.01)
 
 
 def test_a_closed_piece_within_another_of_the_same_part_is_a_cavity() -> None:
@@ -503,6 +514,8 @@ def test_the_truth_as_a_dataset_says_whose_shapes_and_is_not_published(
         assert ON_PARTNEXT in (out / name).read_text()
     assert "license: other" in (out / "README.md").read_text()
     assert Manifest.read(out).on_partnext == 1
+    info = CliRunner().invoke(xden, ["info", "--root", str(out)])
+    assert f"shapes      1 are {ON_PARTNEXT}" in info.stdout
     obj = open_folder(out).object("bbbb02")
     assert (obj.source, obj.meta["notes"]) == ("phantom", ON_PARTNEXT)
     with pytest.raises(DataError, match="have shapes of PartNeXt, each under a licence"):

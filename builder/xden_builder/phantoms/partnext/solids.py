@@ -24,7 +24,7 @@ from xden1k.values.closed import edge_faults
 from xden1k.values.types import MAX_PARTS
 from xden_builder.capture.solids import simplified
 from xden_builder.phantoms.partnext.bodies import bodies, capped, filled, lined
-from xden_builder.phantoms.partnext.flood import depths, flooded, near_voxels, sides
+from xden_builder.phantoms.partnext.flood import REACH, depths, flooded, near_voxels, sides
 from xden_builder.phantoms.partnext.model import Model
 from xden_builder.phantoms.partnext.surface import Surface
 
@@ -148,6 +148,7 @@ def shape_model(model: Model, half_cm: float, draw: Draw, size: int = GRID) -> S
         for leaf, (role, wall) in enumerate(zip(roles, walls[1:].tolist(), strict=True), 1)
     ]
     labels = _labelled([voxels for voxels, _ in masks], (size,) * 3)
+    _cover(labels, thick)
     kinds, void, voids = _fill_rooms(labels, thick > 0, len(masks), draw("rooms"))
     meshes = label_solids(outer, labels, grid, void)
     solids = _checked(model, kinds, meshes)
@@ -243,6 +244,19 @@ def _labelled(spaces: Sequence[Voxels], shape: tuple[int, ...]) -> Labels:
     for place in sorted(range(len(spaces)), key=lambda place: -len(spaces[place])):
         flat[spaces[place]] = place + 1
     return labels
+
+
+def _cover(labels: Labels, thick: Float32[np.ndarray, "x y z"]) -> None:
+    """Give what no part claims just below the outer surface to the nearest part, in place.
+
+    So no room reaches the air where faces belong to no part.
+    """
+    bare = (thick > 0) & (thick < REACH) & (labels == 0)
+    if bare.any() and labels.any():
+        nearest = ndimage.distance_transform_edt(
+            labels == 0, return_distances=False, return_indices=True
+        )
+        labels[bare] = labels[tuple(nearest)][bare]
 
 
 def _fill_rooms(
