@@ -21,7 +21,7 @@ baselines := tests/baselines baselines
 docs := tests/docs $(wildcard tests/test_*.py)
 TWO_AT_A_TIME := $(MAKE) --jobs=2 --keep-going $(if $(filter output-sync,$(.FEATURES)),--output-sync=target)
 
-.PHONY: setup demo test test-all coverage $(TESTS:%=test-%) lint docs speed sample leaderboard pictures segments ablations robustness picks clean
+.PHONY: setup demo test test-all coverage $(TESTS:%=test-%) lint docs speed sample leaderboard surface-net pictures segments ablations robustness picks clean
 
 setup: $(STAMP)
 
@@ -91,7 +91,14 @@ SEEDS := 0 1 2
 # The builder without the captures' labels and, unranked, with them.
 BUILT := blind labels
 ROWS_OF = $(foreach row,$(METHODS) $(FITTED) $(BUILT),$(ROWS)/$(1)/$(row).npz) \
-  $(foreach seed,$(SEEDS),$(patsubst %,$(ROWS)/$(1)/%-$(seed).npz,$(TRAINED) surface-net))
+  $(foreach seed,$(SEEDS),$(TRAINED:%=$(ROWS)/$(1)/%-$(seed).npz))
+
+# Enters the rows of one split; those that are entered are passed over. Command.
+ENTERED = for file in $^; do \
+	  test -e $$file.entered || { \
+	    $(BIN)/xden-bench $(1) $$file --root $(ROWS)/data --split $* && touch $$file.entered; \
+	  } || exit 1; \
+	done
 
 leaderboard: rows-test rows-unseen  # all rows, use -j2; what is entered already is passed over
 	$(BIN)/xden-bench leaderboard
@@ -99,11 +106,7 @@ leaderboard: rows-test rows-unseen  # all rows, use -j2; what is entered already
 .SECONDARY:
 .SECONDEXPANSION:
 rows-test rows-unseen: rows-%: $$(call ROWS_OF,%)
-	for file in $^; do \
-	  test -e $$file.entered || { \
-	    $(BIN)/xden-bench submit $$file --root $(ROWS)/data --split $* && touch $$file.entered; \
-	  } || exit 1; \
-	done
+	$(call ENTERED,submit)
 
 $(ROWS)/data/manifest.json: | setup
 	$(BIN)/xden-bench dataset XDen-P2000 --out $(ROWS)/data
@@ -129,6 +132,12 @@ $(foreach method,$(TRAINED),$(foreach seed,$(SEEDS),$(eval \
   $(call LEARNED_ROWS,$(method)-$(seed),$(method),--seed $(seed),--budget 20epochs))))
 
 $(foreach seed,$(SEEDS),$(eval $(call LEARNED_ROWS,surface-net-$(seed),surface-net,--seed $(seed))))
+
+surface-net: surface-net-test surface-net-unseen  # its rows, which the board does not have yet
+	$(BIN)/xden-bench leaderboard
+
+surface-net-test surface-net-unseen: surface-net-%: $$(foreach seed,$(SEEDS),$(ROWS)/%/surface-net-$$(seed).npz)
+	$(call ENTERED,submit)
 
 # What seeing materials is worth: the same methods shown flat pictures, compared and not entered.
 SHADED := $(FITTED) colour-unet-0
@@ -162,11 +171,7 @@ segments: segments-test segments-unseen  # all rows of segmentation, use -j2; SE
 	$(BIN)/xden-bench leaderboard
 
 segments-test segments-unseen: segments-%: $$(call SEGMENTED,%)
-	for file in $^; do \
-	  test -e $$file.entered || { \
-	    $(BIN)/xden-bench segment submit $$file --root $(ROWS)/data --split $* && touch $$file.entered; \
-	  } || exit 1; \
-	done
+	$(call ENTERED,segment submit)
 
 $(ROWS)/segments/%.npz: $(ROWS)/data/manifest.json
 	mkdir -p $(@D)

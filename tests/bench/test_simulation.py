@@ -18,7 +18,7 @@ from xden_bench.entries.simulation import (
     stored_populations,
     told_apart,
 )
-from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.protocol import Rules, load_protocol, load_rules
 
 RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
 RULES = load_protocol()
@@ -56,20 +56,40 @@ def test_of_given_categories_nineteen_intervals_of_twenty_hold() -> None:
     assert found.share == pytest.approx(0.95, abs=0.035)
 
 
+def test_a_board_of_segments_is_simulated_by_its_own_rules() -> None:
+    rules, entries = load_rules("segment-v1"), read_entries(RESULTS)
+    found = list(stored_populations(entries, rules))
+    assert {one.metric for one in found} <= {*rules.interval_metrics}
+    assert all(np.isfinite(one.scores).all() for one in found)
+    rows = next(rows for rows in tables(entries) if rows[0]["protocol"] == "segment-v1")
+    assert told_apart(rows, rules, 2, trials=20) <= 0.2
+
+
 @pytest.mark.slow
-def test_wherever_an_interval_is_printed_92_to_97_of_100_hold() -> None:
-    stored = stored_populations(read_entries(RESULTS), RULES)
-    printed = [one for one in DESIGNS if one.is_printed(RULES)]
-    sizes = {(one.objects, one.categories) for one in printed}
-    assert sizes == {(400, 400), (402, 134), (420, 30)}
-    for population in (NORMAL, LOG_NORMAL, *stored):
+@pytest.mark.parametrize(
+    ("rules", "expected"),
+    [
+        (RULES, {(400, 400), (402, 134), (420, 30)}),
+        (load_rules("segment-v1"), {(100, 100), (400, 400), (402, 134), (150, 30), (420, 30)}),
+    ],
+    ids=["densities", "segments"],
+)
+def test_wherever_an_interval_is_printed_92_to_97_of_100_hold(
+    rules: Rules, expected: set[tuple[int, int]]
+) -> None:
+    stored = stored_populations(read_entries(RESULTS), rules)
+    printed = [one for one in DESIGNS if one.is_printed(rules)]
+    assert {(one.objects, one.categories) for one in printed} == expected
+    drawn = (NORMAL, LOG_NORMAL) if rules is RULES else (NORMAL,)  # IoU has bounds, and no tail
+    for population in (*drawn, *stored):
         for design in filter(population.fits, printed):
-            found = coverage(population, design, RULES, trials=2000)
+            found = coverage(population, design, rules, trials=2000)
             assert 0.92 <= found.share <= 0.97, found
 
 
 @pytest.mark.slow
 def test_equal_methods_are_told_apart_in_at_most_6_of_100_tables() -> None:
     for rows in tables(read_entries(RESULTS)):
-        for methods in range(2, len(rows) + 1):
-            assert told_apart(rows, RULES, methods, trials=1000) <= 0.06
+        rules = load_rules(rows[0]["protocol"])
+        for methods in range(2, len(rows) + 1) if rules.interval_metrics else ():
+            assert told_apart(rows, rules, methods, trials=1000) <= 0.06

@@ -31,8 +31,15 @@ METHODS = (2, 5)
     show_default=True,
     help="Simulated data sets of each kind.",
 )
+@click.option(
+    "--protocol",
+    type=click.Choice(["v2", "segment-v1"]),  # those with intervals
+    default="v2",
+    show_default=True,
+    help="Whose intervals and ranks.",
+)
 @json_option
-def coverage(results: Path, trials: int, as_json: bool) -> None:
+def coverage(results: Path, trials: int, protocol: str, as_json: bool) -> None:
     """Simulate how often the 95 % intervals hold, and how often equal methods are told apart.
 
     Objects are drawn from a normal and a log-normal distribution, and from the scores of the
@@ -47,9 +54,9 @@ def coverage(results: Path, trials: int, as_json: bool) -> None:
         told_apart,
     )
     from xden_bench.entries.simulation import coverage as simulate
-    from xden_bench.scoring.protocol import load_protocol
+    from xden_bench.scoring.protocol import load_rules
 
-    rules, entries = load_protocol(), read_entries(results)
+    rules, entries = load_rules(protocol), read_entries(results)
     populations = [*drawn_populations(), *stored_populations(entries, rules)]
     found = [
         simulate(one, design, rules, trials)
@@ -59,7 +66,7 @@ def coverage(results: Path, trials: int, as_json: bool) -> None:
     ]
     equal = [
         (rows[0]["track"], count, told_apart(rows, rules, count, trials))
-        for rows in tables(entries)
+        for rows in tables([one for one in entries if one["protocol"] == protocol])
         for count in METHODS
         if len(rows) >= count
     ]

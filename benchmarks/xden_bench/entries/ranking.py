@@ -27,9 +27,11 @@ __all__ = [
     "rank_label",
     "rank_labels",
     "ranks",
+    "row_losses",
     "trusted_interval",
     "unranked_because",
     "worse_beyond_doubt",
+    "worse_rows",
 ]
 
 Entry = Mapping[str, Any]
@@ -144,8 +146,8 @@ def ranks(rows: Sequence[Entry]) -> list[int | None]:
     if not places or not (rules := load_rules(rows[0]["protocol"])).is_ranked:
         return found
     counted = [rows[place] for place in places]
-    losses, categories = _losses(counted, rules.rank_by)
-    worse = _worse(losses, categories, rules)
+    losses, categories = row_losses(counted, rules.rank_by)
+    worse = worse_rows(losses, categories, rules)
     for place, rank in zip(places, dense_ranks(losses.mean(axis=0).tolist(), worse), strict=True):
         found[place] = rank
     return found
@@ -218,7 +220,7 @@ def trusted_interval(row: Entry, metric: str) -> Sequence[float] | None:
     return ends
 
 
-def _worse(
+def worse_rows(
     losses: Float64[np.ndarray, "objects rows"], categories: Sequence[str], rules: Rules
 ) -> Bool[np.ndarray, "rows rows"]:
     """Which rows are worse by the mean, and beyond doubt by the bounded loss.
@@ -232,7 +234,7 @@ def _worse(
     )
 
 
-def _losses(
+def row_losses(
     rows: Sequence[Entry], metric: str
 ) -> tuple[Float64[np.ndarray, "objects rows"], Sequence[str]]:
     """Loss of every object in every row, and their categories; without objects left out of it."""

@@ -13,12 +13,10 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float64
 
-from xden_bench.entries.ranking import Entry, dense_ranks, worse_beyond_doubt
+from xden_bench.entries.ranking import Entry, dense_ranks, row_losses, worse_rows
 from xden_bench.scoring.bootstrap import SAME
 from xden_bench.scoring.clusters import category_sums
-from xden_bench.scoring.intervals import sampled
-from xden_bench.scoring.metrics import METRICS
-from xden_bench.scoring.protocol import Protocol
+from xden_bench.scoring.protocol import Rules
 from xden_bench.scoring.strata import strata
 from xden_bench.scoring.studentised import studentised_intervals
 
@@ -62,7 +60,7 @@ class Design:
         """How many there are in all."""
         return self.categories * self.size
 
-    def is_printed(self, protocol: Protocol) -> bool:
+    def is_printed(self, protocol: Rules) -> bool:
         """Whether the protocol gives an interval to so many."""
         if self.objects < protocol.min_interval_objects:
             return False
@@ -159,24 +157,29 @@ def drawn_populations(seed: int = 0) -> tuple[Population, ...]:
     return Population("normal", "", 5 + scores), Population("log-normal", "", np.exp(scores))
 
 
-def stored_populations(entries: Iterable[Entry], protocol: Protocol) -> Iterator[Population]:
+def stored_populations(entries: Iterable[Entry], protocol: Rules) -> Iterator[Population]:
     """Every metric of every entry that could have an interval, in categories of one size.
 
     Of three objects where categories are drawn, of all where they are given. Oracles have none, nor
-    what is the same for every object.
+    what is the same for every object. Objects that a metric leaves out do not count; where all of a
+    given category are left out, there is no interval.
     """
     for entry in entries:
-        columns = entry["object_scores"]
+        columns, is_fixed = entry["object_scores"], _is_fixed(entry, protocol)
         names = [name for name in protocol.interval_metrics if name in columns]
         for name in names if "truth" not in entry["method"]["inputs"] else []:
-            is_fixed = {*columns["category"]} == {*protocol.unseen_categories}
-            scores = _even(np.array(columns[name]), columns["category"], is_fixed)
+            values = np.array(columns[name], dtype=np.float64)
+            counts = ~np.isnan(values)
+            categories = np.array(columns["category"])[counts].tolist()
+            if is_fixed and {*categories} != {*protocol.unseen_categories}:
+                continue
+            scores = _even(values[counts], categories, is_fixed)
             if scores.size and np.ptp(scores) > SAME:
                 yield Population(entry["method"]["name"], name, scores, is_fixed)
 
 
 def coverage(
-    population: Population, design: Design, protocol: Protocol, trials: int, seed: int = 0
+    population: Population, design: Design, protocol: Rules, trials: int, seed: int = 0
 ) -> Coverage:
     """How often the interval holds, over many trials.
 
@@ -202,7 +205,7 @@ def coverage(
 
 
 def told_apart(
-    rows: Sequence[Entry], protocol: Protocol, methods: int, trials: int, seed: int = 0
+    rows: Sequence[Entry], protocol: Rules, methods: int, trials: int, seed: int = 0
 ) -> float:
     """Share of tables of equal methods in which any two are told apart.
 
@@ -223,21 +226,22 @@ def told_apart(
         Of the lots.
     """
     rng = np.random.default_rng(seed)
-    columns = rows[0]["object_scores"]
-    scores = np.array([row["object_scores"][protocol.rank_by] for row in rows], dtype=np.float64)
-    losses = METRICS[protocol.rank_by].loss(scores)
-    is_fixed = {*columns["category"]} == {*protocol.unseen_categories}
-    dealt = columns["object_id" if is_fixed else "category"]
+    losses, categories = row_losses(rows, protocol.rank_by)
+    is_fixed = _is_fixed(rows[0], protocol)
+    dealt = np.arange(len(losses)) if is_fixed else np.array(categories)
     names, places = np.unique(dealt, return_inverse=True)
     found = 0
     for _ in range(trials):
         lots = rng.permuted(np.tile(np.arange(len(rows)), (len(names), 1)), axis=1)[:, :methods]
-        drawn = np.take_along_axis(losses, lots[places].T, axis=0).T
-        bounded = drawn / (drawn + protocol.rank_scale)
-        sample = sampled(bounded, columns["category"], protocol)
-        worse = worse_beyond_doubt(sample, protocol.rank_error, protocol.rank_methods)
+        drawn = np.take_along_axis(losses, lots[places], axis=1)
+        worse = worse_rows(drawn, categories, protocol)
         found += max(dense_ranks(drawn.mean(axis=0).tolist(), worse)) > 1
     return found / trials
+
+
+def _is_fixed(row: Entry, protocol: Rules) -> bool:
+    """Whether the categories of a row are given: all the unseen ones."""
+    return {*row["object_scores"]["category"]} == {*protocol.unseen_categories}
 
 
 def _even(
