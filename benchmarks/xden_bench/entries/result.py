@@ -54,7 +54,8 @@ __all__ = [
 
 NOTES: Final = (SUFFIX, *(f".{kind}.json" for kind in KINDS))
 """Endings of what may lie beside an entry."""
-_OBJECT_COLUMNS: Final = ("object_id", "category", "source", "extent_cm")
+_NAMES: Final = ("object_id", "category", "source")
+_OBJECT_COLUMNS: Final = (*_NAMES, "extent_cm")
 
 
 def entry_of(
@@ -241,8 +242,14 @@ def objects_of(columns: Mapping[str, Sequence[Any]], rules: Rules) -> tuple[Obje
     ------
     KeyError
         If a column is missing.
+    TypeError
+        If one holds something else than numbers, or names.
     """
     names = rules.metrics_of(has_sd=not set(rules.sd_metrics).isdisjoint(columns))
+    for name in (*_OBJECT_COLUMNS, *names):
+        kind = str if name in _NAMES else float
+        if not all(isinstance(value, kind) for value in columns[name]):
+            raise TypeError(f"expected {kind.__name__} in column {name}")
     rows = zip(*(columns[name] for name in (*_OBJECT_COLUMNS, *names)), strict=True)
     return tuple(
         ObjectScore(one, category, source, extent_cm, dict(zip(names, values, strict=True)))
