@@ -109,4 +109,5 @@ def test_ten_thousand_mutations_are_scored_or_told_what_is_wrong(
     sounds: tuple[bytes, bytes], dataset: Path, tmp_path: Path
 ) -> None:
     told = try_mutations(range(ALL), sounds, dataset, tmp_path)
-    assert {code for code in CODES if code[0] == "E"} - told.keys() <= {"E405"}
+    # no chance writes a lump beside the object, the mark of a comment, or the template's name
+    assert {code for code in CODES if code[0] == "E"} - told.keys() <= {"E405", "E206", "E207"}
