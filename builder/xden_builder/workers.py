@@ -16,7 +16,7 @@ from typing import Final, TypeVar
 
 from xden1k.errors import XDenError
 
-__all__ = ["ONE_THREAD", "Answer", "WorkerDiedError", "explain", "run_each"]
+__all__ = ["ONE_THREAD", "Answer", "WorkerDiedError", "explain", "gather", "run_each"]
 
 logger = logging.getLogger(__name__)
 
@@ -61,6 +61,41 @@ def run_each(
     waiting = iter(keys)
     with _environment(environment):
         yield from _all(task, waiting, workers)
+
+
+def gather(
+    task: Callable[[str], Result],
+    object_ids: Iterable[str],
+    workers: int,
+    on_done: Callable[[str], None],
+) -> tuple[dict[str, Result], list[tuple[str, str]]]:
+    """Run a task for each object, and wait for all.
+
+    Parameters
+    ----------
+    task, workers
+        As :func:`run_each` takes them.
+    object_ids
+        What to work on.
+    on_done
+        Called with each object's id as it is done.
+
+    Returns
+    -------
+    results
+        By id, sorted.
+    failures
+        Ids and messages, sorted.
+    """
+    results: dict[str, Result] = {}
+    failures: list[tuple[str, str]] = []
+    for object_id, answer in run_each(task, object_ids, workers):
+        if isinstance(answer, BaseException):
+            failures.append((object_id, explain(object_id, answer)))
+        else:
+            results[object_id] = answer
+        on_done(object_id)
+    return dict(sorted(results.items())), sorted(failures)
 
 
 def _all(

@@ -5,11 +5,8 @@ from typing import Any
 
 import pytest
 
-POOLS = (
-    *("audit.run", "evaluate.interiors", "evaluate.run", "phantoms.writer"),
-    *("pipeline.align.run", "pipeline.run", "triage.report"),
-)
-"""The modules that work in a pool of processes."""
+POOLS = ("phantoms.writer", "pipeline.align.run", "pipeline.run", "workers")
+"""The modules that work in a pool of processes; most do by ``gather`` of the last."""
 
 
 @pytest.fixture(scope="module")

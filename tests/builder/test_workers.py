@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.waiting import until
-from xden_builder.workers import WorkerDiedError, run_each
+from xden_builder.workers import WorkerDiedError, gather, run_each
 
 
 def double(key: str) -> str:
@@ -34,6 +34,14 @@ def test_one_exception_is_an_answer_and_the_rest_goes_on():
     answers = dict(run_each(double, ["a", "bad", "c"], workers=2))
     assert (answers["a"], answers["c"]) == ("aa", "cc")
     assert isinstance(answers["bad"], ValueError)
+
+
+def test_what_is_gathered_is_sorted_and_a_failure_loses_nothing_else():
+    done: list[str] = []
+    results, failures = gather(double, ["c", "bad", "a"], 2, done.append)
+    assert list(results.items()) == [("a", "aa"), ("c", "cc")]
+    assert failures == [("bad", "internal error: ValueError: no")]
+    assert sorted(done) == ["a", "bad", "c"]
 
 
 def test_an_object_that_kills_its_process_is_reported_and_accuses_nobody_else():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from pathlib import Path
 
 import click
@@ -53,15 +53,6 @@ def appearance(
     if as_json:
         print_json([asdict(one) for one in found])
         return
-    rows = [
-        (
-            one.method,
-            one.density_mae_g_cm3,
-            one.recognition_g_cm3,
-            one.hidden_g_cm3,
-            one.from_eye_g_cm3,
-        )
-        for one in found
-    ]
+    rows = [astuple(one)[:-1] for one in found]
     click.echo(tabulate(rows, HEADINGS, floatfmt=".3f"))
     click.echo(f"means over {found[0].objects} objects, by the eye {eye}")

@@ -11,7 +11,7 @@ from typing import Any
 from xden1k.folder import open_folder
 from xden_builder.audit.object import ObjectAudit, audit_object
 from xden_builder.capture import CaptureFolder
-from xden_builder.workers import explain, run_each
+from xden_builder.workers import gather
 
 __all__ = ["AuditReport", "audit_folder"]
 
@@ -71,16 +71,9 @@ def audit_folder(
         If one of the folders as a whole is not readable.
     """
     CaptureFolder(captures)
-    audits, failures = [], []
     task = partial(_audit_object, root, captures)
-    for object_id, answer in run_each(task, open_folder(root).ids(), workers):
-        if isinstance(answer, ObjectAudit):
-            audits.append(answer)
-        else:
-            failures.append((object_id, explain(object_id, answer)))
-        on_done(object_id)
-    audits.sort(key=lambda audit: audit.object_id)
-    return AuditReport(tuple(audits), tuple(sorted(failures)))
+    audits, failures = gather(task, open_folder(root).ids(), workers, on_done)
+    return AuditReport(tuple(audits.values()), tuple(failures))
 
 
 def _audit_object(root: Path, captures: Path, object_id: str) -> ObjectAudit:

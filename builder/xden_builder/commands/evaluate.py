@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -91,17 +91,7 @@ def evaluate(
         report = _evaluated(folder, ablated, workers)
     from xden_builder.evaluate.table import markdown
 
-    tables = markdown(report)
-    if as_json:
-        print_json(report.to_dict())
-    else:
-        click.echo(tables)
-    if out:
-        out.write_text(tables, encoding="utf-8")
-    for object_id, why in report.failures:
-        click.echo(f"failed: {object_id}: {why}", err=True)
-    if report.failures:
-        raise SystemExit(DONE_IN_PART)
+    _tell(markdown(report), report.to_dict() if as_json else None, out, _failed(report.failures))
 
 
 def _compare(folders: Mapping[Path, Path], out: Path | None, as_json: bool) -> None:
@@ -110,17 +100,9 @@ def _compare(folders: Mapping[Path, Path], out: Path | None, as_json: bool) -> N
 
     sets = {str(captures): read_rebuilt(captures, root) for captures, root in folders.items()}
     tables = rebuilt_markdown(sets)
-    if as_json:
-        print_json({name: each.to_dict() for name, each in sets.items()})
-    else:
-        click.echo(tables)
-    if out:
-        out.write_text(tables, encoding="utf-8")
-    missing = [f"{name}: {key}" for name, each in sets.items() for key in each.missing]
-    for key in missing:
-        click.echo(f"not rebuilt: {key}", err=True)
-    if missing:
-        raise SystemExit(DONE_IN_PART)
+    values = {name: each.to_dict() for name, each in sets.items()} if as_json else None
+    lines = [f"not rebuilt: {name}: {key}" for name, each in sets.items() for key in each.missing]
+    _tell(tables, values, out, lines)
 
 
 def _compare_interiors(
@@ -131,15 +113,27 @@ def _compare_interiors(
     with progress_bar() as bar:
         found = compare_interiors(captures, roots, workers=workers, on_done=lambda _: bar.update())
     tables = interiors_markdown([str(root) for root in roots], found)
-    if as_json:
-        print_json({"rebuilt": [str(root) for root in roots], **found.to_dict()})
+    values = {"rebuilt": [str(root) for root in roots], **found.to_dict()} if as_json else None
+    _tell(tables, values, out, _failed(found.failures))
+
+
+def _failed(failures: Sequence[tuple[str, str]]) -> list[str]:
+    return [f"failed: {object_id}: {why}" for object_id, why in failures]
+
+
+def _tell(
+    tables: str, values: Mapping[str, Any] | None, out: Path | None, lacking: Sequence[str]
+) -> None:
+    """Print tables, or values as JSON where there are some; then what is lacking, and exit so."""
+    if values is not None:
+        print_json(values)
     else:
         click.echo(tables)
     if out:
         out.write_text(tables, encoding="utf-8")
-    for object_id, why in found.failures:
-        click.echo(f"failed: {object_id}: {why}", err=True)
-    if found.failures:
+    for line in lacking:
+        click.echo(line, err=True)
+    if lacking:
         raise SystemExit(DONE_IN_PART)
 
 

@@ -20,7 +20,7 @@ from xden_builder.capture import Capture, CaptureFolder
 from xden_builder.evaluate.cells import HEADERS, error_cells, reprojection_cells, table
 from xden_builder.evaluate.quality import Quality
 from xden_builder.evaluate.truth import Errors, Truth, read_truth
-from xden_builder.workers import explain, run_each
+from xden_builder.workers import gather
 
 __all__ = ["Interior", "Interiors", "compare_interiors", "interiors_markdown"]
 
@@ -94,15 +94,9 @@ def compare_interiors(
     wanted = CaptureFolder(captures).object_ids
     task = partial(_compared, captures, tuple(roots))
     everywhere = [key for key in wanted if all(key in ids for ids in there)]
-    failures = [(key, "not rebuilt everywhere") for key in wanted if key not in everywhere]
-    objects = {}
-    for object_id, answer in run_each(task, everywhere, workers):
-        if isinstance(answer, BaseException):
-            failures.append((object_id, explain(object_id, answer)))
-        else:
-            objects[object_id] = answer
-        on_done(object_id)
-    return Interiors(dict(sorted(objects.items())), tuple(sorted(failures)))
+    missing = [(key, "not rebuilt everywhere") for key in wanted if key not in everywhere]
+    objects, failures = gather(task, everywhere, workers, on_done)
+    return Interiors(objects, tuple(sorted([*missing, *failures])))
 
 
 def interiors_markdown(names: Sequence[str], found: Interiors) -> str:

@@ -37,7 +37,7 @@ from xden_builder.poly.settings import PolySettings
 from xden_builder.reconstruct.rigid import rigid_sd
 from xden_builder.registration.capture import registered
 from xden_builder.registration.placement import Registration
-from xden_builder.workers import explain, run_each
+from xden_builder.workers import gather
 
 __all__ = ["BodyCheck", "Evaluation", "ObjectResult", "PartCheck", "evaluate"]
 
@@ -156,14 +156,8 @@ def evaluate(
     folder = CaptureFolder(captures)
     drawn = sorted(folder.object_ids, key=_draw)[:ablated]
     task = partial(_evaluate_object, captures, frozenset(drawn))
-    objects, failures = {}, []
-    for object_id, answer in run_each(task, folder.object_ids, workers):
-        if isinstance(answer, BaseException):
-            failures.append((object_id, explain(object_id, answer)))
-        else:
-            objects[object_id] = answer
-        on_done(object_id)
-    return Evaluation(dict(sorted(objects.items())), tuple(sorted(failures)))
+    objects, failures = gather(task, folder.object_ids, workers, on_done)
+    return Evaluation(objects, tuple(failures))
 
 
 def _draw(object_id: str) -> bytes:

@@ -11,10 +11,10 @@ from typing import Any, Final
 from xden1k.errors import DataError, require
 from xden1k.folder import open_folder
 from xden1k.folder.place import publish, staging
-from xden_builder.triage.card import Card, make_card
+from xden_builder.triage.card import make_card
 from xden_builder.triage.page import render
 from xden_builder.triage.table import table
-from xden_builder.workers import explain, run_each
+from xden_builder.workers import gather
 
 __all__ = ["Report", "write_report"]
 
@@ -87,15 +87,9 @@ def write_report(
     require("jinja2", "build")
     require("numba", "build")
     _refuse_other_folders(out)
-    cards: list[Card] = []
-    not_shown: list[tuple[str, str]] = []
-    for object_id, answer in run_each(partial(make_card, root), open_folder(root).ids(), workers):
-        if isinstance(answer, Card):
-            cards.append(answer)
-        else:
-            not_shown.append((object_id, explain(object_id, answer)))
-        on_done(object_id)
-    cards.sort(key=lambda card: (card.findings.order, card.findings.object_id))
+    task = partial(make_card, root)
+    made, not_shown = gather(task, open_folder(root).ids(), workers, on_done)
+    cards = sorted(made.values(), key=lambda card: (card.findings.order, card.findings.object_id))
     failures = sorted([*not_built, *not_shown])
     out.parent.mkdir(parents=True, exist_ok=True)
     with staging(out) as beside:
@@ -105,7 +99,7 @@ def write_report(
         table(cards).to_csv(folder / TABLE_NAME, index=False)
         publish(folder, out)
     need_you = sum(card.findings.severity == "needs_you" for card in cards)
-    return Report(out / PAGE_NAME, len(cards), need_you, tuple(sorted(not_shown)))
+    return Report(out / PAGE_NAME, len(cards), need_you, tuple(not_shown))
 
 
 def _refuse_other_folders(out: Path) -> None:
