@@ -32,7 +32,7 @@ def elsewhere(capture: Capture, there: RigidPlacement = THERE) -> Capture:
         )
         for part in capture.parts
     )
-    return replace(capture, parts=parts, pose="unknown", scale_unknown=True)
+    return replace(capture, parts=parts, pose="unknown", mesh_scale="unknown")
 
 
 def found(

@@ -95,7 +95,7 @@ def test_aligned_meshes_are_taken_as_near_and_stand_where_they_were_found(
     aligned, source = CaptureFolder(pristine, out), CaptureFolder(pristine)
     for object_id in source.object_ids:
         capture, there = aligned.read(object_id), registered(source.read(object_id)).capture
-        assert (capture.pose, capture.scale_unknown) == ("near", False)
+        assert (capture.pose, capture.mesh_scale) == ("near", "known")
         for part, other in zip(capture.parts, there.parts, strict=True):
             np.testing.assert_allclose(part.mesh.bounds, other.mesh.bounds, atol=1e-6)
             assert part.material == other.material

@@ -22,6 +22,7 @@ from xden_builder.capture import (
     ViewFile,
     write_scanner,
 )
+from xden_builder.capture.pose import MeshScale
 from xden_builder.physics.source import Detector, Tube
 
 HEADER = "object_id,category,mesh_units,mass_g,split,source,notes\n"
@@ -139,22 +140,24 @@ POSED = "object_id,category,pose,mesh_scale\npen,pen,"
 
 
 @pytest.mark.parametrize(
-    ("cells", "pose", "scale_unknown"),
+    ("cells", "pose", "mesh_scale"),
     [
-        (",", "near", False),
-        ("near,known", "near", False),
-        ("unknown,unknown", "unknown", True),
-        ("candidate 2,", Candidate(2), False),
-        ("0.5 -.5 0.5 0.5 1 -20 3e-1,", CoarsePose((0.5, -0.5, 0.5, 0.5), (1, -20, 0.3)), False),
-        ("0 0 0 0.98 0 0 0,unknown", CoarsePose((0, 0, 0, 1), (0, 0, 0)), True),
+        (",", "near", "known"),
+        ("near,known", "near", "known"),
+        ("near,near", "near", "near"),
+        ("unknown,near", "unknown", "near"),
+        ("unknown,unknown", "unknown", "unknown"),
+        ("candidate 2,", Candidate(2), "known"),
+        ("0.5 -.5 0.5 0.5 1 -20 3e-1,", CoarsePose((0.5, -0.5, 0.5, 0.5), (1, -20, 0.3)), "known"),
+        ("0 0 0 0.98 0 0 0,unknown", CoarsePose((0, 0, 0, 1), (0, 0, 0)), "unknown"),
     ],
 )
 def test_where_meshes_are_arrives(
-    root: Path, cells: str, pose: PoseTold, scale_unknown: bool
+    root: Path, cells: str, pose: PoseTold, mesh_scale: MeshScale
 ) -> None:
     (root / "objects.csv").write_text(POSED + cells)
     pen = CaptureFolder(root).read("pen")
-    assert (pen.pose, pen.scale_unknown) == (pose, scale_unknown)
+    assert (pen.pose, pen.mesh_scale) == (pose, mesh_scale)
 
 
 def test_a_further_view_is_handed_over_for_the_fit_and_must_be_there(root: Path) -> None:
@@ -227,7 +230,7 @@ def test_a_further_view_is_handed_over_for_the_fit_and_must_be_there(root: Path)
         (POSED + "0 0 0 1 0 0 nan,", "row 2, pose: must be near, .*, got '0 0 0 1 0 0 nan'"),
         (POSED + "candidate 0,", "row 2, pose: must be near, .* from 1, got 'candidate 0'"),
         (POSED + "5 0 2 0 0 0 1,", "row 2, pose: the quaternion .* norm 1, got 5.39 in '5 0 2"),
-        (POSED + "unknown,2", "row 2, mesh_scale: must be one of known, unknown, got '2'"),
+        (POSED + "unknown,2", "row 2, mesh_scale: must be one of known, near, unknown, got '2'"),
         (POSED + ",unknown", "row 2, mesh_scale: is unknown, but meshes whose pose is near"),
     ],
 )

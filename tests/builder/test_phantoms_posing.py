@@ -97,7 +97,7 @@ def test_meshes_of_the_files_are_not_where_the_images_show_them(
 
 
 def test_a_capture_says_what_is_not_known_of_it(captures: Path, capture: Capture) -> None:
-    assert (capture.pose, capture.scale_unknown, capture.turned) == ("unknown", True, {"lat"})
+    assert (capture.pose, capture.mesh_scale, capture.turned) == ("unknown", "unknown", {"lat"})
     assert json.loads((captures / "simulation.json").read_text())["posing"] == {
         "pose": "unknown",
         "mesh_scale": "unknown",

@@ -227,7 +227,9 @@ def astray(capture: Capture, scale: float = 1.0) -> Capture:
     for part in capture.parts:
         vertices = (TURN.apply(part.mesh.vertices) + AWAY_CM) / scale
         parts.append(replace(part, mesh=trimesh.Trimesh(vertices, part.mesh.faces, process=False)))
-    return replace(capture, parts=tuple(parts), pose="unknown", scale_unknown=scale != 1)
+    return replace(
+        capture, parts=tuple(parts), pose="unknown", mesh_scale="known" if scale == 1 else "unknown"
+    )
 
 
 def found(capture: Capture) -> Registration:

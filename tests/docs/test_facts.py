@@ -159,7 +159,7 @@ def test_lines_that_are_commented_out_are_legal_too(tmp_path: Path) -> None:
         assert getattr(read_scanner(path).views["pa"], key) == float(quoted.split()[-1])
 
 
-COLUMN_OF_FIELD = {"weighed_mass_g": "mass_g", "scale_unknown": "mesh_scale"}
+COLUMN_OF_FIELD = {"weighed_mass_g": "mass_g"}
 """By the field that holds them, where the names differ."""
 
 

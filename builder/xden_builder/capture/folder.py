@@ -21,7 +21,7 @@ from xden_builder.capture.ct import CTReference, read_ct
 from xden_builder.capture.ignored import ignore_name, without_ignored
 from xden_builder.capture.meshes import MESH_SUFFIXES
 from xden_builder.capture.parts import CapturePart, read_parts
-from xden_builder.capture.pose import PoseTold, read_pose, read_scale_unknown
+from xden_builder.capture.pose import MeshScale, PoseTold, read_mesh_scale, read_pose
 from xden_builder.capture.scanner import DATASET_VIEWS, ScannerFile, read_scanner
 from xden_builder.capture.tables import CsvRow, read_csv
 from xden_builder.physics.source import Detector, Tube
@@ -54,8 +54,8 @@ class ObjectRow:
         Free text.
     pose
         Where its meshes are in the scanner's frame.
-    scale_unknown
-        Whether its meshes may be too large or too small by a factor of up to 2.
+    mesh_scale
+        What is known of the size of its meshes.
     """
 
     object_id: str
@@ -66,7 +66,7 @@ class ObjectRow:
     source: Source = "scan"
     notes: str = ""
     pose: PoseTold = "near"
-    scale_unknown: bool = False
+    mesh_scale: MeshScale = "known"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,7 +97,7 @@ class Capture:
     at_least
         By view, where any pixel is saturated: the transmission that each of those reaches at
         least; not a number elsewhere.
-    pose, scale_unknown
+    pose, mesh_scale
         As in ``objects.csv``. The parts are as their files hold them, in cm.
     further_views
         Radiographs that are fitted beside ``pa`` and ``lat``.
@@ -124,7 +124,7 @@ class Capture:
     open_field: Mapping[str, Image] = field(default_factory=dict)
     at_least: Mapping[str, Image] = field(default_factory=dict)
     pose: PoseTold = "near"
-    scale_unknown: bool = False
+    mesh_scale: MeshScale = "known"
     further_views: tuple[XRayView, ...] = ()
     turned: frozenset[str] = frozenset()
     mesh_units: str = "cm"
@@ -219,7 +219,7 @@ class CaptureFolder:
                 name: view.at_least for name, view in views.items() if view.at_least is not None
             },
             pose="near" if in_place else row.pose,
-            scale_unknown=row.scale_unknown and not in_place,
+            mesh_scale=_found(row.mesh_scale) if in_place else row.mesh_scale,
             further_views=tuple(views[name].view for name in scanner.further_names),
             turned=frozenset(name for name, stored in scanner.views.items() if stored.turned),
             mesh_units=row.mesh_units,
@@ -353,8 +353,13 @@ def _object_row(row: CsvRow) -> ObjectRow:
         source=cast(Source, row.choice("source", CAPTURED, default="scan")),
         notes=row["notes"],
         pose=read_pose(row),
-        scale_unknown=read_scale_unknown(row),
+        mesh_scale=read_mesh_scale(row),
     )
+
+
+def _found(mesh_scale: MeshScale) -> MeshScale:
+    """Say what is known of the size of meshes that were put where the scanner saw them."""
+    return "known" if mesh_scale == "unknown" else mesh_scale
 
 
 def _mass_g(row: CsvRow) -> float:

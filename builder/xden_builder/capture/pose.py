@@ -11,7 +11,14 @@ from scipy.spatial.transform import Rotation
 
 from xden_builder.capture.tables import CsvRow
 
-__all__ = ["Candidate", "CoarsePose", "PoseTold", "read_pose", "read_scale_unknown"]
+__all__ = [
+    "Candidate",
+    "CoarsePose",
+    "MeshScale",
+    "PoseTold",
+    "read_mesh_scale",
+    "read_pose",
+]
 
 NORM_RANGE: Final = (0.9, 1.1)
 """Norm of a quaternion whose figures were rounded; beyond it the numbers are something else."""
@@ -66,6 +73,9 @@ class Candidate:
 PoseTold = Literal["near", "unknown"] | CoarsePose | Candidate
 """Where the meshes are: ``near`` is within about 2 degrees and 5 mm of the scanner's frame."""
 
+MeshScale = Literal["known", "near", "unknown"]
+"""What is known of the meshes' size: all of it, it to a per cent, or to a factor of 2."""
+
 
 def read_pose(row: CsvRow) -> PoseTold:
     """Read the column ``pose``; empty is ``near``.
@@ -99,16 +109,17 @@ def _read_coarse(row: CsvRow, text: str) -> CoarsePose:
     return CoarsePose((qx, qy, qz, qw), (numbers[4], numbers[5], numbers[6]))
 
 
-def read_scale_unknown(row: CsvRow) -> bool:
-    """Read the column ``mesh_scale``: whether the meshes' scale is known but to a factor of 2.
+def read_mesh_scale(row: CsvRow) -> MeshScale:
+    """Read the column ``mesh_scale``: what is known of the meshes' size; empty is ``known``.
 
     Raises
     ------
     DataError
-        If it is neither ``known``, ``unknown`` nor empty, or a scale that is not known goes with
-        meshes that lie in the scanner's frame.
+        If it is none of ``MeshScale``, or a scale that is unknown goes with meshes that lie
+        in the scanner's frame.
     """
-    unknown = row.choice("mesh_scale", ("known", "unknown"), default="known") == "unknown"
-    if unknown and read_pose(row) == "near":
+    told = row.choice("mesh_scale", ("known", "near", "unknown"), default="known")
+    scale = cast(MeshScale, told)
+    if scale == "unknown" and read_pose(row) == "near":
         raise row.error("mesh_scale", "is unknown, but meshes whose pose is near have their scale")
-    return unknown
+    return scale

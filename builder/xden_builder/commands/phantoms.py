@@ -14,6 +14,7 @@ from xden_builder.commands.shared import FOLDER, progress_bar, workers_option
 
 if TYPE_CHECKING:
     from xden1k.values.types import Split
+    from xden_builder.capture.pose import MeshScale
     from xden_builder.phantoms.check import SetReport
 
 __all__ = ["gallery", "phantoms"]
@@ -51,7 +52,7 @@ def phantoms(
     lifelike: bool | None,
     ideal: bool,
     pose: Literal["near", "unknown"],
-    mesh_scale: Literal["known", "unknown"],
+    mesh_scale: MeshScale,
     turned: bool,
     as_dataset: bool,
     check: bool,

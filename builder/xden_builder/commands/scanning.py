@@ -49,10 +49,10 @@ _OPTIONS: Final = (
     ),
     click.option(
         "--mesh-scale",
-        type=click.Choice(["known", "unknown"]),
+        type=click.Choice(["known", "near", "unknown"]),
         default="known",
         show_default=True,
-        help="With --pose unknown: whether that frame has a scale of its own, from 1/2 to 2.",
+        help="What is said of the meshes' size; unknown, with --pose unknown: a scale of its own.",
     ),
     click.option("--turned", is_flag=True, help="One tube; objects are turned by hand for LAT."),
     click.option("--as-dataset", is_flag=True, help="Write the truth as a dataset folder instead."),

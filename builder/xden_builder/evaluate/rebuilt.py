@@ -16,6 +16,7 @@ from xden_builder.capture import CaptureFolder
 from xden_builder.evaluate.run import PartCheck
 from xden_builder.evaluate.truth import Errors, errors_of, read_truth
 from xden_builder.registration.placement import RigidPlacement
+from xden_builder.registration.size import Size
 
 __all__ = ["RebuiltObject", "RebuiltPart", "RebuiltSet", "read_rebuilt"]
 
@@ -112,9 +113,10 @@ def _compared(folder: Path, rebuilt: DensityObject) -> RebuiltObject:
 
 
 def _placement(rebuilt: DensityObject) -> RigidPlacement | None:
-    """By which its meshes came into the scanner's frame; None where they were there already."""
-    found = rebuilt.meta.get("registration")
-    return None if found is None else RigidPlacement.from_dict(found)
+    """By which its meshes came to their place and size; None where they had both already."""
+    found, size = rebuilt.meta.get("registration"), rebuilt.meta.get("mesh_size")
+    there = None if found is None else RigidPlacement.from_dict(found)
+    return there if size is None else Size.from_dict(size).after(there)
 
 
 def _part(part: Part, known: Mapping[str, Any], truth_g_cm3: float, share: float) -> RebuiltPart:

@@ -74,7 +74,7 @@ def read_truth(
     parts
         As the capture, or what was made of it, has them.
     placement
-        By which they came into the scanner's frame; None where they were there already.
+        By which they came into the scanner's frame, and to their size; None where both were told.
 
     Raises
     ------
@@ -103,11 +103,12 @@ def _com_cm(values: Mapping[str, Any], placement: RigidPlacement | None) -> Vec3
     com_cm = np.array(values["com_cm"])
     if "mesh_pose" not in values:
         matrix = np.array(values["mesh_error"]["matrix"])
-        return np.asarray(matrix[:3, :3] @ com_cm + matrix[:3, 3])
-    if placement is None:
+        handed_over = matrix[:3, :3] @ com_cm + matrix[:3, 3]
+    elif placement is None:
         return com_cm
-    handed_over = RigidPlacement.from_dict(values["mesh_pose"]).undone(com_cm[None])
-    return np.asarray(placement.apply(handed_over)[0])
+    else:
+        handed_over = RigidPlacement.from_dict(values["mesh_pose"]).undone(com_cm[None])[0]
+    return np.asarray(handed_over if placement is None else placement.apply(handed_over[None])[0])
 
 
 def errors_of(

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from xden1k.errors import DataError
 from xden1k.values.arrays import Vec3
 from xden1k.values.ply import CM_PER_UNIT
+from xden_builder.capture.pose import MeshScale
 from xden_builder.phantoms.phantom import Identity, Phantom
 from xden_builder.phantoms.scanner import VIEWS, Scanner
 
@@ -41,7 +42,7 @@ class Posing:
         frame. ``unknown``: an object lies on a table or stands in a block of foam, and its meshes
         come in a frame and in units of their own.
     mesh_scale
-        ``unknown``: that frame has a scale of its own too.
+        What ``objects.csv`` says of it. ``unknown``: that frame has a scale of its own too.
 
     Raises
     ------
@@ -50,7 +51,7 @@ class Posing:
     """
 
     pose: Literal["near", "unknown"] = "near"
-    mesh_scale: Literal["known", "unknown"] = "known"
+    mesh_scale: MeshScale = "known"
 
     def __post_init__(self) -> None:
         if self.pose == "near" and self.mesh_scale == "unknown":
@@ -202,8 +203,8 @@ def draw_mesh_frame(plan: Identity, posing: Posing) -> MeshFrame:
     rotation = _draw_even_rotation(rng)
     shift_cm = rng.uniform(-MOST_SHIFT_CM, MOST_SHIFT_CM, 3)
     units, scale = str(rng.choice(list(CM_PER_UNIT))), MOST_SCALE ** rng.uniform(-1.0, 1.0)
-    known = posing.mesh_scale == "known"
-    return MeshFrame(_similarity(rotation, shift_cm, 1.0 if known else scale), units)
+    own_scale = posing.mesh_scale == "unknown"
+    return MeshFrame(_similarity(rotation, shift_cm, scale if own_scale else 1.0), units)
 
 
 def true_poses(plan: Identity, scanner: Scanner, posing: Posing) -> dict[str, Any]:

@@ -187,7 +187,9 @@ def object_columns(plan: Identity, posing: Posing) -> dict[str, str]:
     }
     if posing.pose == "unknown":
         units = draw_mesh_frame(plan, posing).units
-        row |= {"mesh_units": units, "pose": posing.pose, "mesh_scale": posing.mesh_scale}
+        row |= {"mesh_units": units, "pose": posing.pose}
+    if posing.pose == "unknown" or posing.mesh_scale != "known":
+        row |= {"mesh_scale": posing.mesh_scale}
     return row
 
 

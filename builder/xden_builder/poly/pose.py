@@ -149,6 +149,8 @@ def refine_pose(
     mac_cm2_g: Float64[np.ndarray, "k groups"],
     density_g_cm3: Float64[np.ndarray, "k"],
     turned: Sequence[bool] = (),
+    *,
+    sized: bool = False,
 ) -> PoseFit:
     """Find the pose in which meshes and radiographs agree best.
 
@@ -166,10 +168,12 @@ def refine_pose(
         turn the object.
     turned
         By view: whether the object was turned by hand before it; none by default.
+    sized
+        Whether the size of the object, beside that of its meshes, is one of the unknowns.
     """
     target = Target(views, saturated, gains, beams, meshes, order, mac_cm2_g)
     x, y, z = target.centre_cm.tolist()
-    poses = Poses(tuple(turned) or (False,) * len(views), Pose(centre_cm=(x, y, z)))
+    poses = Poses(tuple(turned) or (False,) * len(views), Pose(centre_cm=(x, y, z)), sized)
     starts = [target.start(density_g_cm3, np.zeros(poses.count))]
     if any(poses.turned):
         starts = aligned(target, poses, density_g_cm3)

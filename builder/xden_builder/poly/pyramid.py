@@ -31,7 +31,10 @@ Window = tuple[slice, slice]
 """Rows and columns of an image."""
 
 STEPS_CM: Final = 0.02
-"""Of a central difference at full resolution, times the binning; rotations move the rim as far."""
+"""Of a central difference at full resolution, times the binning.
+
+Rotations and a change of size move the rim as far.
+"""
 ROTATIONS: Final = 3
 """The first so many unknowns of a pose are angles, the others lengths."""
 DENSITY_SHARES: Final = (0.3, 10.0)
@@ -242,8 +245,10 @@ class Level:
         jacobian[:, : self.parts] = gain * slopes
         jacobian[:, self.parts + number] = model
         reach = STEPS_CM * self.binning
-        for index, place in enumerate(self.poses.places(number)):
-            step = reach / self.target.radius_cm if index < ROTATIONS else reach
+        sizes, moves = self.poses.size_places, self.poses.places(number)
+        for place in (*moves, *sizes):
+            relative = place in moves[:ROTATIONS] or place in sizes
+            step = reach / self.target.radius_cm if relative else reach
             delta = np.zeros(self.poses.count)
             delta[place] = step
             ahead, behind = (

@@ -18,7 +18,9 @@ from xden_builder.poly.judgement import PolyFit
 from xden_builder.poly.line import fit_poly
 from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.reconstruct.space import Space
+from xden_builder.registration.capture import Registered
 from xden_builder.registration.placement import Registration
+from xden_builder.registration.size import Size
 
 __all__ = ["Explained", "ModelUsed", "explain"]
 
@@ -45,6 +47,8 @@ class Explained:
         How well the fit explains each view.
     registration
         How the parts came into the scanner's frame; None where they were there already.
+    size
+        That was found of them; None where it was known.
     """
 
     capture: Capture
@@ -54,23 +58,20 @@ class Explained:
     poly: PolyFit | None
     audits: tuple[ViewAudit, ...]
     registration: Registration | None
+    size: Size | None
 
 
-def explain(
-    capture: Capture, space: Space, settings: BuildSettings, registration: Registration | None
-) -> Explained:
+def explain(there: Registered, space: Space, settings: BuildSettings) -> Explained:
     """Fit everything that the source allows.
 
     Parameters
     ----------
-    capture
+    there
         Its parts stand in the scanner's frame.
     space
         What is each part's.
     settings
         How to rebuild.
-    registration
-        How the parts came there, if they had to.
 
     Raises
     ------
@@ -78,6 +79,7 @@ def explain(
         If the tube lies outside the tables, or the object was turned by hand and its source has no
         spectrum: its pose is found by that fit alone.
     """
+    capture = there.capture
     model, poly = _model_used(capture, settings), None
     if model != "poly" and capture.turned:
         raise DataError(
@@ -94,7 +96,9 @@ def explain(
     ]
     fit = _fit(capture, lengths, settings, poly)
     audits = _audits(capture, lengths, fit, poly)
-    return Explained(capture, model, tuple(lengths), fit, poly, audits, registration)
+    return Explained(
+        capture, model, tuple(lengths), fit, poly, audits, there.registration, there.size
+    )
 
 
 def _model_used(capture: Capture, settings: BuildSettings) -> ModelUsed:

@@ -57,7 +57,7 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
     check_places(capture.parts, capture.fitted_views)
     check_twins(capture.parts)
     space = divide(capture.parts)
-    explained = explain(capture, space, settings, there.registration)
+    explained = explain(there, space, settings)
     check_exposure(
         (view.name, _shadow(lengths), ~view.valid)
         for view, lengths in zip(capture.fitted_views, explained.lengths, strict=True)

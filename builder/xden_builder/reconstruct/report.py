@@ -45,6 +45,7 @@ def report(
         | _uncertainty(regions, densities, weighed_g)
         | ({} if poly is None else {"poly": plain(poly.report(names))})
         | ({} if registration is None else {"registration": plain(registration.to_dict())})
+        | ({} if explained.size is None else {"mesh_size": explained.size.to_dict()})
     )
 
 

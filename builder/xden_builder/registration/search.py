@@ -87,8 +87,8 @@ def register(capture: Capture, order: Sequence[int]) -> Registration:
     Parameters
     ----------
     capture
-        Its meshes in any frame; ``pose`` tells what is known, ``scale_unknown`` whether their
-        scale between 0.5 and 2 is sought too.
+        Its meshes in any frame; ``pose`` tells what is known, ``mesh_scale`` whether
+        their scale between 0.5 and 2 is sought too.
     order
         Which part owns space first.
 
@@ -129,7 +129,7 @@ def _searched(
     rolled = _soft_turns(found[0], search, body, ROLL_DEG)
     near = [fine.fixed(each) for each in (*(each.placement for each in found), *rolled)]
     best = _all_settled(fine, _unlike(near, likeness, body, FINAL, FINAL_APART))
-    if capture.scale_unknown:
+    if capture.mesh_scale == "unknown":
         best[0] = _rescaled(fine, best[0], body, LAST_SCALE_SHARES)
     beside = _unlike(_hopped(fine, best[0], likeness, body), likeness, body, BESIDE, APART_SHARE)
     rivals = _unlike([*beside, *best[1:]], likeness, body, LISTED, APART_SHARE)
@@ -146,7 +146,7 @@ def _coarsely(
         body,
         likeness,
         _told_rotations(capture, body),
-        scaled=capture.scale_unknown,
+        scaled=capture.mesh_scale == "unknown",
         breadth=breadth,
     )
     there = [body.of_files(each) for each in poses.placements()]
@@ -155,7 +155,7 @@ def _coarsely(
     found = [*found, *_turned(found, search, body, judge)]
     found = _unlike(found, likeness, body, COMPARED, APART_SHARE)
     found = sorted((judge.refined(each.placement, DERIVATIVES) for each in found), key=_loss)
-    if capture.scale_unknown:
+    if capture.mesh_scale == "unknown":
         found = sorted((_rescaled(judge, each, body, SCALE_SHARES) for each in found), key=_loss)
     return [*_hopped(judge, _settled(judge, found[0]), likeness, body), *found[1:]], search
 

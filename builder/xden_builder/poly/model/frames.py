@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from xden1k.values.arrays import Image, Mask, Vec3
 from xden1k.values.views import ViewGeometry, XRayView
 
-__all__ = ["Pose", "any_of", "binned", "coarse", "posed"]
+__all__ = ["Pose", "any_of", "binned", "coarse", "nearer", "posed"]
 
 Three = tuple[float, float, float]
 
@@ -102,6 +102,31 @@ def posed(geometry: ViewGeometry, pose: Pose, *, shifted_rows: bool) -> ViewGeom
         row_step_cm=back @ row,
         source_cm=None if geometry.source_cm is None else point(geometry.source_cm),
         direction=None if geometry.direction is None else back @ geometry.direction,
+    )
+
+
+def nearer(geometry: ViewGeometry, factor: float, centre_cm: Vec3) -> ViewGeometry:
+    """Shrink a scanner about a point, so that meshes look so many times as large.
+
+    Parameters
+    ----------
+    geometry
+        Of a view.
+    factor
+        Size of the object over that of its meshes.
+    centre_cm
+        Shape (3,): stays where it is.
+    """
+
+    def point(place: Vec3) -> Vec3:
+        return np.asarray((place - centre_cm) / factor + centre_cm)
+
+    return replace(
+        geometry,
+        pixel00_cm=point(geometry.pixel00_cm),
+        column_step_cm=geometry.column_step_cm / factor,
+        row_step_cm=geometry.row_step_cm / factor,
+        source_cm=None if geometry.source_cm is None else point(geometry.source_cm),
     )
 
 

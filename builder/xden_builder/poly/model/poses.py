@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from xden1k.values.views import ViewGeometry
-from xden_builder.poly.model.frames import Pose, posed
+from xden_builder.poly.model.frames import Pose, nearer, posed
 
 __all__ = ["Poses"]
 
@@ -20,6 +20,8 @@ TURNED_SD: Final = (0.09, 0.09, 0.09, 2.0, 2.0, 2.0)
 """The same where the object was turned by hand: 5 degrees and 2 cm."""
 ROW_SHIFT_SD_CM: Final = 0.05
 """How far the rows of two panels are expected to disagree."""
+SIZE_SD: Final = 0.01
+"""Of the logarithm of the object's size over that of its meshes, where it is sought."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +30,8 @@ class Poses:
 
     First six that the views which are not turned share: rotation vector and shift. Then what each
     view has of its own: a turned one its rotation vector and shift, the others the row shift of
-    their panel, but for the first, which the others are compared with.
+    their panel, but for the first, which the others are compared with. Last, where it is sought,
+    the logarithm of the object's size over that of its meshes.
 
     Parameters
     ----------
@@ -36,15 +39,20 @@ class Poses:
         By view: whether the object was turned by hand before it.
     origin
         At rest.
+    sized
+        Whether the size is sought.
 
     Examples
     --------
     >>> [Poses(turned, Pose()).count for turned in ((False, False), (False, True))]
     [7, 12]
+    >>> Poses((False, False), Pose(), sized=True).size_places
+    [7]
     """
 
     turned: tuple[bool, ...]
     origin: Pose
+    sized: bool = False
 
     @property
     def count(self) -> int:
@@ -53,8 +61,14 @@ class Poses:
 
     @property
     def prior_sd(self) -> Float64[np.ndarray, "p"]:
-        """Standard deviations before the images, in radians and cm; the means are zero."""
-        return np.array([*SHARED_SD, *(sd for own in self._own_sds() for sd in own)])
+        """Standard deviations before the images, in radians, cm and as a share; means are zero."""
+        own = [sd for own in self._own_sds() for sd in own]
+        return np.array([*SHARED_SD, *own, *[SIZE_SD] * self.sized])
+
+    @property
+    def size_places(self) -> list[int]:
+        """Place of the size in the vector; none where it is not sought."""
+        return [self.count - 1] * self.sized
 
     def _own_sds(self) -> list[tuple[float, ...]]:
         """Give the standard deviations of what each view has of its own."""
@@ -79,4 +93,7 @@ class Poses:
         self, number: int, told: ViewGeometry, vector: Float64[np.ndarray, "p"]
     ) -> ViewGeometry:
         """Move a view's scanner so that meshes at rest look as the object does in its pose."""
-        return posed(told, self.of(number, vector), shifted_rows=True)
+        there = posed(told, self.of(number, vector), shifted_rows=True)
+        if not self.sized:
+            return there
+        return nearer(there, float(np.exp(vector[-1])), np.array(self.origin.centre_cm))

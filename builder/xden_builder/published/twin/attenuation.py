@@ -17,6 +17,7 @@ from xden_builder.phantoms.writer import write_planned
 from xden_builder.reconstruct.explained import explain
 from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.reconstruct.space import divide
+from xden_builder.registration.capture import Registered
 
 __all__ = ["fitted_lac_per_cm"]
 
@@ -40,6 +41,6 @@ def fitted_lac_per_cm(plan: Plan) -> dict[str, float]:
         captures = Path(folder) / "captures"
         write_planned(captures, [plan], scanner, LIFELIKE)
         capture = CaptureFolder(captures).read(plan.object_id)
-    fit = explain(capture, divide(capture.parts), BuildSettings(model="paper"), None).fit
+    fit = explain(Registered(capture), divide(capture.parts), BuildSettings(model="paper")).fit
     names = [part.name for part in capture.parts]
     return dict(zip(names, np.nan_to_num(fit.lac_per_cm).tolist(), strict=True))
