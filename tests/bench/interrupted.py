@@ -27,12 +27,14 @@ class Counting:
     def __init__(self, dies_at: int | None = None, how: str = "raise") -> None:
         self.fits, self.asked = 0, list[str]()
         self.budget: Budget | None = None
+        self.learned_from = list[str]()
         self.value = np.nan
         self._dies_at, self._how = dies_at, how
 
     def fit(self, train: Examples, *, seed: int, budget: Budget | None = None) -> None:
         self.fits += 1
         self.budget = budget
+        self.learned_from = [example.sample.object_id for example in train]
         self.value = float(np.random.default_rng(seed).random())
 
     def predict(self, sample: SampleView) -> Any:

@@ -128,6 +128,15 @@ def test_what_was_declared_is_answered(answers: Answers, folder: DatasetFolder) 
     assert answers("command") == "again"
 
 
+def test_training_objects_that_were_not_drawn_are_not_shown(folder: DatasetFolder) -> None:
+    task = Task.of(folder, "test", train_objects=1)
+    answers = Answers(folder, task, Modality.GEOMETRY, Options())
+    assert answers("truth", *task.train_ids).category
+    for object_id in set(folder.ids("train")) - set(task.train_ids):
+        with pytest.raises(DataError, match="the method asked for what it is not shown"):
+            answers("truth", object_id)
+
+
 @pytest.mark.parametrize("name", sorted({*SHOWN} - {"envelope", "outer_mesh", "origin_cm"}))
 def test_what_was_not_declared_is_not_answered(answers: Answers, name: str) -> None:
     if name == "voxel_size_cm":

@@ -69,6 +69,7 @@ def test_settings_are_of_jsons_types_and_stand_in_the_command(run: Run) -> None:
         (("--set", "rule"), "--set takes KEY=VALUE, each key once, got 'rule'"),
         (("--set", "a=1", "--set", "a=2"), "each key once, got 'a=2'"),
         (("--set", "unknown=1"), "does not load: .*unexpected keyword argument 'unknown'"),
+        (("--train-objects", "4"), "must be from 1 to 3, all of the split 'train', got 4"),
         (("--budget", "long"), "a budget must be like 20epochs or 90s, got 'long'"),
         (("--model", "nowhere"), "nowhere: no fit there"),
     ],
@@ -86,6 +87,12 @@ def test_what_was_learned_is_saved_and_loaded(run: Run, tmp_path: Path) -> None:
     assert (made["seed"], again["seed"]) == (4, 4)
     assert (tmp_path / "fit" / "fit.json").is_file()
     assert again["command"] == "xden-bench baseline storing --model fit --out again.npz"
+
+
+def test_what_learned_from_some_objects_has_a_row_of_its_own(run: Run) -> None:
+    some = meta(run("storing", "--train-objects", 2, "--json"))
+    assert some["method"] == "storing (2 objects)"
+    assert some["command"] == "xden-bench baseline storing --train-objects 2"
 
 
 def test_an_interrupted_command_goes_on_when_it_is_given_again(

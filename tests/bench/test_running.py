@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tests.bench.interrupted import Counting, Storing, Talking
 from xden1k.errors import DataError
@@ -23,6 +28,7 @@ from xden_bench.methods.baseline import find_predictor
 from xden_bench.methods.fits import FIT_FILE, read_fit
 from xden_bench.methods.partial import LOCK_NAME
 from xden_bench.methods.running import Options, run_predictor
+from xden_bench.methods.scope import Task
 
 KINDS = [Counting, Storing]
 
@@ -91,6 +97,7 @@ class Wider(Storing):
         (Storing, {"seed": 1}),
         (Storing, {"target": "apparent_density"}),
         (Storing, {"budget": Budget(epochs=2)}),
+        (Storing, {"train_objects": 2}),
     ],
 )
 def test_two_runs_are_never_mixed(
@@ -136,6 +143,75 @@ def test_what_a_method_learned_is_kept_and_taken_up(folder: DatasetFolder, tmp_p
     assert third.fits == 0
 
 
+@dataclass(frozen=True)
+class Listing:
+    """As much of a dataset folder as a task is made from."""
+
+    train: tuple[str, ...]
+    manifest = SimpleNamespace(splits={"train": None}, version="1")
+    manifest_sha256 = ""
+
+    def ids(self, split: str) -> tuple[str, ...]:
+        return self.train if split == "train" else ()
+
+
+def drawn(ids: Iterable[str], count: int, seed: int) -> tuple[str, ...]:
+    return Task.of(cast(DatasetFolder, Listing(tuple(ids))), "test", count, seed).train_ids
+
+
+TRAINING = [f"cup-{number:04d}" for number in range(40)]
+
+
+@given(st.permutations(TRAINING), st.integers(1, 39), st.integers(0, 99))
+def test_training_objects_are_drawn_by_the_seed_fewer_among_more(
+    ids: list[str], count: int, seed: int
+) -> None:
+    some = drawn(ids, count, seed)
+    assert len(some) == count
+    assert list(some) == [one for one in ids if one in some]
+    assert set(some) == set(drawn(TRAINING, count, seed))
+    assert set(some) < set(drawn(ids, count + 1, seed))
+
+
+def test_every_training_object_is_drawn_as_often_whatever_else_there_is() -> None:
+    times = Counter(one for seed in range(400) for one in drawn(TRAINING, 10, seed))
+    assert set(times) == set(TRAINING)
+    assert min(times.values()) > 60  # 100 expected, standard deviation 9
+    assert max(times.values()) < 140
+    without = TRAINING[1:]
+    kept = set(drawn(TRAINING, 10, 3)) - {TRAINING[0]}
+    assert kept <= set(drawn(without, 10, 3))
+
+
+def test_some_training_objects_arrive_and_the_row_and_the_fit_say_so(
+    folder: DatasetFolder, tmp_path: Path
+) -> None:
+    method = Storing()
+    options = Options(seed=1, train_objects=2, save=tmp_path / "fit")
+    meta = run_predictor(method, folder, "test", tmp_path / "out.npz", options).meta
+    assert method.learned_from == list(drawn(folder.ids("train"), 2, 1))
+    assert (meta.method, meta.notes) == (
+        "storing (2 objects)",
+        "learned from 2 training objects, drawn by seed 1",
+    )
+    assert read_fit(tmp_path / "fit").train_objects == 2
+    loaded = Options(model=tmp_path / "fit")
+    again = run_predictor(Storing(), folder, "test", tmp_path / "again.npz", loaded).meta
+    assert (again.method, again.notes) == (meta.method, meta.notes)
+
+
+def test_a_fit_that_does_not_say_how_many_it_saw_saw_all(
+    folder: DatasetFolder, tmp_path: Path
+) -> None:
+    options = Options(save=tmp_path / "fit")
+    run_predictor(Storing(), folder, "test", tmp_path / "out.npz", options)
+    path = tmp_path / "fit" / FIT_FILE
+    values = json.loads(path.read_text())
+    del values["train_objects"]
+    path.write_text(json.dumps(values))
+    assert read_fit(path.parent).train_objects is None
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [("{", "not JSON"), ("[]", "must be xden-fit"), ('{"schema": "xden-fit/1"}', "with the keys")],
@@ -151,6 +227,11 @@ def test_a_file_that_is_no_fit_is_refused_by_name(tmp_path: Path, text: str, mes
     [
         (Talking, {"budget": Budget(epochs=1)}, "talking learns nothing"),
         (Talking, {"save": Path("fit")}, "talking learns nothing"),
+        (Talking, {"train_objects": 2}, "talking learns nothing"),
+        (Storing, {"model": Path("fit"), "train_objects": 2}, "does not learn"),
+        (Storing, {"train_objects": 0}, "must be from 1 to 3, all of the split 'train', got 0"),
+        (Storing, {"train_objects": 4}, "must be from 1 to 3, all of the split 'train', got 4"),
+        (Storing, {"save": Path("fit"), "train_objects": 2}, "train_objects None, here 2"),
         (Storing, {"model": Path("fit"), "save": Path("other")}, "does not learn"),
         (Storing, {"model": Path("nowhere")}, "nowhere: no fit there"),
         (Newer, {"model": Path("fit")}, r"fit holds the fit of \('storing', '1'"),

@@ -1,4 +1,4 @@
-"""What a method may see: a sample of the dataset, and a split of them to learn from."""
+"""What a method may see: a sample of the dataset, and those that it learns from."""
 
 from __future__ import annotations
 
@@ -214,7 +214,7 @@ class Example:
 
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """A split to learn from. Can be gone through again; one object in memory at a time.
+    """Objects of a split to learn from. Can be gone through again; one in memory at a time.
 
     Parameters
     ----------
@@ -228,6 +228,8 @@ class Examples:
         ``density`` or ``apparent_density``.
     pictures_of
         Where colour pictures come from, if there are any.
+    ids
+        Its objects, in this order; None for the whole split.
     """
 
     folder: DatasetFolder
@@ -235,23 +237,28 @@ class Examples:
     reads: Modality
     target: Target = "density"
     pictures_of: PictureSource | None = None
+    ids: tuple[str, ...] | None = None
 
     def __len__(self) -> int:
-        return len(self.folder.ids(self.split))
+        return len(self._ids)
 
     def __iter__(self) -> Iterator[Example]:
         yield from self.only(range(len(self)))
 
     def only(self, numbers: Iterable[int]) -> Iterator[Example]:
-        """Go through some of them, in the order of the split; no other is read.
+        """Go through some of them, in their order; no other is read.
 
         Parameters
         ----------
         numbers
-            Their places in the split, from 0.
+            Their places, from 0.
         """
-        ids = self.folder.ids(self.split)
+        ids = self._ids
         for object_id in [ids[number] for number in sorted(set(numbers))]:
             row = self.folder.row(object_id, [self.target])
             sample = SampleView(self.folder, object_id, self.reads, self.pictures_of, self.target)
             yield Example(sample, decode_target(row, object_id, self.target))
+
+    @property
+    def _ids(self) -> tuple[str, ...]:
+        return self.folder.ids(self.split) if self.ids is None else self.ids

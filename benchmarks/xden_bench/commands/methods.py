@@ -49,6 +49,13 @@ __all__ = ["baseline", "run_again"]
 )
 @click.option("--seed", default=0, show_default=True, help="Of methods that draw random numbers.")
 @click.option("--budget", metavar="AMOUNT", help="Of training: 20epochs, 90s. [default: its own]")
+@click.option(
+    "--train-objects",
+    type=int,
+    metavar="N",
+    help="Learn from N training objects, drawn by the seed; those of fewer are among them."
+    " [default: all]",
+)
 @click.option("--views", type=FOLDER, help="Scenes with colour pictures, in place of --pictures.")
 @click.option(
     "--pictures", metavar="NAME", help="How phantoms are drawn: flat or shaded. [default: shaded]"
@@ -154,6 +161,7 @@ def _run(asked: Mapping[str, Any], folder: DatasetFolder, out: Path, command: st
         command=command,
         hardware=asked["hardware"],
         points_seed=load_segment_protocol().points_seed if asked["task"] == "segments" else None,
+        train_objects=asked["train_objects"],
     )
     run = (folder, asked["split"], out, options, progress_bar)
     if built is not None:

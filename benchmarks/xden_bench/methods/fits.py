@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -44,6 +44,8 @@ class Fit:
         Of the code, and of whatever else the method depends on.
     pictures
         Where colour pictures came from.
+    train_objects
+        How many objects of the training split it saw, drawn by the seed; None for all.
     """
 
     method: str
@@ -56,6 +58,7 @@ class Fit:
     code_sha256: str
     fingerprint: str
     pictures: str = ""
+    train_objects: int | None = None
     schema: str = SCHEMA
 
     def to_json(self) -> str:
@@ -138,8 +141,13 @@ def read_fit(folder: Path) -> Fit:
     except ValueError as err:
         raise DataError(f"{path}: not JSON: {err}") from err
     names = {field.name for field in fields(Fit)}
-    if not isinstance(values, dict) or set(values) != names or values["schema"] != SCHEMA:
-        raise DataError(f"{path}: must be {SCHEMA} with the keys {sorted(names)}")
+    needed = {field.name for field in fields(Fit) if field.default is MISSING} | {"schema"}
+    if (
+        not isinstance(values, dict)
+        or not needed <= set(values) <= names
+        or values["schema"] != SCHEMA
+    ):
+        raise DataError(f"{path}: must be {SCHEMA} with the keys {sorted(needed)}")
     return Fit(**{**values, "inputs": tuple(values["inputs"])})
 
 

@@ -67,6 +67,8 @@ class Options:
         What it runs on; empty if not told.
     points_seed
         Of the points, where segments are asked for; None asks for densities.
+    train_objects
+        How many objects of the training split it learns from, drawn by the seed; None for all.
     """
 
     target: Target = "density"
@@ -78,6 +80,7 @@ class Options:
     command: str = ""
     hardware: str = ""
     points_seed: int | None = None
+    train_objects: int | None = None
 
     def check(self, predictor: Method) -> None:
         """Refuse what asks a method for something it cannot do.
@@ -88,10 +91,17 @@ class Options:
             If it is told how to learn but learns nothing, is to learn and not to learn, or cannot
             store what it learned.
         """
-        if not predictor.trainable and (self.budget or self.model or self.save):
-            raise DataError(f"the method {predictor.name} learns nothing: no budget, model or save")
-        if self.model and (self.budget or self.save):
-            raise DataError("a method that is loaded does not learn: model without budget and save")
+        told = self.budget or self.save or self.train_objects is not None
+        if not predictor.trainable and (told or self.model):
+            raise DataError(
+                f"the method {predictor.name} learns nothing: "
+                "no budget, number of training objects, model or save"
+            )
+        if self.model and told:
+            raise DataError(
+                "a method that is loaded does not learn: "
+                "model without budget, number of training objects and save"
+            )
         if (self.model or self.save) and not isinstance(predictor, Storable):
             verb = "load" if self.model else "store"
             raise DataError(f"the method {predictor.name} cannot {verb} what it learned")
@@ -147,16 +157,18 @@ def run_predictor(
     Raises
     ------
     DataError
-        If a training object lacks the target, a prediction breaks the format, the options ask for
-        what the method cannot do, it reads radiographs and objects have none, another process is
-        writing the same submission, or over 5 % of a model's answers are a substitute's.
+        If a training object lacks the target, there are not as many as asked for, a prediction
+        breaks the format, the options ask for what the method cannot do, it reads radiographs and
+        objects have none, another process is writing the same submission, or over 5 % of a model's
+        answers are a substitute's.
     ModalityError
         If the method touches what it did not declare.
     """
     options.check(predictor)
     refuse_without_radiographs(predictor, folder, split, options)
     seen = (predictor.reads, options.target, options.pictures, options.command)
-    scope = FolderScope(folder, Task.of(folder, split), *seen)
+    task = Task.of(folder, split, options.train_objects, options.seed)
+    scope = FolderScope(folder, task, *seen)
     return run_within(scope, predictor, out, options, progress)
 
 
@@ -245,6 +257,7 @@ class _Run:
             pictures=f"{options.pictures.description} {_fingerprint(options.pictures)}".strip()
             if options.pictures
             else "",
+            train_objects=options.train_objects,
         )
 
     @property
@@ -294,7 +307,7 @@ class _Run:
         """Return what every file says about itself."""
         seconds, processor_seconds, memory_gb = self._cost(facts)
         return {
-            "method": self.predictor.name,
+            "method": _row_name(self.predictor.name, fit),
             "dataset_revision": self.scope.task.version,
             "config": "default",
             "split": self.scope.task.split,
@@ -325,6 +338,8 @@ class _Run:
         """Tell what the run knows and a reader of the row must."""
         if fit and fit.manifest_sha256 != self.scope.task.manifest_sha256:
             yield f"trained on the dataset of manifest {fit.manifest_sha256[:12]}"
+        if fit and fit.train_objects is not None:
+            yield f"learned from {fit.train_objects} training objects, drawn by seed {fit.seed}"
         if self.options.pictures:
             yield self.options.pictures.description
         yield from _counted([f"model {one.model}" if one.model else "" for one in facts])
@@ -337,6 +352,12 @@ class _Run:
             yield f"{unanswered} of {_answers(facts)} answers missing, on {objects} objects"
         if devices := sorted({one.device for one in facts} - {"cpu"}):
             yield f"computed on {', '.join(devices)}"
+
+
+def _row_name(method: str, fit: Fit | None) -> str:
+    """Name of a row: what learned from some of the objects is no other seed of what saw all."""
+    some = fit and fit.train_objects
+    return f"{method} ({some} objects)" if some else method
 
 
 def _rounded(

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, cast
 
-from xden1k.errors import DataError
 from xden1k.predictions import Target
 from xden1k.predictor import Example, Examples, SampleView
 from xden1k.values.arrays import Grid
@@ -60,7 +59,7 @@ class _AskedExample:
 
 
 class AskedExamples:
-    """The training split, as :class:`xden1k.predictor.Examples`; one object in memory at a time.
+    """Training objects, as :class:`xden1k.predictor.Examples`; one in memory at a time.
 
     Parameters
     ----------
@@ -85,7 +84,7 @@ class AskedExamples:
         yield from self.only(range(len(self)))
 
     def only(self, numbers: Iterable[int]) -> Iterator[Example]:
-        """Go through some of them, by their places in the split; no other is read."""
+        """Go through some of them, by their places; no other is read."""
         for object_id in [self._ids[number] for number in sorted(set(numbers))]:
             density = self._ask("density", object_id)
             sample = AskedSample(object_id, self.reads, self.target, self._ask)
@@ -116,17 +115,15 @@ class AskingScope:
         return cast(SampleView, AskedSample(object_id, self.reads, self.target, self.ask))
 
     def train(self) -> Examples:
-        """Return the training split.
+        """Return what the method may learn from.
 
         Raises
         ------
         DataError
-            If there is none.
+            If there is nothing.
         """
-        if not self.task.train_ids:
-            raise DataError(f"the dataset has no split {TRAIN!r} to learn from")
-        examples = AskedExamples(self.task.train_ids, self.reads, self.target, self.ask)
-        return cast(Examples, examples)
+        ids = self.task.learned_from
+        return cast(Examples, AskedExamples(ids, self.reads, self.target, self.ask))
 
     def command(self) -> str:
         """Return the command that runs this again."""

@@ -80,7 +80,7 @@ def run_apart(
     """
     options.check(predictor)
     refuse_without_radiographs(predictor, folder, split, options)
-    task = Task.of(folder, split)
+    task = Task.of(folder, split, options.train_objects, options.seed)
     if not predictor.trainable or options.model:
         task = replace(task, train_ids=())
     answers = Answers(folder, task, predictor.reads, options)
