@@ -21,7 +21,7 @@ baselines := tests/baselines baselines
 docs := tests/docs $(wildcard tests/test_*.py)
 TWO_AT_A_TIME := $(MAKE) --jobs=2 --keep-going $(if $(filter output-sync,$(.FEATURES)),--output-sync=target)
 
-.PHONY: setup demo test test-all coverage $(TESTS:%=test-%) lint docs speed sample leaderboard surface-net pictures segments ablations robustness picks clean
+.PHONY: setup demo test test-all coverage $(TESTS:%=test-%) lint docs speed sample leaderboard pictures segments ablations robustness picks clean
 
 setup: $(STAMP)
 
@@ -87,11 +87,12 @@ METHODS := zero water train-median category-median xray-uniform xray-mean \
 FITTED := nerf2physics-style nerf2physics-style-thickness \
   gaussian-property-style gaussian-property-style-weighted gaussian-property-style-parts
 TRAINED := geometry-unet colour-unet xray-unet
+SEEDED := $(TRAINED) surface-net
 SEEDS := 0 1 2
 # The builder without the captures' labels and, unranked, with them.
 BUILT := blind labels
 ROWS_OF = $(foreach row,$(METHODS) $(FITTED) $(BUILT),$(ROWS)/$(1)/$(row).npz) \
-  $(foreach seed,$(SEEDS),$(TRAINED:%=$(ROWS)/$(1)/%-$(seed).npz))
+  $(foreach seed,$(SEEDS),$(SEEDED:%=$(ROWS)/$(1)/%-$(seed).npz))
 
 # Enters the rows of one split; those that are entered are passed over. Command.
 ENTERED = for file in $^; do \
@@ -130,14 +131,7 @@ endef
 $(foreach method,$(FITTED),$(eval $(call LEARNED_ROWS,$(method),$(method))))
 $(foreach method,$(TRAINED),$(foreach seed,$(SEEDS),$(eval \
   $(call LEARNED_ROWS,$(method)-$(seed),$(method),--seed $(seed),--budget 20epochs))))
-
 $(foreach seed,$(SEEDS),$(eval $(call LEARNED_ROWS,surface-net-$(seed),surface-net,--seed $(seed))))
-
-surface-net: surface-net-test surface-net-unseen  # its rows, which the board does not have yet
-	$(BIN)/xden-bench leaderboard
-
-surface-net-test surface-net-unseen: surface-net-%: $$(foreach seed,$(SEEDS),$(ROWS)/%/surface-net-$$(seed).npz)
-	$(call ENTERED,submit)
 
 # What seeing materials is worth: the same methods shown flat pictures, compared and not entered.
 SHADED := $(FITTED) colour-unet-0
