@@ -21,7 +21,7 @@ baselines := tests/baselines baselines
 docs := tests/docs $(wildcard tests/test_*.py)
 TWO_AT_A_TIME := $(MAKE) --jobs=2 --keep-going $(if $(filter output-sync,$(.FEATURES)),--output-sync=target)
 
-.PHONY: setup demo test test-all coverage $(TESTS:%=test-%) lint docs speed sample leaderboard pictures segments ablations robustness picks clean
+.PHONY: setup demo test test-all coverage $(TESTS:%=test-%) lint docs speed sample leaderboard pictures curves segments ablations robustness picks clean
 
 setup: $(STAMP)
 
@@ -149,6 +149,24 @@ pictures: $(foreach split,test unseen,$(ROWS)/$(split)/seen-materials.npz \
 	  $(BIN)/xden-bench appearance $(foreach row,$(SHADED),$(ROWS)/$$split/$(row).npz \
 	    $(ROWS)/$$split/$(row)-flat.npz) --eye $(ROWS)/$$split/seen-materials.npz \
 	    --root $(ROWS)/data --split $$split || exit 1; \
+	done
+
+# What more objects to learn from are worth: networks that learned from some of them in about as
+# many steps as those of the board, scored and not entered.
+COUNTS := 250 500
+epochs-250 := 80
+epochs-500 := 40
+CURVES := $(foreach count,$(COUNTS),$(TRAINED:%=%-0-$(count)))
+$(foreach method,$(TRAINED),$(foreach count,$(COUNTS),$(eval \
+  $(call LEARNED_ROWS,$(method)-0-$(count),$(method),--seed 0,--train-objects $(count) \
+  --budget $(epochs-$(count))epochs))))
+
+curves: $(foreach split,test unseen,$(CURVES:%=$(ROWS)/$(split)/%.npz))
+	for split in test unseen; do \
+	  for row in $(CURVES); do \
+	    echo $$row, $$split && $(BIN)/xden-bench score $(ROWS)/$$split/$$row.npz \
+	      --root $(ROWS)/data --split $$split || exit 1; \
+	  done; \
 	done
 
 # The board of segmentation: rows to read others by, and X-Field's variants with one budget each,
