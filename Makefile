@@ -247,19 +247,25 @@ robustness: $(foreach how,$(DISTURBANCES),$(DISTURBED:%=$(ROWS)/segments/val-$(h
 	  done; \
 	done
 
-# Simulated picks by methods' centres of mass, on the full tier.
+# Simulated picks by methods' centres of mass, on the full tier of either split.
 PICKING := category-median nerf2physics-style gaussian-property-style colour-unet-0 geometry-unet-0 \
   xray-mean xray-unet-0 blind
-PICKS := benchmarks/picks/test-full
+PICKS := benchmarks/picks
+scenes-test := $(ROWS)/scenes
+scenes-unseen := $(ROWS)/scenes-unseen
 
-picks: $(PICKING:%=$(ROWS)/test/%.npz) $(ROWS)/scenes/scenes.json
-	$(BIN)/xden-bench manip run $(ROWS)/scenes $(PICKING:%=$(ROWS)/test/%.npz) \
-	  --root $(ROWS)/data --out $(PICKS) --workers 2
-	$(BIN)/xden-bench manip table $(PICKS)/*.json
+picks: picks-test picks-unseen
 	$(BIN)/xden-bench leaderboard
 
-$(ROWS)/scenes/scenes.json: $(ROWS)/data/manifest.json
-	$(BIN)/xden-bench manip prepare $(ROWS)/data --tier full --out $(@D)
+picks-test picks-unseen: picks-%: $$(foreach row,$$(PICKING),$(ROWS)/%/$$(row).npz) \
+    $$(scenes-%)/scenes.json
+	$(BIN)/xden-bench manip run $(scenes-$*) $(PICKING:%=$(ROWS)/$*/%.npz) \
+	  --root $(ROWS)/data --out $(PICKS)/$*-full --workers 2
+	$(BIN)/xden-bench manip table $(PICKS)/$*-full/*.json
+
+$(foreach split,test unseen,$(scenes-$(split))/scenes.json): $(ROWS)/data/manifest.json
+	$(BIN)/xden-bench manip prepare $(ROWS)/data \
+	  --split $(if $(filter %-unseen,$(@D)),unseen,test) --tier full --out $(@D)
 
 $(foreach split,test unseen,$(BUILT:%=$(ROWS)/$(split)/%.npz)): \
   $(ROWS)/%.npz: $(ROWS)/rebuilt/%/manifest.json $(ROWS)/data/manifest.json
