@@ -151,11 +151,11 @@ pictures: $(foreach split,test unseen,$(ROWS)/$(split)/seen-materials.npz \
 	    --root $(ROWS)/data --split $$split || exit 1; \
 	done
 
-# What more objects to learn from are worth: networks that learned from some of them in about as
+# What more objects to learn from are worth: networks that learned from some of them in as
 # many steps as those of the board, scored and not entered.
 COUNTS := 250 500
-epochs-250 := 80
-epochs-500 := 40
+epochs-250 := 87
+epochs-500 := 44
 CURVES := $(foreach count,$(COUNTS),$(TRAINED:%=%-0-$(count)))
 $(foreach method,$(TRAINED),$(foreach count,$(COUNTS),$(eval \
   $(call LEARNED_ROWS,$(method)-0-$(count),$(method),--seed 0,--train-objects $(count) \
