@@ -15,7 +15,7 @@ import trimesh
 from jaxtyping import Bool, Float, Float32, Float64, Int64
 
 from xden1k.rays import path_lengths
-from xden1k.values.arrays import Mask
+from xden1k.values.arrays import Image, Mask
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.fit import huber
 from xden_builder.fit.box import box_minimum
@@ -25,7 +25,16 @@ from xden_builder.poly.model.direct import transmissions, transmissions_and_slop
 from xden_builder.poly.model.frames import any_of, binned, coarse
 from xden_builder.poly.model.poses import Poses
 
-__all__ = ["Descent", "Level", "Target", "Window", "density_bounds", "descend", "window"]
+__all__ = [
+    "Averaged",
+    "Descent",
+    "Level",
+    "Target",
+    "Window",
+    "density_bounds",
+    "descend",
+    "window",
+]
 
 Window = tuple[slice, slice]
 """Rows and columns of an image."""
@@ -108,6 +117,27 @@ class Target:
         return np.concatenate([density_g_cm3, [mean for mean, _ in self.gains], pose])
 
 
+class Averaged(NamedTuple):
+    """A radiograph averaged over ``binning * binning`` pixels.
+
+    Parameters
+    ----------
+    image, known
+        Transmission, and which bins have any valid pixel.
+    at_least
+        Which bins hold a pixel that is known from below alone.
+    """
+
+    image: Image
+    known: Mask
+    at_least: Mask
+
+    @classmethod
+    def of(cls, view: XRayView, saturated: Mask, binning: int) -> Averaged:
+        """Average a radiograph."""
+        return cls(*binned(view, binning), any_of(saturated, binning))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Level:
     """Images averaged over ``binning * binning`` pixels, compared in windows.
@@ -129,18 +159,26 @@ class Level:
     """Shares of the energy groups in the open field of the compared pixels."""
 
     @classmethod
-    def of(cls, target: Target, poses: Poses, windows: Sequence[Window], binning: int) -> Level:
-        """Average images, and compare them in a window of each."""
+    def of(
+        cls,
+        target: Target,
+        poses: Poses,
+        windows: Sequence[Window],
+        binning: int,
+        images: Sequence[Averaged] | None = None,
+    ) -> Level:
+        """Compare images in a window of each; they are averaged here, if they are not yet."""
+        if images is None:
+            pairs = zip(target.views, target.saturated, strict=True)
+            images = [Averaged.of(view, saturated, binning) for view, saturated in pairs]
         masks, places, measured, at_least, weights = [], [], [], [], []
-        views = zip(target.views, target.saturated, target.beams, windows, strict=True)
-        for view, full, beam, inside in views:
-            image, known = binned(view, binning)
+        for (image, known, full), beam, inside in zip(images, target.beams, windows, strict=True):
             mask = np.zeros_like(known)
             mask[inside] = known[inside]
             masks.append(mask)
             places.append(np.where(mask, mask.cumsum().reshape(mask.shape) - 1, -1).ravel())
             measured.append(image[mask].astype(np.float64))
-            at_least.append(any_of(full, binning)[mask])
+            at_least.append(full[mask])
             weights.append(beam.weights(np.flatnonzero(mask), binning))
         panels = [coarse(beam.geometry, binning) for beam in target.beams]
         return cls(target, poses, binning, panels, masks, places, measured, at_least, weights)

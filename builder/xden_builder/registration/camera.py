@@ -80,8 +80,8 @@ class Camera:
         cone = self.geometry.source_cm is not None
         origin = self.geometry.source_cm if cone else self.geometry.pixel00_cm
         kernels.splat(
-            cloud.points_cm,
-            cloud.weights_cm2,
+            cloud.points_cm.astype(np.float32),
+            cloud.weights_cm2.astype(np.float32),
             np.ascontiguousarray(rotations),
             np.ascontiguousarray(shifts),
             np.linalg.inv(self.geometry.matrix),

@@ -19,7 +19,15 @@ from xden_builder.poly.model.direct import transmissions_and_slopes
 from xden_builder.poly.model.frames import Pose, coarse
 from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import gain_prior
-from xden_builder.poly.pyramid import Level, Target, Window, density_bounds, descend, window
+from xden_builder.poly.pyramid import (
+    Averaged,
+    Level,
+    Target,
+    Window,
+    density_bounds,
+    descend,
+    window,
+)
 from xden_builder.poly.scene import Scene, set_scene
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import first_guess
@@ -57,6 +65,8 @@ class Judge:
         Shapes (K, groups) and (K,): of what each part is taken for.
     body, shadows
         What is laid onto them.
+    images
+        Those of the scene once more averaged, as they are compared.
     around
         Of each view: rows and columns of the shadow's box among the pixels that are compared.
     shadow_px
@@ -68,6 +78,7 @@ class Judge:
     density_g_cm3: Float64[np.ndarray, "k"]
     body: Body
     shadows: tuple[Shadow, ...]
+    images: tuple[Averaged, ...]
     around: tuple[Window, ...]
     shadow_px: int
 
@@ -93,6 +104,10 @@ class Judge:
             guess.density_g_cm3,
             body,
             tuple(shadows),
+            tuple(
+                Averaged.of(view, saturated, BINNING)
+                for view, saturated in zip(scene.views, scene.saturated, strict=True)
+            ),
             tuple(_around(shadow, side) for shadow in shadows),
             max(round(sum(int(shadow.mask.sum()) for shadow in shadows) / side**2), 1),
         )
@@ -192,7 +207,7 @@ class Judge:
             _joined(window(view.geometry, target.points_cm, BINNING), around)
             for view, around in zip(scene.views, self.around, strict=True)
         ]
-        return Level.of(target, poses, windows, BINNING), self.density_g_cm3
+        return Level.of(target, poses, windows, BINNING, self.images), self.density_g_cm3
 
     def _evaluated(
         self, level: Level, lengths: Sequence[PathLengths], unknowns: Float64[np.ndarray, "u"]
