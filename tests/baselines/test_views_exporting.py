@@ -36,12 +36,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> DatasetFolder:
 def test_exported_scenes_are_read_as_the_pictures_they_were(
     folder: DatasetFolder, tmp_path: Path
 ) -> None:
-    assert export_scenes(folder, "test", SOURCE, tmp_path / "scenes") == 2
+    assert export_scenes(folder, "test", SOURCE, tmp_path / "runs") == 2
     drawn = SOURCE(folder, "bar-0001")
-    found = SceneFolders(tmp_path / "scenes")(folder, "bar-0001")
+    found = SceneFolders(tmp_path / "runs" / "scenes")(folder, "bar-0001")
     np.testing.assert_array_equal(found.colors, drawn.colors)
     np.testing.assert_array_equal(found.masks, drawn.masks)
-    scene = tmp_path / "scenes" / "bar-0001"
+    scene = tmp_path / "runs" / "scenes" / "bar-0001"
     frames = json.loads((scene / "transforms.json").read_text())["frames"]
     for frame, mask in zip(frames, drawn.masks, strict=True):
         with Image.open(scene / frame["mask_path"]) as image:
@@ -60,11 +60,12 @@ def test_an_interrupted_export_goes_on_and_leaves_nothing_half_written(
         patch.setattr(exporting, "write_scene", stopped)
         with pytest.raises(KeyboardInterrupt):
             export_scenes(folder, "test", SOURCE, tmp_path)
-    assert not (tmp_path / "bar-0001").exists()
+    assert not list((tmp_path / "scenes").iterdir())
     assert export_scenes(folder, "test", SOURCE, tmp_path) == 2
     assert export_scenes(folder, "test", SOURCE, tmp_path) == 0
-    names = sorted(path.name for path in tmp_path.iterdir())
-    assert names == ["bar-0001", "bar-0002", "pictures.json"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["pictures.json", "scenes"]
+    names = sorted(path.name for path in (tmp_path / "scenes").iterdir())
+    assert names == ["bar-0001", "bar-0002"]
 
 
 def test_scenes_of_two_kinds_are_never_mixed(folder: DatasetFolder, tmp_path: Path) -> None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import gzip
+import io
 import json
+import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -66,28 +69,31 @@ def test_frames_go_by_name_not_by_order(scene: Path) -> None:
     assert_same(read_scene(scene), sphere_pictures(CAMERAS[::-1]))
 
 
-def test_depths_are_taken_by_the_scale_of_the_reconstruction(scene: Path) -> None:
-    parser = scene / "ns" / "dataparser_transforms.json"
-    parser.write_text(json.dumps({"transform": np.eye(4)[:3].tolist(), "scale": 0.5}))
-    found, expected = read_scene(scene), sphere_pictures(CAMERAS)
-    np.testing.assert_allclose(found.distance_cm, 2 * expected.distance_cm, rtol=1e-6)
+def test_depths_in_another_unit_than_metres_are_refused_where_the_surface_is_known(
+    scene: Path,
+) -> None:
+    surface = Surface(trimesh.creation.icosphere(subdivisions=5).triangles)
+    assert_same(read_scene(scene, surface), sphere_pictures(CAMERAS))
+    for depth in (scene / "ns" / "renders" / "depth").iterdir():
+        scaled = 20 * np.load(io.BytesIO(gzip.decompress(depth.read_bytes())))
+        with gzip.open(depth, "wb") as file:
+            np.save(file, scaled)
+    with pytest.raises(DataError, match=r"000\.npy\.gz: expected metres .* are 20 times those of"):
+        read_scene(scene, surface)
 
 
-def test_intrinsics_may_be_common_to_all_frames(scene: Path) -> None:
-    def common(found: dict[str, Any]) -> None:
-        for name in ("fl_x", "fl_y", "cx", "cy"):
-            for frame in found["frames"]:
-                found[name] = frame.pop(name)
-
-    edit(scene, common)
-    assert_same(read_scene(scene), sphere_pictures(CAMERAS))
+def test_intrinsics_may_be_those_of_each_frame(tmp_path: Path) -> None:
+    cameras = [CAMERAS[0], replace(CAMERAS[1], focal_px=(90.0, 91.0))]
+    write_scene(sphere_pictures(cameras), tmp_path / "scene")
+    assert "fl_x" not in json.loads((tmp_path / "scene" / "transforms.json").read_text())
+    assert_same(read_scene(tmp_path / "scene"), sphere_pictures(cameras))
 
 
 def test_without_depths_the_distances_are_those_of_the_surface(scene: Path) -> None:
-    (scene / "ns" / "dataparser_transforms.json").unlink()
+    shutil.rmtree(scene / "ns")
     sphere = trimesh.creation.icosphere(subdivisions=5)
     assert_same(read_scene(scene, Surface(sphere.triangles)), sphere_pictures(CAMERAS))
-    with pytest.raises(DataError, match=r"scene: no ns/dataparser_transforms\.json"):
+    with pytest.raises(DataError, match="scene: no ns/renders/depth and so"):
         read_scene(scene)
     elsewhere = trimesh.creation.icosphere(radius=0.1)
     elsewhere.apply_translation([50, 0, 0])
@@ -101,7 +107,7 @@ def test_without_depths_the_distances_are_those_of_the_surface(scene: Path) -> N
         (lambda found: found.update(frames=[]), "frames must be a list"),
         (lambda found: found.update(frames=[1]), "frames must be a list"),
         (lambda found: found["frames"][0].pop("file_path"), "each with a file_path"),
-        (lambda found: found["frames"][0].pop("fl_x"), r"000\.png: 'fl_x' is missing"),
+        (lambda found: found.pop("fl_x"), r"000\.png: 'fl_x' is missing"),
         (lambda found: found["frames"][0].update(cx="left"), r"000\.png: could not convert"),
         (lambda found: found["frames"][0].update(k1=0.1), r"without distortion .* \['k1'\]"),
         (
@@ -140,9 +146,6 @@ def test_files_that_break_the_layout_are_named(scene: Path) -> None:
         read_scene(scene)
     Image.new("RGB", (128, 96)).save(scene / "images" / "001.png")
     with pytest.raises(DataError, match=r"001\.png: expected RGBA, got RGB"):
-        read_scene(scene)
-    (scene / "ns" / "dataparser_transforms.json").write_text('{"scale": 0}')
-    with pytest.raises(DataError, match="scale must be a positive number, got 0"):
         read_scene(scene)
     (scene / "transforms.json").write_text("[]")
     with pytest.raises(DataError, match="expected a JSON object, got list"):

@@ -36,7 +36,7 @@ pictures_option = click.option(
 )
 
 
-@cli.command(epilog=f"Example: {PROGRAM} export SCENES --root DATA --split test")
+@cli.command(epilog=f"Example: {PROGRAM} export RUNS --root DATA --split test")
 @click.argument("out", type=click.Path(path_type=Path, file_okay=False))
 @root_option
 @click.option("--split", default="test", show_default=True, help="Objects to draw.")
@@ -47,7 +47,7 @@ pictures_option = click.option(
 def export(
     out: Path, root: Path | None, split: str, pictures: str, per_ring: int, size: int, as_json: bool
 ) -> None:
-    """Write a scene folder OUT/OBJECT_ID for each object.
+    """Write a scene folder OUT/scenes/OBJECT_ID for each object.
 
     Scenes that are there already are kept, so that an interrupted export goes on.
     """

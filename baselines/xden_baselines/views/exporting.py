@@ -1,4 +1,10 @@
-"""Pictures of a split as scene folders, for programs of others."""
+"""Pictures of a split as scene folders, for programs of others.
+
+::
+
+    DATA/  scenes/OBJECT_ID/...   nothing else is in here: NeRF2Physics and PUGS take all for scenes
+           pictures.json          of what dataset they are, and how they were drawn
+"""
 
 from __future__ import annotations
 
@@ -14,8 +20,7 @@ from xden_baselines.views.source import RenderedPhantoms
 
 __all__ = ["export_scenes"]
 
-ABOUT = "pictures.json"
-"""Says of what dataset the scenes are, and how they were drawn."""
+ABOUT, SCENES = "pictures.json", "scenes"
 
 
 def export_scenes(
@@ -25,7 +30,7 @@ def export_scenes(
     out: Path,
     progress: Callable[[Iterable[str]], Iterable[str]] = iter,
 ) -> int:
-    """Write a scene folder for each object of a split, those that are there already excepted.
+    """Write ``scenes/OBJECT_ID`` for each object of a split, but for those that are there already.
 
     A scene appears whole, so an export that was interrupted goes on when it is called again.
 
@@ -36,7 +41,7 @@ def export_scenes(
     source
         Draws them.
     out
-        Folder of the scenes; made if it is missing.
+        Folder of ``scenes``; made if it is missing.
     progress
         Iterates over the ids, and may show how far it is.
 
@@ -53,12 +58,14 @@ def export_scenes(
     """
     ids = folder.ids(split)
     _claim(out, {"dataset": folder.manifest_sha256, "pictures": source.recipe})
-    missing = [object_id for object_id in ids if not (out / object_id).exists()]
+    scenes = out / SCENES
+    scenes.mkdir(exist_ok=True)
+    missing = [object_id for object_id in ids if not (scenes / object_id).exists()]
     for object_id in progress(missing):
         fresh = out / f".{object_id}.partial"
         shutil.rmtree(fresh, ignore_errors=True)
         write_scene(source(folder, object_id), fresh)
-        fresh.rename(out / object_id)
+        fresh.rename(scenes / object_id)
     return len(missing)
 
 

@@ -4,14 +4,17 @@
 
     SCENE/  images/NAME.png                    RGBA, alpha > 0 on the object
             masks/NAME.png                     255 on the object, for others; not read here
-            transforms.json                    fl_x, fl_y, cx, cy; frames[] with file_path,
+            transforms.json                    fl_x, fl_y, cx, cy, w, h; frames[] with file_path,
                                                mask_path and transform_matrix, camera to object
                                                frame, metres
-            ns/dataparser_transforms.json      scale, from metres to the unit of the depths
-            ns/renders/depth/NAME.npy.gz       (rows, columns, 1): distance along the ray
+            points3d.ply                       points that pictures show, metres; not read here
+            ns/renders/depth/NAME.npy.gz       (rows, columns, 1): distance along the ray, metres
+            ns/point_cloud.ply                 the points as nerfstudio would scale them, by
+            ns/dataparser_transforms.json      transform and scale; neither is read here
 
-The folders named ``ns`` may be missing: distances then come from the object's outer surface.
-Pictures and depths go by the names in ``frames``, not by their order.
+Without ``ns/renders/depth`` distances come from the object's outer surface. Pictures and depths go
+by the names in ``frames``, not by their order. Where all cameras have the same intrinsics they are
+written once, as in ABO-500: NeRF2Physics and PUGS look for them there.
 """
 
 from __future__ import annotations
@@ -25,7 +28,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, UInt8
+import trimesh
+from jaxtyping import Bool, Float, Float32, UInt8
 from PIL import Image, UnidentifiedImageError
 
 from xden1k.errors import DataError
@@ -38,10 +42,18 @@ __all__ = ["read_scene", "write_scene"]
 CM_PER_M = 100.0
 _INTRINSICS = ("fl_x", "fl_y", "cx", "cy")
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+_POINTS = 100_000
+"""Written of each scene at most, as many as NeRF2Physics takes from its NeRF."""
+_MOST_OFF = 0.1
+"""By which share distances may differ from those of the outer surface, in the median."""
 
 
 def write_scene(pictures: Pictures, scene: Path) -> None:
-    """Write pictures, cameras and distances as a scene folder, at a scale of 1."""
+    """Write pictures, cameras, distances and the points that they show as a scene folder.
+
+    The point cloud is scaled as nerfstudio scales a scene: the farthest coordinate of a camera is
+    1. NeRF2Physics' and PUGS' steps of 1 % are of that unit.
+    """
     depths = scene / "ns" / "renders" / "depth"
     for folder in (scene / "images", scene / "masks", depths):
         folder.mkdir(parents=True)
@@ -54,9 +66,18 @@ def write_scene(pictures: Pictures, scene: Path) -> None:
         distance_m = np.where(pictures.masks[view], pictures.distance_cm[view] / CM_PER_M, 0)
         (depths / f"{view:03d}.npy.gz").write_bytes(_packed(distance_m[..., None]))
         frames.append(_frame(camera, f"{view:03d}.png"))
-    _write_json(scene / "transforms.json", {"camera_model": "OPENCV", "frames": frames})
-    parser = {"transform": np.eye(4)[:3].tolist(), "scale": 1.0}
+    lenses = [_lens(camera) for camera in pictures.cameras]
+    common = lenses[0] if all(lens == lenses[0] for lens in lenses) else {}
+    if not common:
+        frames = [{**frame, **lens} for frame, lens in zip(frames, lenses, strict=True)]
+    _write_json(scene / "transforms.json", {"camera_model": "OPENCV", **common, "frames": frames})
+    farthest_cm = max(np.abs(camera.position_cm).max() for camera in pictures.cameras)
+    scale = float(CM_PER_M / farthest_cm)
+    parser = {"transform": np.eye(4)[:3].tolist(), "scale": scale}
     _write_json(scene / "ns" / "dataparser_transforms.json", parser)
+    points_m, colors = _seen_points(pictures)
+    _write_cloud(scene / "points3d.ply", points_m, colors)
+    _write_cloud(scene / "ns" / "point_cloud.ply", points_m * scale, colors)
 
 
 def read_scene(scene: Path, surface: Surface | None = None) -> Pictures:
@@ -67,29 +88,34 @@ def read_scene(scene: Path, surface: Surface | None = None) -> Pictures:
     scene
         The folder; its cameras are in the object frame.
     surface
-        The object's outer surface, for the distances of a folder that has none.
+        The object's outer surface: for the distances of a folder that has none, and to check those
+        of one that has.
 
     Raises
     ------
     DataError
-        If a file is missing or cannot be read, pictures differ in size, a lens is distorted, or
-        the distances come from a surface that a picture does not show where its mask is.
+        If a file is missing or cannot be read, pictures differ in size, a lens is distorted,
+        distances are a tenth off those of the surface, or no picture shows it.
     """
     transforms = _read_json(scene / "transforms.json")
-    scale = _depth_scale(scene)
+    depths = scene / "ns" / "renders" / "depth"
     colors, masks, distances, cameras = [], [], [], []
     for frame in _frames(transforms, scene):
         name = Path(frame["file_path"])
         rgba = _read_picture(scene / "images" / f"{name.stem}{name.suffix or '.png'}")
         camera, mask = _camera({**transforms, **frame}, rgba.shape[:2], scene), rgba[..., 3] > 0
-        if scale is not None:
-            depth = _read_depth(scene / "ns" / "renders" / "depth" / f"{name.stem}.npy.gz", mask)
-            distance = (depth * (CM_PER_M / scale)).astype(np.float32)
-        elif surface is not None:
-            distance = surface.first_hits(camera.position_cm, camera.rays())[1]
-            mask = mask & np.isfinite(distance)
-        else:
-            raise DataError(f"{scene}: no ns/dataparser_transforms.json and so no distances")
+        distance = first_cm = None
+        if surface is not None:
+            distance = first_cm = surface.first_hits(camera.position_cm, camera.rays())[1]
+        if depths.is_dir():
+            path = depths / f"{name.stem}.npy.gz"
+            distance = (_read_depth(path, mask) * CM_PER_M).astype(np.float32)
+            if first_cm is not None:
+                _check_distances(path, distance, first_cm, mask)
+        elif first_cm is not None:
+            mask = mask & np.isfinite(first_cm)
+        if distance is None:
+            raise DataError(f"{scene}: no ns/renders/depth and so no distances")
         colors.append(np.where(mask[..., None], rgba[..., :3], np.uint8(BACKGROUND)))
         masks.append(mask)
         distances.append(np.where(mask, distance, np.float32(np.inf)))
@@ -104,16 +130,32 @@ def read_scene(scene: Path, surface: Surface | None = None) -> Pictures:
 def _frame(camera: Camera, name: str) -> dict[str, Any]:
     pose = camera.camera_to_world.copy()
     pose[:3, 3] /= CM_PER_M
-    intrinsics = zip(_INTRINSICS, (*camera.focal_px, *camera.centre_px), strict=True)
-    rows, columns = camera.shape
     return {
         "file_path": f"images/{name}",
         "mask_path": f"masks/{name}",
         "transform_matrix": pose.tolist(),
-        **dict(intrinsics),
-        "h": rows,
-        "w": columns,
     }
+
+
+def _lens(camera: Camera) -> dict[str, float]:
+    rows, columns = camera.shape
+    intrinsics = zip(_INTRINSICS, (*camera.focal_px, *camera.centre_px), strict=True)
+    return {**dict(intrinsics), "h": rows, "w": columns}
+
+
+def _seen_points(
+    pictures: Pictures,
+) -> tuple[Float[np.ndarray, "points 3"], UInt8[np.ndarray, "points 3"]]:
+    """Points that pixels show, metres, and their colours: evenly many of all pixels."""
+    points_cm, colors = [], []
+    for view, camera in enumerate(pictures.cameras):
+        mask = pictures.masks[view]
+        ways_cm = camera.rays()[mask] * pictures.distance_cm[view][mask, None]
+        points_cm.append(camera.position_cm + ways_cm)
+        colors.append(pictures.colors[view][mask])
+    all_points, all_colors = np.concatenate(points_cm), np.concatenate(colors)
+    some = np.linspace(0, len(all_points) - 1, min(_POINTS, len(all_points))).astype(int)
+    return all_points[some] / CM_PER_M, all_colors[some]
 
 
 def _frames(transforms: Mapping[str, Any], scene: Path) -> list[Mapping[str, Any]]:
@@ -148,15 +190,28 @@ def _camera(frame: Mapping[str, Any], shape: tuple[int, int], scene: Path) -> Ca
         raise DataError(f"{where}: {err}") from err
 
 
-def _depth_scale(scene: Path) -> float | None:
-    """Return the units of depth in a metre; None if the folder has none."""
-    path = scene / "ns" / "dataparser_transforms.json"
-    if not path.exists():
-        return None
-    scale = _read_json(path).get("scale")
-    if not isinstance(scale, int | float) or not 0 < scale < np.inf:
-        raise DataError(f"{path}: scale must be a positive number, got {scale!r}")
-    return float(scale)
+def _write_cloud(
+    path: Path, points: Float[np.ndarray, "points 3"], colors: UInt8[np.ndarray, "points 3"]
+) -> None:
+    cloud = trimesh.PointCloud(points, colors)  # type: ignore[no-untyped-call]
+    cloud.export(path)  # type: ignore[no-untyped-call]
+
+
+def _check_distances(
+    path: Path,
+    distance_cm: Float32[np.ndarray, "rows columns"],
+    first_cm: Float32[np.ndarray, "rows columns"],
+    mask: Bool[np.ndarray, "rows columns"],
+) -> None:
+    """Refuse distances in another unit: those before nerfstudio divided them by its scale, say."""
+    known = mask & np.isfinite(first_cm)
+    if known.any():
+        ratio = float(np.median(distance_cm[known] / first_cm[known]))
+        if abs(ratio - 1) > _MOST_OFF:
+            raise DataError(
+                f"{path}: expected metres along the ray; distances are {ratio:.3g} times those of "
+                "the object's outer surface"
+            )
 
 
 def _read_picture(path: Path) -> UInt8[np.ndarray, "rows columns 4"]:
@@ -169,7 +224,9 @@ def _read_picture(path: Path) -> UInt8[np.ndarray, "rows columns 4"]:
         raise DataError(f"{path}: {err}") from err
 
 
-def _read_depth(path: Path, mask: np.ndarray) -> Float32[np.ndarray, "rows columns"]:
+def _read_depth(
+    path: Path, mask: Bool[np.ndarray, "rows columns"]
+) -> Float32[np.ndarray, "rows columns"]:
     try:
         found = np.load(io.BytesIO(gzip.decompress(path.read_bytes())), allow_pickle=False)
     except (OSError, EOFError, ValueError, zlib.error) as err:
