@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import PIL.Image
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -50,10 +52,22 @@ def test_whatever_an_answer_depends_on_changes_the_key(changed: str) -> None:
 
 def test_the_key_stays_what_it_was() -> None:
     # A change of this value orphans every cassette there is.
-    plain = ChatRequest("materials/1", "mug-0001", "What is it made of?", (b"picture",))
+    plain = ChatRequest("materials/1", "mug-0001", "What is it made of?", (PICTURE,))
     assert (
-        plain.key("qwen", 500) == "eb1e73b5c9abd815b5acb59a0ecf7208d92629d9fb9c52ef25ddd5ae03d49ad4"
+        plain.key("qwen", 500) == "1446aee22c2d52a41636e7820f09b451a29a236278a0066e62415e39b4e3213e"
     )
+
+
+def test_a_picture_that_is_packed_otherwise_has_the_same_key() -> None:
+    pixels = np.arange(600, dtype=np.uint8).reshape(10, 20, 3)
+    loose = io.BytesIO()
+    PIL.Image.fromarray(pixels).save(loose, format="PNG", compress_level=0)
+    files = (png(pixels), loose.getvalue())
+    assert files[0] != files[1]
+    keys = {replace(REQUEST, images=(file,)).key("qwen", 500) for file in files}
+    assert len(keys) == 1
+    others = (png(pixels[::-1]), png(pixels.reshape(20, 10, 3)))
+    assert len(keys | {replace(REQUEST, images=(one,)).key("qwen", 500) for one in others}) == 3
 
 
 def test_the_object_is_no_part_of_the_key() -> None:

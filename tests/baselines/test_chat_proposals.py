@@ -62,15 +62,29 @@ def test_a_list_is_read_with_thousands_commas_single_values_and_any_spelling_of_
         ("(**Oak**: 600-900 kg/m^3)\n\nThese are typical values.", (0.6, 0.9)),
         ("1. **oak**: 600-900 kg/m^3", (0.6, 0.9)),
         ("<think>(pine: 500)</think>(oak: 600-900 kg/m^3)", (0.6, 0.9)),
+        ("(oak: ~600-900 kg/m^3)", (0.6, 0.9)),
+        ("(oak: approx. 600\u2212900 kg/m^3)", (0.6, 0.9)),
+        ("(oak: 600 kg/m^3 - 900 kg/m^3)", (0.6, 0.9)),
+        ("(oak: 0.6 g/cm\u00b3 to 0.9 g/cm\u00b3)", (0.6, 0.9)),
     ],
 )
 def test_units_dashes_and_ends_are_forgiven(text: str, g_cm3: tuple[float, float]) -> None:
     assert parse_densities(text) == {"oak": g_cm3}
 
 
+@pytest.mark.parametrize("between", [";", "; ", ", ", "\n", ",\n"])
+def test_items_may_be_divided_by_commas_and_names_hold_brackets(between: str) -> None:
+    items = ("(Polyethylene (HDPE): 940-970 kg/m^3)", "(steel: 7,750-8,050 kg/m^3)")
+    assert parse_densities(between.join(items)) == {
+        "polyethylene (hdpe)": (0.94, 0.97),
+        "steel": (7.75, 8.05),
+    }
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("(steel: 7.75 g/cm^3 - 8050 kg/m^3)", "expected one unit for both ends"),
         ("", "expected '\\(name: low-high unit\\)'"),
         ("I am sorry, but I cannot help with that.", "expected '\\(name: low-high unit\\)'"),
         ("(steel, 7750-8050 kg/m^3)", "expected '\\(name: low-high unit\\)'"),

@@ -176,6 +176,8 @@ def test_centroids_that_are_none_are_refused(changed: dict) -> None:
         ("<think>a, wood oak, 0.1</think>\na blade, steel, 0.9", Answer(0, 0.9)),
         ("a handle, Oak Wood, confidence: 90%", Answer(1, 0.9)),
         ("a handle, wood, 0.6", Answer(1, 0.6)),
+        ("a blade, steel (0.9)", Answer(0, 0.9)),
+        ("a blade, metal (steel), 0.9", Answer(0, 0.9)),
     ],
 )
 def test_an_answer_is_read_from_the_right(text: str, expected: Answer) -> None:

@@ -279,6 +279,27 @@ def test_a_row_that_is_mostly_the_fallbacks_is_refused_with_the_counts(
     assert not (tmp_path / "out.npz").exists()
 
 
+class Silent(Talking):
+    """Its model is silent on some questions about each object."""
+
+    def __init__(self, unanswered: int) -> None:
+        super().__init__()
+        self.unanswered = unanswered
+
+    def predict(self, sample: SampleView) -> Prediction:
+        return replace(super().predict(sample), unanswered=self.unanswered)
+
+
+def test_a_row_of_a_model_that_is_mostly_silent_is_refused_with_the_counts(
+    folder: DatasetFolder, tmp_path: Path
+) -> None:
+    with pytest.raises(DataError, match="talking: 44 of 80 answers are missing, over 50%"):
+        run_predictor(Silent(11), folder, "test", tmp_path / "out.npz")
+    assert not (tmp_path / "out.npz").exists()
+    notes = run_predictor(Silent(10), folder, "test", tmp_path / "half.npz").meta.notes
+    assert "40 of 80 answers missing, on 4 objects" in notes
+
+
 def test_what_can_be_asked_ahead_is_asked_before_the_first_prediction(
     folder: DatasetFolder, tmp_path: Path
 ) -> None:

@@ -24,8 +24,15 @@ CM = {"cm": 1.0, "mm": 0.1, "m": 100.0}
 """By unit, to cm."""
 
 _NUMBER = r"\d+(?:\.\d+)?(?:e[+-]?\d+)?"
-_DASH = r"-|\u2013|\u2014|~|to"
-_RANGE = re.compile(rf"({_NUMBER})(?:\s*(?:{_DASH})\s*({_NUMBER}))?\s*([a-z].*)?", re.IGNORECASE)
+_DASH = r"-|\u2212|\u2013|\u2014|~|to"
+_ABOUT = r"(?:~|\u2248|about|around|approximately|approx\.?|ca\.?)?\s*"
+_UNIT = r"[a-z][^\s\d]*?(?:\^?[3\u00b3])?"
+_RANGE = re.compile(
+    rf"{_ABOUT}({_NUMBER})\s*(?:({_UNIT})?\s*(?:{_DASH})\s*({_NUMBER}))?\s*([a-z].*)?",
+    re.IGNORECASE,
+)
+_BETWEEN = re.compile(r";|(?<=\))\s*,\s*(?=\()")
+"""What divides items: commas too, between brackets."""
 _TEMPLATE = re.compile(r"material(\s*\d*)|name|[<\[{.].*", re.IGNORECASE)
 """Names a model leaves in when it repeats the template."""
 _REMARK = re.compile(r"[^:;()]*:?|[^:;()\d]*:[^:;()\d]*", re.IGNORECASE)
@@ -138,7 +145,7 @@ def _parse_list(text: str, units: Mapping[str, float]) -> dict[str, Range]:
         item.strip()
         for line in answer_lines(text)
         if not _REMARK.fullmatch(line)
-        for item in line.rstrip(".;").split(";")
+        for item in _BETWEEN.split(line.rstrip(".;,"))
     ]
     if not items:
         raise DataError(f"expected '(name: low-high unit)', got {text.strip()[:60]!r}")
@@ -185,11 +192,18 @@ def _range_of_text(text: str, units: Mapping[str, float]) -> Range:
     found = _RANGE.fullmatch(re.sub(r"(?<=\d),(?=\d{3})", "", text).strip())
     if found is None:
         raise DataError(f"expected a range like 600-900, got {text.strip()[:60]!r}")
-    low, high, unit = found.groups()
+    low, first_unit, high, unit = found.groups()
+    factor = _factor(unit or first_unit, units)
+    if first_unit and _factor(first_unit, units) != factor:
+        raise DataError(f"expected one unit for both ends, got {text.strip()[:60]!r}")
+    return _scaled(float(low), float(high or low), factor)
+
+
+def _factor(unit: str | None, units: Mapping[str, float]) -> float:
     plain = re.sub(r"[\s^]", "", (unit or next(iter(units))).lower()).replace("³", "3")
     if plain not in units:
         raise DataError(f"expected a unit of {list(units)}, got {unit!r}")
-    return _scaled(float(low), float(high or low), units[plain])
+    return units[plain]
 
 
 def _scaled(low: float, high: float, factor: float) -> Range:

@@ -58,11 +58,14 @@ class ChatRequest:
         return self._messages(_data_url)
 
     def key(self, model: str, max_tokens: int) -> str:
-        """SHA-256 of all that an answer can depend on, as canonical JSON, pictures by their own."""
+        """SHA-256 of all that an answer can depend on, as canonical JSON; pictures by their pixels.
+
+        Not by their files: another Pillow or zlib packs the same pixels otherwise.
+        """
         values = {
             "model": model,
             "prompt": self.prompt,
-            "messages": self._messages(lambda image: hashlib.sha256(image).hexdigest()),
+            "messages": self._messages(_pixels_sha256),
             "seed": self.seed,
             "temperature": self.temperature,
             "max_tokens": max_tokens,
@@ -98,6 +101,12 @@ def png(picture: Picture) -> bytes:
     file = io.BytesIO()
     PIL.Image.fromarray(picture).save(file, format="PNG")
     return file.getvalue()
+
+
+def _pixels_sha256(image: bytes) -> str:
+    with PIL.Image.open(io.BytesIO(image)) as picture:
+        about = f"{picture.mode} {picture.size} "
+        return hashlib.sha256(about.encode() + picture.tobytes()).hexdigest()
 
 
 def _data_url(image: bytes) -> str:

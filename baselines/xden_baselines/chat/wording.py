@@ -55,8 +55,8 @@ def bare(text: str) -> str:
 
     Examples
     --------
-    >>> bare(' (a lid, "steel", 0.8). '), bare("(a) lid (b)")
-    ('a lid, "steel", 0.8', '(a) lid (b)')
+    >>> bare(' (a lid, "steel", 0.8). '), bare("(a) lid (b)"), bare("(lid (a))")
+    ('a lid, "steel", 0.8', '(a) lid (b)', 'lid (a)')
     """
     plain = text.strip().rstrip(".;").strip()
     while len(plain) > 1 and _PAIRS.get(plain[0]) == plain[-1] and not _opens(plain):
@@ -65,6 +65,13 @@ def bare(text: str) -> str:
 
 
 def _opens(text: str) -> bool:
-    """Whether the first bracket is closed before the end."""
-    first, inner = text[0], text[1:-1]
-    return _PAIRS[first] in inner and (first == _PAIRS[first] or first in inner)
+    """Whether the first bracket or quote is closed before the end."""
+    first, last = text[0], _PAIRS[text[0]]
+    if first == last:
+        return first in text[1:-1]
+    depth = 0
+    for place, sign in enumerate(text):
+        depth += (sign == first) - (sign == last)
+        if depth == 0:
+            return place < len(text) - 1
+    return True

@@ -31,6 +31,8 @@ figure from 0 to 1:
 short caption of the part, material, how sure you are"""
 
 _CONFIDENCE = re.compile(r"(?:confidence:?\s*)?(\d+(?:\.\d+)?|\.\d+)\s*(%?)", re.IGNORECASE)
+_BRACKETED = re.compile(r"\s*\(([\d.]+\s*%?)\)$")
+"""A confidence in brackets behind the material."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +212,7 @@ def parse_answer(text: str, materials: ClosedList) -> Answer:
 
 def _fields(line: str) -> tuple[str, str, str] | None:
     """Material, figure and percent sign of a line that answers."""
-    fields = [field.strip() for field in line.rsplit(",", 2)]
+    fields = [field.strip() for field in _BRACKETED.sub(r", \1", line).rsplit(",", 2)]
     figure = _CONFIDENCE.fullmatch(fields[-1])
     return None if len(fields) < 3 or figure is None else (fields[1], figure[1], figure[2])
 
@@ -236,7 +238,7 @@ def _place(name: str, materials: ClosedList) -> int:
 
 
 def _words(name: str) -> frozenset[str]:
-    return frozenset(_spoken(name.lower()).split())
+    return frozenset(re.sub(r"[()/,]", " ", _spoken(name.lower())).split())
 
 
 def _spoken(name: str) -> str:

@@ -236,5 +236,5 @@ def described(pictures: Pictures) -> Picture:
     """Return the view that is described: the one at the 75th percentile of mask area."""
     areas = pictures.masks.sum(axis=(1, 2))
     order = np.argsort(areas, kind="stable")
-    view: int = order[round(CAPTION_QUANTILE * (len(order) - 1))]
+    view: int = order[int(CAPTION_QUANTILE * len(order))]
     return np.asarray(pictures.colors[view])

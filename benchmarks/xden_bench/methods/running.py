@@ -41,6 +41,8 @@ __all__ = ["Options", "Report", "refuse_without_radiographs", "run_predictor", "
 
 MOST_FALLBACKS: Final = 0.05
 """Of a model's answers: of more a row would not be the model's it names."""
+MOST_MISSING: Final = 0.5
+"""Of the answers asked of a model that nobody stands in for: of more a row would say nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,7 +225,7 @@ def run_within(
         way = answering(predictor, partial.submission, options.target, options.points_seed)
         with way.writer:
             facts = dict(run.answers(way, partial, progress))
-            _refuse_fallbacks(predictor.name, tuple(facts.values()))
+            _refuse_silence(predictor.name, tuple(facts.values()))
             meta = way.meta(run.said(fit, tuple(facts.values())))
             way.writer.finish(meta)
         partial.submission.replace(out)
@@ -372,9 +374,15 @@ def _answers(facts: Sequence[Facts]) -> int:
     return sum(max(one.answers, one.fallbacks) for one in facts)
 
 
-def _refuse_fallbacks(method: str, facts: Sequence[Facts]) -> None:
-    """Refuse a row that would be of its substitute rather than of the model it names."""
+def _refuse_silence(method: str, facts: Sequence[Facts]) -> None:
+    """Refuse a row that would be of a substitute, or of guesses, rather than of its model."""
     fallbacks, answers = sum(one.fallbacks for one in facts), _answers(facts)
+    missing = sum(one.unanswered for one in facts)
+    if missing > MOST_MISSING * answers:
+        raise DataError(
+            f"{method}: {missing} of {answers} answers are missing, over {MOST_MISSING:.0%}: such "
+            "a row would say nothing of the model it names"
+        )
     if fallbacks > MOST_FALLBACKS * answers:
         raise DataError(
             f"{method}: {fallbacks} of {answers} answers are the fallback's, over "
