@@ -83,15 +83,15 @@ ROWS := build/rows
 PHANTOMS := --count 2000 --seed 2026 --size 256 --unseen benchmarks/protocol-v2.toml
 METHODS := zero water train-median category-median xray-uniform xray-mean \
   true-mass-uniform label-nominal part-oracle seen-materials seen-materials-hollow
-# What is learned from pictures in minutes, or by a network once for each seed.
+# What is learned once for each seed: from pictures in minutes, or by a network.
 FITTED := nerf2physics-style nerf2physics-style-thickness \
   gaussian-property-style gaussian-property-style-weighted gaussian-property-style-parts
 TRAINED := geometry-unet colour-unet xray-unet
-SEEDED := $(TRAINED) surface-net
+SEEDED := $(FITTED) $(TRAINED) surface-net
 SEEDS := 0 1 2
 # The builder without the captures' labels and, unranked, with them.
 BUILT := blind labels
-ROWS_OF = $(foreach row,$(METHODS) $(FITTED) $(BUILT),$(ROWS)/$(1)/$(row).npz) \
+ROWS_OF = $(foreach row,$(METHODS) $(BUILT),$(ROWS)/$(1)/$(row).npz) \
   $(foreach seed,$(SEEDS),$(SEEDED:%=$(ROWS)/$(1)/%-$(seed).npz))
 
 # Enters the rows of one split; those that are entered are passed over. Command.
@@ -128,15 +128,15 @@ $(ROWS)/unseen/$(1).npz: $(ROWS)/test/$(1).npz
 	  --root $(ROWS)/data --out $$@
 
 endef
-$(foreach method,$(FITTED),$(eval $(call LEARNED_ROWS,$(method),$(method))))
 $(foreach method,$(TRAINED),$(foreach seed,$(SEEDS),$(eval \
   $(call LEARNED_ROWS,$(method)-$(seed),$(method),--seed $(seed),--budget 20epochs))))
-$(foreach seed,$(SEEDS),$(eval $(call LEARNED_ROWS,surface-net-$(seed),surface-net,--seed $(seed))))
+$(foreach method,$(FITTED) surface-net,$(foreach seed,$(SEEDS),$(eval \
+  $(call LEARNED_ROWS,$(method)-$(seed),$(method),--seed $(seed)))))
 
 # What seeing materials is worth: the same methods shown flat pictures, compared and not entered.
-SHADED := $(FITTED) colour-unet-0
-$(foreach method,$(FITTED),$(eval \
-  $(call LEARNED_ROWS,$(method)-flat,$(method),--pictures flat)))
+SHADED := $(FITTED:%=%-0) colour-unet-0 surface-net-0
+$(foreach method,$(FITTED) surface-net,$(eval \
+  $(call LEARNED_ROWS,$(method)-0-flat,$(method),--seed 0 --pictures flat)))
 $(eval $(call LEARNED_ROWS,colour-unet-0-flat,colour-unet,--seed 0 --pictures flat,--budget 20epochs))
 
 pictures: $(foreach split,test unseen,$(ROWS)/$(split)/seen-materials.npz \
@@ -248,8 +248,8 @@ robustness: $(foreach how,$(DISTURBANCES),$(DISTURBED:%=$(ROWS)/segments/val-$(h
 	done
 
 # Simulated picks by methods' centres of mass, on the full tier of either split.
-PICKING := category-median nerf2physics-style gaussian-property-style colour-unet-0 geometry-unet-0 \
-  xray-mean xray-unet-0 blind
+PICKING := category-median nerf2physics-style-0 gaussian-property-style-0 colour-unet-0 \
+  geometry-unet-0 xray-mean xray-unet-0 blind
 PICKS := benchmarks/picks
 scenes-test := $(ROWS)/scenes
 scenes-unseen := $(ROWS)/scenes-unseen

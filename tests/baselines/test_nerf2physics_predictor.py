@@ -91,7 +91,8 @@ def test_both_are_predictors_that_say_what_they_know(folder: DatasetFolder, soli
         assert isinstance(predictor, Fingerprinted)
         assert not predictor.external_data
     assert solid.notes == (
-        "fitted encoder; material prior of the training split; volume rule solid"
+        "fitted encoder; material prior of the training split; volume rule solid; NeRF2Physics "
+        "without its NeRF (the mesh is given), CLIP, its chat model and captions"
     )
 
 
@@ -223,7 +224,7 @@ def test_a_model_is_asked_with_a_picture_and_its_fallbacks_are_counted(
 
 def test_a_shell_is_the_solid_without_its_inside(folder: DatasetFolder, solid: Any) -> None:
     shell = fitted(folder, NeRF2PhysicsThickness)
-    assert shell.notes.endswith("volume rule thickness")
+    assert "volume rule thickness; NeRF2Physics without" in shell.notes
     thin = Candidate("steel", density_g_cm3=(7.8, 7.8), thickness_cm=(0.1, 0.1))
     shell._proposer = Proposals("test", {"": (thin,)})
     at = sample(folder)

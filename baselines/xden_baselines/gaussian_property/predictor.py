@@ -89,11 +89,23 @@ class _Voting(ABC):
 
     @property
     def notes(self) -> str:
-        """Who answers, about what, and from how long a list."""
-        if self.trainable:
-            return self._notes
-        how = f"zero-shot; {self._chat.source}"
-        return f"{how}; {self.masks}; the {len(self._materials)} materials of the original's paper"
+        """Who answers, about what, from how long a list; what the original has and this lacks."""
+        how = self._notes
+        if not self.trainable:
+            list_of = f"the {len(self._materials)} materials of the original's paper"
+            how = f"zero-shot; {self._chat.source}; {self.masks}; {list_of}"
+        return f"{how}; {self._lacking}" if how else ""
+
+    @property
+    def _lacking(self) -> str:
+        parts = {
+            "3D Gaussians (the mesh is given)": True,
+            "Segment Anything": True,
+            "its vision model": self._chat.mode == "off",
+        }
+        return (
+            f"GaussianProperty without {', '.join(part for part, lacks in parts.items() if lacks)}"
+        )
 
     @property
     def fingerprint(self) -> str:

@@ -95,10 +95,21 @@ class NeRF2Physics:
 
     @property
     def notes(self) -> str:
-        """Which encoder saw the pictures, who proposed, and the volume rule."""
-        if self.trainable:
-            return self._notes
-        return f"zero-shot; {clip_source(self._clip)}; {self._chat.source}; volume rule {self.rule}"
+        """Which encoder saw the pictures, who proposed, the volume rule; what the original has."""
+        how = self._notes
+        if not self.trainable:
+            how = f"zero-shot; {clip_source(self._clip)}; {self._chat.source}"
+            how += f"; volume rule {self.rule}"
+        return f"{how}; {self._lacking}" if how else ""
+
+    @property
+    def _lacking(self) -> str:
+        parts = {
+            "its NeRF (the mesh is given)": True,
+            "CLIP": not self._clip,
+            "its chat model and captions": self._chat.mode == "off",
+        }
+        return f"NeRF2Physics without {', '.join(part for part, lacks in parts.items() if lacks)}"
 
     @property
     def fingerprint(self) -> str:
