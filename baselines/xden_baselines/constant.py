@@ -72,7 +72,7 @@ class TrainMedian(_Constant):
 
 
 class CategoryMedian(_Constant):
-    """The same median within the object's category; that of all objects for an unseen one."""
+    """The median within the object's category, as train-median; of all for an unseen one."""
 
     name = "category-median"
     reads = Modality.GEOMETRY | Modality.CATEGORY

@@ -250,7 +250,8 @@ def test_baselines_are_listed(run: Callable[..., Result]) -> None:
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        (["baseline", "nope"], 1, "no method 'nope' is installed; there are ["),
+        (["baseline", "nope"], 1, "no method 'nope' is installed; xden-bench baseline --list"),
+        (["baseline", "pixie"], 1, "no method 'pixie' is installed; did you mean pixie-style"),
         (["baseline"], 2, "Give the NAME of a method, or --list."),
         (["baseline", "water", "--split", "nope"], 1, "no split 'nope'"),
         (["score", "nope.npz"], 1, "Error: nope.npz: No such file or directory"),

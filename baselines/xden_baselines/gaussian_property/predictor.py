@@ -289,7 +289,7 @@ class GaussianProperty(_Voting):
 
 
 class GaussianPropertyWeighted(GaussianProperty):
-    """The same, votes weighted by confidence: mean and deviation of Dirichlet counts."""
+    """GaussianProperty style, votes weighted by confidence: mean and deviation of the counts."""
 
     name = "gaussian-property-style-weighted"
     weighted = True

@@ -139,27 +139,27 @@ class _Trained:
 
 
 class GeometryUNet(_Trained):
-    """3D U-Net on shape and category, trained on the training split: others see more."""
+    """3D U-Net on shape and category, trained on the training split."""
 
     name = "geometry-unet"
 
 
 class ColourUNet(_Trained):
-    """3D U-Net on shape, category and colours, trained on the training split: others see CLIP."""
+    """3D U-Net on shape, category and colours, trained on the training split."""
 
     name = "colour-unet"
     reads = _Trained.reads | Modality.RGB
 
 
 class ColourUNetFull(ColourUNet):
-    """The same at the size of Pixie's, 53 million weights with a material head; for GPUs."""
+    """colour-unet at the size of Pixie's, 53 million weights with a material head; for GPUs."""
 
     name = "colour-unet-full"
     default = FULL
 
 
 class PixieStyle(ColourUNet):
-    """Pixie style: the same, which sees CLIP's features of the pictures too. Needs CLIP's weights.
+    """Pixie style: as colour-unet, and CLIP's features of the pictures. Needs CLIP's weights.
 
     Parameters
     ----------
@@ -264,14 +264,14 @@ class PixieStyle(ColourUNet):
 
 
 class PixieStyleFull(PixieStyle):
-    """The same at the published size, 53 million weights with a material head; for GPUs."""
+    """pixie-style at the published size, 53 million weights with a material head; for GPUs."""
 
     name = "pixie-style-full"
     default = FULL
 
 
 class XRayUNet(_Trained):
-    """3D U-Net on shape, category and back-projected radiographs, trained on the same split."""
+    """3D U-Net on shape, category and back-projected radiographs, trained on the training split."""
 
     name = "xray-unet"
     reads = _Trained.reads | Modality.XRAY

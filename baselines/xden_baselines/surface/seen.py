@@ -60,7 +60,7 @@ class SeenMaterials:
 
 
 class SeenMaterialsHollow(SeenMaterials):
-    """The same with the true cavities: what is left is hidden material."""
+    """Oracle of what is seen, with the true cavities: what is left is hidden material."""
 
     name = "seen-materials-hollow"
     notes = "true material of the visible surface, true cavities"

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
-from xden1k.errors import DataError
+from xden1k.errors import DataError, did_you_mean
 from xden1k.predictor import Illustrated, Method, PictureSource, Predictor, Segmenter
 from xden1k.values.modality import Modality, track_of
 from xden_bench.methods.running import Options, Report, run_predictor
@@ -32,6 +33,7 @@ PICTURES = "xden1k.pictures"
 """Of this one, sources of pictures: ``scenes`` is called with a folder, any other, such as
 ``flat``, without arguments."""
 SCENES, DEFAULT_PICTURES = "scenes", "shaded"
+_UNKNOWN_SETTING = re.compile(r"unexpected keyword argument '(\w+)'")
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +69,7 @@ def _listed(name: str) -> Listed:
     except DataError as err:
         return Listed(name, "-", "-", str(err))
     oracle = "oracle: " if (Modality.TRUTH | Modality.MATERIALS) & method.reads else ""
-    summary = (inspect.getdoc(method) or "").split("\n")[0]
+    summary = (inspect.getdoc(method) or "").split("\n")[0].removeprefix("Oracle of ")
     kinds = {"densities": Predictor, "segments": Segmenter}
     gives = " and ".join(name for name, kind in kinds.items() if isinstance(method, kind))
     return Listed(name, track_of(method.reads), gives, oracle + summary)
@@ -90,10 +92,15 @@ def find_method(name: str, settings: Mapping[str, Any] | None = None) -> Predict
     """
     entries = _entries(PREDICTORS)
     if name not in entries:
-        raise DataError(f"no method {name!r} is installed; there are {sorted(entries)}")
+        near = did_you_mean(name, entries) or "; xden-bench baseline --list shows those that are"
+        raise DataError(f"no method {name!r} is installed{near}")
     try:
         method = entries[name].load()(**(settings or {}))
+    except DataError as err:  # what it was told does not suit it
+        raise DataError(f"{name}: {str(err).removeprefix(f'{name}: ')}") from err
     except (ImportError, AttributeError, TypeError, ValueError) as err:
+        if settings and (found := _UNKNOWN_SETTING.search(str(err))):
+            raise DataError(f"{name} has no setting {found[1]!r}") from err
         raise DataError(f"the method {name} ({entries[name].value}) does not load: {err}") from err
     if not isinstance(method, Predictor | Segmenter):
         raise DataError(f"the method {name} ({entries[name].value}) is no xden1k Predictor")
