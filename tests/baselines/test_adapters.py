@@ -218,6 +218,22 @@ def test_floaters_do_not_end_a_run_and_are_counted(
     assert_round_trip(runs, folder, wrong=0.12 if far == 1.04 else 0.03, mass=0.05)
 
 
+def test_a_run_of_many_floaters_is_adapted_where_their_share_is_told(
+    runs: Path, root: Path, folder: DatasetFolder
+) -> None:
+    write_pugs(runs, NAME)
+    path = runs / "scenes" / NAME / "pred_result_density"
+    points, density = (np.load(path / f"dense_{one}.npy") for one in ("points", "pred_density"))
+    count = len(points) // 100
+    floating = np.random.default_rng(0).uniform(-1, 2, (count, 3)) * BOX[1] / 100
+    np.save(path / "dense_points.npy", np.concatenate([points, floating]).astype(np.float32))
+    np.save(path / "dense_pred_density.npy", np.concatenate([density, density[:count]]))
+    assert "or more points float than --floaters says" in refused("pugs", runs, root)
+    found = adapted("pugs", runs, root, "--floaters", "0.01")
+    assert_round_trip(runs, folder, wrong=0.03, mass=0.02)
+    assert 0.8 * count < found["objects"][0]["floaters"] <= count
+
+
 def test_every_object_that_cannot_be_adapted_is_named_at_once(runs: Path, tmp_path: Path) -> None:
     names = ("angle-0001", "angle-0002", "angle-0003")
     colors = {"stem": BROWN, "foot": GREY}

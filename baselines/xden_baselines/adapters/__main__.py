@@ -7,6 +7,7 @@ method has, and the benchmark imports no baseline.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -61,6 +62,13 @@ def _run_options(frame: str | None, method: str | None, inputs: tuple[str, ...])
             help="Its frame: the object's in m or cm, or one with its axes, fitted to its box.",
         ),
         click.option("--transforms", type=FILE, help="Where each object lies; before --frame."),
+        click.option(
+            "--floaters",
+            type=click.FloatRange(0, 0.1),
+            default=0.001,
+            show_default=True,
+            help="Share of the points that may float beyond each end of an axis.",
+        ),
         json_option,
         click.pass_context,
     ]
@@ -170,9 +178,16 @@ def _run(context: click.Context, read: Read, asked: dict[str, Any]) -> None:
         command=command_line(context, PROGRAM),
     )
     frames = Frames.read(asked["frame"], asked["transforms"])
+    few: float = asked["floaters"]
     bar = partial(tqdm, unit="object", disable=None, leave=False)
     meta, report = adapt(
-        read, frames, open_root(asked["root"]), asked["split"], asked["out"], row, bar
+        lambda name, sample: replace(read(name, sample), few=few),
+        frames,
+        open_root(asked["root"]),
+        asked["split"],
+        asked["out"],
+        row,
+        bar,
     )
     _echo(asked["out"], meta, report, as_json=asked["as_json"])
 

@@ -26,7 +26,7 @@ KG_M3_PER_G_CM3: Final = 1000.0
 DENSITIES_G_CM3: Final = (0.001, 25.0)
 """From thinner than any foam to denser than osmium."""
 FEW: Final = 1e-3
-"""Share of the points beyond each end of an axis that the box of the others leaves out."""
+"""Share of the points beyond each end of an axis that a box leaves out unless told otherwise."""
 BEYOND: Final = 0.05
 """Of that box's longest side: how far off a point is a floater, if nothing else tells."""
 
@@ -52,6 +52,8 @@ class Cloud:
         The mass by the method's own rule, where the run has it.
     unread
         How many answers or voxels gave no density.
+    few
+        Share of the points that may float beyond each end of an axis.
     """
 
     points: Points
@@ -61,13 +63,14 @@ class Cloud:
     box: Float[np.ndarray, "2 3"] | None = None
     mass_native_g: float | None = None
     unread: int = 0
+    few: float = FEW
 
     @property
     def bounds(self) -> Float[np.ndarray, "2 3"]:
         """Lowest and highest corner of what is the object's bounding box, floaters left out."""
         if self.box is not None:
             return self.box
-        return box_of(self.points[~floaters(self.points, BEYOND)], self.cell)
+        return box_of(self.points[~floaters(self.points, BEYOND, self.few)], self.cell)
 
 
 def box_of(points: Points, cell: float = 0.0) -> Float[np.ndarray, "2 3"]:
@@ -75,7 +78,7 @@ def box_of(points: Points, cell: float = 0.0) -> Float[np.ndarray, "2 3"]:
     return np.stack([points.min(axis=0) - cell / 2, points.max(axis=0) + cell / 2])
 
 
-def floaters(points: Points, beyond: float = 0.0) -> Bool[np.ndarray, "points"]:
+def floaters(points: Points, beyond: float = 0.0, few: float = FEW) -> Bool[np.ndarray, "points"]:
     """Points outside the box of all but a few, which a reconstruction may have left in the air.
 
     Parameters
@@ -84,6 +87,8 @@ def floaters(points: Points, beyond: float = 0.0) -> Bool[np.ndarray, "points"]:
         Of one object.
     beyond
         How far outside they must lie, of the box's longest side.
+    few
+        Share of the points beyond each end of an axis that the box leaves out.
 
     Examples
     --------
@@ -91,7 +96,7 @@ def floaters(points: Points, beyond: float = 0.0) -> Bool[np.ndarray, "points"]:
     >>> floaters(np.concatenate([line, [[0.5, 0.5, 4.0]]]), beyond=0.1).sum()
     np.int64(1)
     """
-    low, high = np.quantile(points, (FEW, 1 - FEW), axis=0, method="nearest")
+    low, high = np.quantile(points, (few, 1 - few), axis=0, method="nearest")
     reach = beyond * (high - low).max()
     return np.asarray(((points < low - reach) | (points > high + reach)).any(axis=1))
 

@@ -72,7 +72,9 @@ def fill(cloud: Cloud, similarity: Similarity, sample: SampleView) -> Filled:
     density = density_g_cm3(cloud, where)
     points_cm = similarity(cloud.points)
     cell_cm = max(cloud.cell * similarity.scale, sample.voxel_size_cm)
-    lost = floaters(points_cm) & ~_in_box(points_cm, sample.outer_mesh.bounds, cell_cm)
+    lost = floaters(points_cm, few=cloud.few) & ~_in_box(
+        points_cm, sample.outer_mesh.bounds, cell_cm
+    )
     points_cm, density = points_cm[~lost], density[~lost]
     iou = _checked_iou(box_of(points_cm, cloud.cell * similarity.scale), cell_cm, sample)
     inside = sample.envelope > 0
@@ -120,7 +122,7 @@ def _checked_iou(
         raise DataError(
             f"{sample.object_id}: the points' box {_shown(source)} and the object's "
             f"{_shown(target)} overlap by {iou:.2f} (IoU), expected at least {MIN_IOU}: "
-            "frame, scale or length unit is wrong"
+            "frame, scale or length unit is wrong, or more points float than --floaters says"
         )
     return iou
 
