@@ -18,6 +18,13 @@ ANGLE = (
 )
 """An L: turned or mirrored it does not fit into its place."""
 BOX = np.array([[0.0, 0, 0], [3, 2, 4]])
+PIXIE_VERTEX = (
+    *((axis, "f4") for axis in "xyz"),
+    *((channel, "u1") for channel in ("red", "green", "blue", "alpha")),
+    *(("part_label", "i4"), ("density", "f4"), ("E", "f4"), ("nu", "f4")),
+    *(("material_id", "i4"), ("conf", "f4")),
+)
+"""Properties of Pixie's PLY files."""
 RANGES = {"density_p1": 1.7031893730163574, "density_p99": 3.871432304382324}
 
 
@@ -99,7 +106,11 @@ def _homogeneous(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def write_pugs(runs: Path, name: str) -> None:
-    """A scene in metres; more colours than points, as Gaussian volumes leave them."""
+    """A scene in metres, as ``predict_property.py`` of PUGS (at edd2c10) leaves it.
+
+    Of the integral by Gaussian volumes: it saves the points of high opacity, the property's low and
+    high for each, their shares of the materials, and the colours of all points.
+    """
     points, density = cloud()
     folder = runs / "scenes" / name / "pred_result_density"
     folder.mkdir(parents=True)
@@ -125,7 +136,11 @@ def write_vomp(runs: Path, name: str, scale: float = 1.0, segment: str = "voxel_
 
 
 class Pixie:
-    """Results, voxel grid and ranges of a Pixie run; its frame is 8 times smaller and moved."""
+    """Results, voxel grid and ranges of a Pixie run; its frame is 8 times smaller and moved.
+
+    Channels, scaling and PLY files as ``pixie/voxel/map_pred_to_coords.py`` of vlongle/pixie (at
+    6719ab7) reads and writes them: three scaled values, then eight classes.
+    """
 
     step = 1 / 64
 
@@ -164,26 +179,36 @@ class Pixie:
         np.save(self.runs / self.name / "sample_0_mask.npy", self.mask)
 
     def write_ply(self, file: str = "mapped_preds.ply", to_world: Similarity | None = None) -> None:
-        """The PLY file: nodes spread from bound to bound with 63 steps."""
+        """The PLY file: nodes spread from bound to bound with 63 steps, types mixed."""
         spread = -0.5 + self.indices[self.mask] / 63
         points = spread if to_world is None else to_world(spread)
-        write_ply(
-            self.runs / self.name / file,
-            points,
-            density=self.density[self.mask],
-            material_id=np.zeros(len(points)),
-        )
+        vertices = np.zeros(len(points), dtype=[(name, f"<{kind}") for name, kind in PIXIE_VERTEX])
+        vertices["x"], vertices["y"], vertices["z"] = points.T
+        for channel in ("red", "green", "blue", "alpha"):
+            vertices[channel] = 255
+        vertices["density"], vertices["E"] = self.density[self.mask], 1e6
+        vertices["nu"], vertices["conf"] = 0.3, 0.9
+        write_vertices(self.runs / self.name / file, vertices)
 
 
 def write_ply(path: Path, points: np.ndarray, **properties: np.ndarray) -> None:
     """Binary PLY: coordinates and properties as float32."""
     columns = {**dict(zip("xyz", points.T, strict=True)), **properties}
-    lines = "".join(f"property float {name}\n" for name in columns)
+    vertices = np.zeros(len(points), dtype=[(name, "<f4") for name in columns])
+    for name, values in columns.items():
+        vertices[name] = values
+    write_vertices(path, vertices)
+
+
+def write_vertices(path: Path, vertices: np.ndarray) -> None:
+    """Binary PLY of a structured array, as plyfile writes one."""
+    words = {"f4": "float", "u1": "uchar", "i4": "int"}
+    lines = "".join(f"property {words[kind[1:]]} {name}\n" for name, kind in vertices.dtype.descr)
     head = (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n{lines}end_header\n"
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n{lines}end_header\n"
     )
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(head.encode() + np.stack(list(columns.values()), 1).astype("<f4").tobytes())
+    path.write_bytes(head.encode() + vertices.tobytes())
 
 
 def edit_npz(path: Path, change: Callable[[dict[str, np.ndarray]], object]) -> None:
