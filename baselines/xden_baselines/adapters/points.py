@@ -71,6 +71,8 @@ def read_gaussian_property(
         If there is none or more than one, or it breaks its format.
     """
     case = folder / name
+    if not case.is_dir():
+        raise DataError(f"{case}: no such folder")
     choices = [case / "labels.npz", case / "point_cloud.ply", case / f"{name}.txt"]
     there = [path.name for path in choices if path.exists()]
     if len(there) != 1:

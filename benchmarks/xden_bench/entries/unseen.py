@@ -86,5 +86,6 @@ def _by_method(rows: Iterable[Entry]) -> dict[tuple[str, str], Entry]:
 def _line(row: Entry, unseen: Entry, metric: str) -> list[str]:
     """Return method, both means, and how much worse the second is."""
     seen, new = (one["metrics"][metric]["mean"] for one in (row, unseen))
-    ratio = f"{new / seen:.2f}" if seen > 0 else ""
-    return [row["method"]["name"], f"{seen:.3f}", f"{new:.3f}", f"{new - seen:+.3f}", ratio]
+    ratio = f"{new / seen:.2f}" if round(seen, 3) > 0 else ""
+    drop = round(new - seen, 3) + 0.0  # never -0.000
+    return [row["method"]["name"], f"{seen:.3f}", f"{new:.3f}", f"{drop:+.3f}", ratio]
