@@ -87,7 +87,7 @@ METHODS := zero water train-median category-median xray-uniform xray-mean \
 FITTED := nerf2physics-style nerf2physics-style-thickness \
   gaussian-property-style gaussian-property-style-weighted gaussian-property-style-parts
 TRAINED := geometry-unet colour-unet xray-unet
-SEEDED := $(FITTED) $(TRAINED) surface-net
+SEEDED := $(FITTED) $(TRAINED) surface-net gaussian-property-surface-net
 SEEDS := 0 1 2
 # The builder without the captures' labels and, unranked, with them.
 BUILT := blind labels
@@ -132,6 +132,11 @@ $(foreach method,$(TRAINED),$(foreach seed,$(SEEDS),$(eval \
   $(call LEARNED_ROWS,$(method)-$(seed),$(method),--seed $(seed),--budget 20epochs))))
 $(foreach method,$(FITTED) surface-net,$(foreach seed,$(SEEDS),$(eval \
   $(call LEARNED_ROWS,$(method)-$(seed),$(method),--seed $(seed)))))
+# The second takes the network that the first has trained.
+$(foreach seed,$(SEEDS),$(eval $(call LEARNED_ROWS,gaussian-property-surface-net-$(seed),\
+  gaussian-property-surface-net,--seed $(seed) --set network=$(ROWS)/fits/surface-net-$(seed)/state)))
+$(foreach seed,$(SEEDS),$(eval \
+  $(ROWS)/test/gaussian-property-surface-net-$(seed).npz: $(ROWS)/test/surface-net-$(seed).npz))
 
 # What seeing materials is worth: the same methods shown flat pictures, compared and not entered.
 SHADED := $(FITTED:%=%-0) colour-unet-0 surface-net-0

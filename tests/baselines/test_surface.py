@@ -14,12 +14,14 @@ from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder, open_folder, write_folder
 from xden1k.predictor import Budget, Examples, Predictor, SampleView, Storable, takes_budget
 from xden1k.values.types import DensityObject
+from xden_baselines.surface.inference import named
 from xden_baselines.surface.lessons import UNKNOWN, lessons
 from xden_baselines.surface.matter import DEPTHS_CM, Matter, Seen, counted
 from xden_baselines.surface.network import STRIDE, PixelNetwork, as_input
 from xden_baselines.surface.predictor import SurfaceNet
 from xden_baselines.surface.settings import Settings
 from xden_baselines.surface.training import train
+from xden_baselines.surface.voting import GaussianPropertySurfaceNet, NetworkVoter
 from xden_baselines.views.cameras import Rig
 from xden_baselines.views.source import RenderedPhantoms
 
@@ -198,3 +200,69 @@ def test_counts_that_do_not_fit_are_refused() -> None:
         Matter(np.ones((2, depths, classes)), np.ones(classes))
     with pytest.raises(DataError, match="no training object"):
         counted([], 2)
+
+
+@pytest.fixture(scope="module")
+def voting(folder: DatasetFolder, fitted: SurfaceNet, tmp_path_factory: pytest.TempPathFactory):
+    kept = tmp_path_factory.mktemp("kept")
+    fitted.save(kept)
+    method = GaussianPropertySurfaceNet(network=str(kept))
+    method.fit(examples(folder), seed=0)
+    return method
+
+
+def test_the_network_names_regions_and_the_vote_fills_them_solid(
+    folder: DatasetFolder, voting: GaussianPropertySurfaceNet
+) -> None:
+    assert isinstance(voting, Predictor)
+    assert takes_budget(voting)
+    sample = view(folder)
+    density = voting.predict(sample).density_g_cm3
+    x, _, z = np.moveaxis(np.indices(density.shape), 0, -1)[sample.envelope == 1].T
+    found = density[sample.envelope == 1]
+    head = sample.origin_cm[2] + z * sample.voxel_size_cm > 4.0
+    handle = sample.origin_cm[2] + z * sample.voxel_size_cm < 2.0
+    assert np.median(found[head]) == pytest.approx(STEEL, rel=0.05)  # hollow, and filled
+    assert np.median(found[handle]) == pytest.approx(OAK, rel=0.2)
+    assert len(x) == len(found)
+
+
+def test_a_region_is_what_the_network_says_of_most_of_it(
+    folder: DatasetFolder, fitted: SurfaceNet
+) -> None:
+    pictures = view(folder).pictures
+    regions = pictures.masks[0].astype(np.int32)  # the whole object is one
+    (answer,) = NetworkVoter(fitted.network).vote("mallet-0100", pictures.colors[0], regions)
+    said = next(iter(named(fitted.network, pictures.take([0]), 1, "cpu")))
+    mean = said[pictures.masks[0]].mean(axis=0)
+    assert answer.material == mean.argmax()
+    assert answer.confidence == pytest.approx(mean.max(), rel=1e-5)
+
+
+def test_a_vote_by_the_network_is_taken_up_from_its_folder(
+    folder: DatasetFolder, voting: GaussianPropertySurfaceNet, tmp_path: Path
+) -> None:
+    assert isinstance(voting, Storable)
+    voting.save(tmp_path)
+    loaded = GaussianPropertySurfaceNet()
+    loaded.load(tmp_path)
+    sample = view(folder)
+    expected = voting.predict(sample).density_g_cm3
+    np.testing.assert_array_equal(loaded.predict(sample).density_g_cm3, expected)
+    assert loaded.notes == voting.notes
+    assert "GaussianProperty without" in voting.notes
+    assert "materials, trained on the training split; colour regions for masks" in voting.notes
+    (tmp_path / "materials.json").write_text("{}")
+    with pytest.raises(DataError, match=r"materials\.json: no fit of such a method"):
+        GaussianPropertySurfaceNet().load(tmp_path)
+
+
+def test_a_network_of_other_materials_is_refused(
+    folder: DatasetFolder, fitted: SurfaceNet, tmp_path: Path
+) -> None:
+    other = SurfaceNet()
+    other._network = PixelNetwork(materials=("steel", "glass"))
+    other._matter, other._report = fitted._matter, fitted._report
+    other.save(tmp_path)
+    with pytest.raises(DataError, match="expected a network of the training split's 2 materials"):
+        GaussianPropertySurfaceNet(network=str(tmp_path)).fit(examples(folder), seed=0)

@@ -75,6 +75,11 @@ class SurfaceNet:
         )
 
     @property
+    def network(self) -> PixelNetwork:
+        """What was trained, in evaluation mode."""
+        return self._network
+
+    @property
     def fingerprint(self) -> str:
         """Checksum of the settings."""
         text = json.dumps(asdict(self.settings), sort_keys=True)
