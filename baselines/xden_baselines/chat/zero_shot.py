@@ -1,13 +1,14 @@
-"""Running a method as its original runs: from outside models alone, nothing learned here."""
+"""How a method stands to its original: run as that is, from outside models alone, or not."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from xden1k.errors import DataError
 from xden_baselines.chat.settings import ChatSettings
 
-__all__ = ["is_zero_shot", "zero_shot_chat", "zero_shot_name"]
+__all__ = ["is_zero_shot", "lacking", "zero_shot_chat", "zero_shot_name"]
 
 
 def is_zero_shot(setting: object) -> bool:
@@ -45,3 +46,14 @@ def zero_shot_chat(name: str, chat: ChatSettings) -> ChatSettings:
     if chat.mode == "off":
         raise DataError(f"{name}: zero_shot asks a chat model: set XDEN_VLM_MODE and what it needs")
     return replace(chat, fallback="none")
+
+
+def lacking(original: str, parts: Mapping[str, bool]) -> str:
+    """Say in a row's footnote which parts of its original a method lacks.
+
+    Examples
+    --------
+    >>> lacking("NeRF2Physics", {"its NeRF": True, "CLIP": False, "captions": True})
+    'NeRF2Physics without its NeRF, captions'
+    """
+    return f"{original} without {', '.join(part for part, lacks in parts.items() if lacks)}"

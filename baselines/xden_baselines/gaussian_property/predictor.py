@@ -24,7 +24,12 @@ from xden_baselines.chat.asking import at_once
 from xden_baselines.chat.endpoint import ChatModel
 from xden_baselines.chat.request import ChatRequest
 from xden_baselines.chat.settings import chat_settings, open_chat
-from xden_baselines.chat.zero_shot import is_zero_shot, zero_shot_chat, zero_shot_name
+from xden_baselines.chat.zero_shot import (
+    is_zero_shot,
+    lacking,
+    zero_shot_chat,
+    zero_shot_name,
+)
 from xden_baselines.gaussian_property.appearance import Centroids, fit_centroids
 from xden_baselines.gaussian_property.library import ClosedList, closed_list, published_list
 from xden_baselines.gaussian_property.lifting import (
@@ -103,9 +108,7 @@ class _Voting(ABC):
             "Segment Anything": True,
             "its vision model": self._chat.mode == "off",
         }
-        return (
-            f"GaussianProperty without {', '.join(part for part, lacks in parts.items() if lacks)}"
-        )
+        return lacking("GaussianProperty", parts)
 
     @property
     def fingerprint(self) -> str:

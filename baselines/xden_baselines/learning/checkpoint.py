@@ -51,8 +51,8 @@ def load_pretrained(folder: Path, kind: type[Model]) -> Model:
         raise DataError(f"{folder}: the checkpoint cannot be read: {_one_line(err)}") from err
 
 
-def load_report(path: Path, kind: type[Report]) -> Report:
-    """Read how the training went.
+def load_report(path: Path, kind: type[Report], what: str = "training report") -> Report:
+    """Read how the training went, or what else was saved of a dataclass.
 
     Parameters
     ----------
@@ -60,6 +60,8 @@ def load_report(path: Path, kind: type[Report]) -> Report:
         The fields of the report as JSON.
     kind
         A dataclass.
+    what
+        What the file should be, for the message.
 
     Raises
     ------
@@ -71,7 +73,7 @@ def load_report(path: Path, kind: type[Report]) -> Report:
         lists = {name: tuple(one) for name, one in values.items() if isinstance(one, list)}
         return kind(**{**values, **lists})
     except (OSError, ValueError, TypeError, AttributeError) as err:
-        raise DataError(f"{path}: no training report: {err}") from err
+        raise DataError(f"{path}: no {what}: {err}") from err
 
 
 def _one_line(err: Exception) -> str:

@@ -21,7 +21,12 @@ from xden_baselines.chat.candidates import Candidate, MaterialProposer, Picture
 from xden_baselines.chat.prior import PriorProposer
 from xden_baselines.chat.proposer import ChatProposer
 from xden_baselines.chat.settings import chat_settings, open_chat
-from xden_baselines.chat.zero_shot import is_zero_shot, zero_shot_chat, zero_shot_name
+from xden_baselines.chat.zero_shot import (
+    is_zero_shot,
+    lacking,
+    zero_shot_chat,
+    zero_shot_name,
+)
 from xden_baselines.features.encoder import PatchEncoder, cosines
 from xden_baselines.features.fitted import FittedEncoder, fit_encoder
 from xden_baselines.features.fusion import fused_features
@@ -98,8 +103,8 @@ class NeRF2Physics:
         """Which encoder saw the pictures, who proposed, the volume rule; what the original has."""
         how = self._notes
         if not self.trainable:
-            how = f"zero-shot; {clip_source(self._clip)}; {self._chat.source}"
-            how += f"; volume rule {self.rule}"
+            sources = f"{clip_source(self._clip)}; {self._chat.source}"
+            how = f"zero-shot; {sources}; volume rule {self.rule}"
         return f"{how}; {self._lacking}" if how else ""
 
     @property
@@ -109,7 +114,7 @@ class NeRF2Physics:
             "CLIP": not self._clip,
             "its chat model and captions": self._chat.mode == "off",
         }
-        return f"NeRF2Physics without {', '.join(part for part, lacks in parts.items() if lacks)}"
+        return lacking("NeRF2Physics", parts)
 
     @property
     def fingerprint(self) -> str:

@@ -124,11 +124,9 @@ class GaussianPropertySurfaceNet(GaussianProperty):
         DataError
             If the folder does not hold it.
         """
-        try:
-            values = json.loads((folder / FILE).read_text(encoding="utf-8"))
-            materials = ClosedList(tuple(values["names"]), tuple(values["objects"]))
-        except (OSError, ValueError, TypeError, KeyError) as err:
-            raise DataError(f"{folder / FILE}: no fit of such a method: {err}") from err
+        from xden_baselines.learning.checkpoint import load_report
+
+        materials = load_report(folder / FILE, ClosedList, "fit of such a method")
         self._net.load(folder)
         self._named(materials)
 

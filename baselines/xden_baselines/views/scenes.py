@@ -104,17 +104,17 @@ def read_scene(scene: Path, surface: Surface | None = None) -> Pictures:
         name = Path(frame["file_path"])
         rgba = _read_picture(scene / "images" / f"{name.stem}{name.suffix or '.png'}")
         camera, mask = _camera({**transforms, **frame}, rgba.shape[:2], scene), rgba[..., 3] > 0
-        distance = first_cm = None
+        first_cm = None
         if surface is not None:
-            distance = first_cm = surface.first_hits(camera.position_cm, camera.rays())[1]
+            first_cm = surface.first_hits(camera.position_cm, camera.rays())[1]
         if depths.is_dir():
             path = depths / f"{name.stem}.npy.gz"
             distance = (_read_depth(path, mask) * CM_PER_M).astype(np.float32)
             if first_cm is not None:
                 _check_distances(path, distance, first_cm, mask)
         elif first_cm is not None:
-            mask = mask & np.isfinite(first_cm)
-        if distance is None:
+            distance, mask = first_cm, mask & np.isfinite(first_cm)
+        else:
             raise DataError(f"{scene}: no ns/renders/depth and so no distances")
         colors.append(np.where(mask[..., None], rgba[..., :3], np.uint8(BACKGROUND)))
         masks.append(mask)
