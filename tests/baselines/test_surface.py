@@ -257,6 +257,22 @@ def test_a_vote_by_the_network_is_taken_up_from_its_folder(
         GaussianPropertySurfaceNet().load(tmp_path)
 
 
+def test_other_weights_in_the_same_folder_are_another_method(
+    fitted: SurfaceNet, tmp_path: Path
+) -> None:
+    fitted.save(tmp_path)
+    method = GaussianPropertySurfaceNet(network=str(tmp_path))
+    before = method.fingerprint
+    assert before != GaussianPropertySurfaceNet().fingerprint
+    other = SurfaceNet()
+    other._network = PixelNetwork(materials=NAMES)
+    other._matter, other._report = fitted._matter, fitted._report
+    other.save(tmp_path)
+    assert method.fingerprint != before
+    with pytest.raises(DataError, match="nowhere: no checkpoint there"):
+        _ = GaussianPropertySurfaceNet(network="nowhere").fingerprint
+
+
 def test_a_network_of_other_materials_is_refused(
     folder: DatasetFolder, fitted: SurfaceNet, tmp_path: Path
 ) -> None:

@@ -7,6 +7,7 @@ training split gives.
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -93,8 +94,15 @@ class GaussianPropertySurfaceNet(GaussianProperty):
 
     @property
     def fingerprint(self) -> str:
-        """The settings, and where the network was taken from."""
-        return f"{self._net.fingerprint} {self._folder}".strip()
+        """The settings, and the weights that are taken up."""
+        if not self._folder:
+            return self._net.fingerprint
+        from xden_baselines.learning.checkpoint import WEIGHTS_FILE, check_files
+
+        check_files(Path(self._folder))
+        with (Path(self._folder) / WEIGHTS_FILE).open("rb") as file:
+            weights = hashlib.file_digest(file, "sha256").hexdigest()
+        return f"{self._net.fingerprint} {weights}"
 
     def fit(self, train: Examples, *, seed: int, budget: Budget | None = None) -> None:
         """List the materials of the training split; train the network, or take it up.
