@@ -226,6 +226,7 @@ def test_plain_pages_are_accessible_fit_the_screen_and_follow_the_theme(
     assert send(page, grown) == "scored"
     check(page)
     page.locator("#standing").click()
+    page.wait_for_url(re.compile("/board"))  # with its style sheet, which colours the links
     check(page)
     box = page.locator("tr.open td.chosen").bounding_box()
     assert box["x"] + box["width"] <= size["width"]
