@@ -18,6 +18,7 @@ from xden_builder.physics.spectrum import tube_spectrum
 SIDE = 96
 TOLD = Tube(kv=100.0, filtration_cm={"Al": 0.25})
 TRUE = Tube(kv=97.0, filtration_cm={"Al": 0.25, "Cu": 0.02})
+TRUE_PANEL = Detector("CsI", layer_g_cm2=0.28, escape=0.15)
 STEPS = {
     "aluminium": (0.1, 0.2, 0.5, 1.0, 2.0, 3.0, 4.0),
     "steel": (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0),
@@ -65,7 +66,7 @@ def wedges(**changes):
 
 def painted(tube=TRUE, even=0.0, gain=1.0):
     """What the steps let pass, along slanted rays too; stray light is the same everywhere."""
-    spectrum = tube_spectrum(tube)
+    spectrum = tube_spectrum(tube, detector=TRUE_PANEL)
     image = np.ones((SIDE, SIDE))
     rows, columns = np.indices(image.shape)
     away = 43.0 / SIDE * np.hypot(rows - (SIDE - 1) / 2, columns - (SIDE - 1) / 2) / 120.0

@@ -11,6 +11,7 @@ import trimesh
 from builder.calibration_scenes import (
     TOLD,
     TRUE,
+    TRUE_PANEL,
     geometry,
     painted,
     seen,
@@ -27,17 +28,23 @@ from xden_builder.calibrate import run as calibration
 from xden_builder.calibrate.balls import shadow_centres
 from xden_builder.calibrate.designs import BALLS, PLATES
 from xden_builder.calibrate.readings import read_image_steps
+from xden_builder.calibrate.response import Response
 from xden_builder.calibrate.run import calibrate_scanner
 from xden_builder.calibrate.spectrum import fit_spectrum
 from xden_builder.calibrate.told import ToldBalls, read_folder
 from xden_builder.capture import read_scanner, write_scanner
 from xden_builder.cli import cli
 from xden_builder.physics.attenuation import mac_cm2_g
+from xden_builder.physics.source import Detector
 from xden_builder.physics.spectrum import tube_spectrum
 
+CSI = Detector("CsI")
 
-def transmissions(tube, formula="Fe", density=7.85, thickness=(0.05, 0.1, 0.3, 0.5, 1.0)):
-    spectrum = tube_spectrum(tube)
+
+def transmissions(
+    tube, formula="Fe", density=7.85, thickness=(0.05, 0.1, 0.3, 0.5, 1.0), detector=CSI
+):
+    spectrum = tube_spectrum(tube, detector=detector)
     lac = density * mac_cm2_g(((formula, 1.0),), spectrum.energies_kev)
     return spectrum.transmission(np.array(thickness)[:, None] * lac)
 
@@ -45,16 +52,27 @@ def transmissions(tube, formula="Fe", density=7.85, thickness=(0.05, 0.1, 0.3, 0
 @pytest.fixture(scope="module")
 def fit():
     image = read_image_steps(seen(painted(even=0.004, gain=1.03)), wedges())
-    return fit_spectrum([image], TOLD, "CsI")
+    return fit_spectrum([image], Response(TOLD, CSI))
 
 
 def test_a_spectrum_that_was_told_wrong_is_found_through_gain_and_stray_light(fit):
-    assert transmissions(fit.tube) == pytest.approx(transmissions(TRUE), rel=0.01)
+    tube, found = fit.response.tube, {"detector": fit.response.detector}
+    true = {"detector": TRUE_PANEL}
+    off = transmissions(tube, **found) / transmissions(TRUE, **true) - 1
+    assert abs(off[:-1]).max() < 0.01
+    assert abs(off[-1]) < fit.probe_sd[-1] < 0.06  # 10 mm of steel beside twice the stray light
     aluminium = {"formula": "Al", "density": 2.70, "thickness": (0.1, 1.0, 4.0)}
-    assert transmissions(fit.tube, **aluminium) == pytest.approx(
-        transmissions(TRUE, **aluminium), rel=0.005
+    assert transmissions(tube, **aluminium, **found) == pytest.approx(
+        transmissions(TRUE, **aluminium, **true), rel=0.005
     )
-    assert abs(transmissions(TOLD) / transmissions(TRUE) - 1).max() > 0.1
+    assert abs(transmissions(TOLD) / transmissions(TRUE, **true) - 1).max() > 0.1
+
+
+def test_a_panel_is_found_to_be_thicker_than_assumed_and_how_sure_the_light_is_is_said(fit):
+    panel, believed = fit.response.detector, fit.terms[3]
+    assert believed.mean < panel.layer_g_cm2 < 0.28 + fit.sd[3]
+    aluminium, *_, steel = fit.probe_sd
+    assert aluminium < 0.01 < steel
 
 
 def test_gain_and_stray_light_are_told_apart(fit):
@@ -64,15 +82,16 @@ def test_gain_and_stray_light_are_told_apart(fit):
 
 
 def test_filters_that_trade_for_each_other_are_said_to_stay_at_their_prior(fit):
-    assert fit.at_prior == ("Al",)
-    assert fit.sd[0] < 0.5
+    assert [term.name for term in fit.at_prior] == ["Al", "escape"]
+    assert fit.sd[0] < 2.0  # kV, of 3 that were believed
 
 
 def test_too_few_steps_leave_the_voltage_at_its_prior():
     aluminium = replace(wedges()[0], thickness_cm=(0.1, 0.2), last_px=(21.0, 24.0))
-    fit = fit_spectrum([read_image_steps(seen(painted()), [aluminium])], TOLD, "CsI")
-    assert "kv" in fit.at_prior
-    assert fit.tube.kv == pytest.approx(TOLD.kv, abs=1.5)
+    told = Response(TOLD, CSI)
+    fit = fit_spectrum([read_image_steps(seen(painted()), [aluminium])], told)
+    assert "kv" in [term.name for term in fit.at_prior]
+    assert fit.response.tube.kv == pytest.approx(TOLD.kv, abs=1.5)
 
 
 @pytest.mark.parametrize(
@@ -259,7 +278,7 @@ def test_what_is_written_reads_back_and_nothing_is_overwritten(made):
 def test_what_was_not_measured_is_said_in_a_sentence(made):
     _, _, found = made
     said = "\n".join(found.sentences())
-    assert "Al stays at what was told, within 0.3 cm" in said
+    assert "Al stays at 2.5 mm Al, within 3:" in said
     assert "no balls were scanned: the geometry is as told" in said
 
 
@@ -349,7 +368,8 @@ def test_simulated_scans_give_back_the_scanner(tmp_path):
     truth = json.loads((scans / "truth.json").read_text())
     scanner = read_scanner(out / "scanner.toml")
     true = replace(scanner.tube, kv=truth["kv"], filtration_cm=truth["filtration_cm"])
-    assert transmissions(scanner.tube) == pytest.approx(transmissions(true), rel=0.02)
+    found = transmissions(scanner.tube, detector=scanner.detector)
+    assert found == pytest.approx(transmissions(true), rel=0.02)
     # the phantom is the frame: where it stands a little askew, so does everything
     turn, shift = np.hsplit(np.linalg.inv(truth["balls_matrix"])[:3], [3])
     for name, view in truth["views"].items():

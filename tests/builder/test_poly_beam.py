@@ -15,7 +15,7 @@ from xden1k.values.materials import load_materials
 from xden_builder.phantoms import Scanner
 from xden_builder.physics.attenuation import mac_cm2_g
 from xden_builder.physics.groups import GROUPS, EnergyGroups, energy_groups
-from xden_builder.physics.source import Tube
+from xden_builder.physics.source import Detector, Tube
 from xden_builder.physics.spectrum import tube_spectrum
 from xden_builder.poly.model.beam import Heel, ViewBeam, find_heel
 
@@ -42,13 +42,13 @@ def flat() -> np.ndarray:
     st.sampled_from(["CsI", "GOS", ""]),
 )
 def test_shares_of_the_groups_add_up_to_one_wherever_a_ray_goes(slopes, tube, scintillator):
-    weights = energy_groups(tube, scintillator).weights_at(np.array(slopes))
+    weights = energy_groups(tube, Detector(scintillator)).weights_at(np.array(slopes))
     np.testing.assert_allclose(weights.sum(axis=1), 1.0)
     assert (weights >= 0).all()
 
 
 def test_one_photon_energy_is_one_group_with_the_tables_coefficient():
-    groups = energy_groups(ONE_LINE, "CsI")
+    groups = energy_groups(ONE_LINE, Detector("CsI"))
     assert groups.weights.tolist() == [[1.0]]
     for name in ("water", "steel"):
         expected = float(mac_cm2_g(composition(name), 60.0))
@@ -57,7 +57,7 @@ def test_one_photon_energy_is_one_group_with_the_tables_coefficient():
 
 @pytest.mark.parametrize("name", ["pp", "water", "aluminium", "steel"])
 def test_groups_weaken_the_beam_as_the_whole_spectrum_does(name):
-    groups, spectrum = energy_groups(TUBE, "CsI"), tube_spectrum(TUBE)
+    groups, spectrum = energy_groups(TUBE, Detector("CsI")), tube_spectrum(TUBE)
     assert len(groups.weights_at(np.zeros(1))[0]) == GROUPS
     mac = mac_cm2_g(composition(name), spectrum.energies_kev)
     areal = np.geomspace(0.01, 3.0, 12) / (mac @ spectrum.weights)
@@ -68,7 +68,7 @@ def test_groups_weaken_the_beam_as_the_whole_spectrum_does(name):
 
 
 def test_scattering_is_a_part_of_attenuation_and_most_of_it_in_light_matter():
-    groups = energy_groups(Tube(energy_kev=100.0), "CsI")
+    groups = energy_groups(Tube(energy_kev=100.0), Detector("CsI"))
     for material in load_materials().values():
         total = groups.mac_cm2_g(material.composition)
         turned = groups.scattering_cm2_g(material.composition)
@@ -84,14 +84,16 @@ def test_scattering_is_a_part_of_attenuation_and_most_of_it_in_light_matter():
 )
 def test_cathode_is_found_on_whichever_side_it_is(quarter_turns, heel):
     turned = np.ascontiguousarray(np.rot90(flat(), quarter_turns))
-    assert find_heel(turned, GEOMETRY, TUBE, "CsI") == heel
+    assert find_heel(turned, GEOMETRY, TUBE, Detector("CsI")) == heel
 
 
 def test_cathode_is_found_although_some_pixels_are_dead():
     dead = flat()
     dead[::7, ::5] = 0.0
     dead[3, 3] = np.nan
-    assert find_heel(dead, GEOMETRY, TUBE, "CsI") == find_heel(flat(), GEOMETRY, TUBE, "CsI")
+    assert find_heel(dead, GEOMETRY, TUBE, Detector("CsI")) == find_heel(
+        flat(), GEOMETRY, TUBE, Detector("CsI")
+    )
 
 
 def test_no_heel_is_told_where_the_open_field_shows_none():
@@ -102,13 +104,13 @@ def test_no_heel_is_told_where_the_open_field_shows_none():
     square_cm = (43 / 64) ** 2 * (rows**2 + columns**2)
     distant = (even / (1 + square_cm / 120**2)).astype(np.float32)  # by the inverse square alone
     for field in (even, noisy, distant, None):
-        assert find_heel(field, GEOMETRY, TUBE, "CsI") == Heel()
+        assert find_heel(field, GEOMETRY, TUBE, Detector("CsI")) == Heel()
 
 
 def test_no_heel_is_sought_without_a_tube_or_a_focal_spot():
-    assert find_heel(flat(), GEOMETRY, ONE_LINE, "CsI") == Heel()
+    assert find_heel(flat(), GEOMETRY, ONE_LINE, Detector("CsI")) == Heel()
     image = np.ascontiguousarray(flat()[:24, :24])
-    assert find_heel(image, FLAT, TUBE, "CsI") == Heel()
+    assert find_heel(image, FLAT, TUBE, Detector("CsI")) == Heel()
     assert (Heel(1, 0).slopes(FLAT, np.arange(3.0), np.arange(3.0)) == 0).all()
 
 
@@ -122,7 +124,7 @@ def test_slopes_grow_towards_the_cathode_from_the_foot_of_the_perpendicular():
 
 
 def test_beam_is_harder_on_the_anodes_side_and_one_beam_without_a_heel():
-    groups = energy_groups(TUBE, "CsI")
+    groups = energy_groups(TUBE, Detector("CsI"))
     beam = ViewBeam(groups, GEOMETRY, Heel(-1, 0))  # cathode above
     top, middle, bottom = mean_kev(groups, beam.weights(np.array([32, 32 * 64 + 32, 63 * 64 + 32])))
     assert top + 0.3 < middle < bottom - 1.0
@@ -132,7 +134,7 @@ def test_beam_is_harder_on_the_anodes_side_and_one_beam_without_a_heel():
 
 
 def test_a_bin_has_the_mean_hardness_of_its_pixels():
-    groups = energy_groups(TUBE, "CsI")
+    groups = energy_groups(TUBE, Detector("CsI"))
     beam = ViewBeam(groups, GEOMETRY, Heel(0, 1))
     rows, columns = np.indices((4, 4))
     pixels = ((8 + rows) * 64 + 12 + columns).ravel()

@@ -11,6 +11,7 @@ from tests.builder.poly_scenes import TUBE, box
 from xden1k.values.materials import MaterialLibrary, families, load_materials
 from xden_builder.capture import CapturePart
 from xden_builder.physics.groups import energy_groups
+from xden_builder.physics.source import Detector
 from xden_builder.poly.materials import shares
 from xden_builder.poly.materials.candidates import Candidate, candidate_table, candidates
 from xden_builder.poly.materials.shares import grade_shares
@@ -28,7 +29,7 @@ def mostly_slow(labels):
 
 
 EVERY_LABEL = mostly_slow(["", *families(), *sorted(LIBRARY)])
-GROUPS = energy_groups(TUBE, "CsI")
+GROUPS = energy_groups(TUBE, Detector("CsI"))
 
 
 def chance(found: tuple[Candidate, ...], **wanted: str) -> float:

@@ -11,10 +11,11 @@ from tests.builder.poly_scenes import TUBE
 from xden1k.values.materials import load_materials
 from xden_builder.fit.huber import HUBER
 from xden_builder.physics.groups import energy_groups
+from xden_builder.physics.source import Detector
 from xden_builder.poly.model import kernels
 
 LIBRARY = load_materials()
-GROUPS = energy_groups(TUBE, "CsI")
+GROUPS = energy_groups(TUBE, Detector("CsI"))
 OPEN = GROUPS.weights_at(np.zeros(1))[0]
 ALL_MAC = np.stack([GROUPS.mac_cm2_g(each.composition) for each in LIBRARY.values()])
 seeds = st.integers(0, 2**32 - 1)

@@ -12,6 +12,7 @@ from xden1k.rays import ownership_order, path_lengths
 from xden_builder.capture import Capture
 from xden_builder.fit.outline import on_outline
 from xden_builder.physics.groups import energy_groups
+from xden_builder.physics.source import Detector
 from xden_builder.poly.materials.candidates import candidate_table
 from xden_builder.poly.materials.stand_ins import certain
 from xden_builder.poly.model.beam import Heel, ViewBeam
@@ -26,7 +27,7 @@ from xden_builder.poly.model.pixels import (
 from xden_builder.poly.posterior.trust import USUAL_SCATTER, sample_sd
 from xden_builder.poly.settings import PolySettings
 
-GROUPS = energy_groups(TUBE, "CsI")
+GROUPS = energy_groups(TUBE, Detector("CsI"))
 MESHES = [solid.mesh for solid in tool()]
 ORDER = ownership_order(MESHES)
 NONE = np.zeros((126, 126), dtype=bool)

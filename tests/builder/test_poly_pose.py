@@ -25,6 +25,7 @@ from tests.builder.poly_scenes import (
 from xden1k.rays import ownership_order, path_lengths
 from xden1k.values.views import XRayView
 from xden_builder.physics.groups import energy_groups
+from xden_builder.physics.source import Detector
 from xden_builder.poly.model.beam import Heel, ViewBeam
 from xden_builder.poly.model.frames import Pose, binned, coarse, posed
 from xden_builder.poly.model.radiograph import GAIN
@@ -119,7 +120,7 @@ def refined(true: Pose, size: int = 256, factor: float = 1.1) -> PoseFit:
         )
         for name, geometry in scanner.items()
     ]
-    groups = energy_groups(TUBE, "CsI")
+    groups = energy_groups(TUBE, Detector("CsI"))
     meshes = [solid.mesh for solid in solids]
     return refine_pose(
         capture_of(solids, views).views,

@@ -21,12 +21,13 @@ from xden1k.rays import PathLengths, ownership_order, path_lengths
 from xden1k.values.views import XRayView
 from xden_builder.capture import Capture
 from xden_builder.physics.groups import energy_groups
+from xden_builder.physics.source import Detector
 from xden_builder.poly.model.beam import Heel, ViewBeam
 from xden_builder.poly.model.frames import coarse
 from xden_builder.poly.model.stray import coarse_binning, stray_light
 
 SIZE = 128
-GROUPS = energy_groups(TUBE, "CsI")
+GROUPS = energy_groups(TUBE, Detector("CsI"))
 
 
 def coefficients() -> tuple[np.ndarray, np.ndarray]:

@@ -24,7 +24,7 @@ from xden1k.errors import DataError
 from xden1k.rays import ownership_order
 from xden1k.values.views import XRayView
 from xden_builder.physics.groups import energy_groups
-from xden_builder.physics.source import Tube
+from xden_builder.physics.source import Detector, Tube
 from xden_builder.pipeline.check.outlines import contradictions, outline
 from xden_builder.poly.model.beam import Heel, ViewBeam
 from xden_builder.poly.model.frames import Pose, posed
@@ -65,7 +65,7 @@ def level(turned, size=16):
         row_step_cm=np.array([0.0, 0.0, -0.5]),
         shape=(size, size),
     )
-    every, groups = np.ones(geometry.shape, dtype=bool), energy_groups(TUBE, "CsI", 4)
+    every, groups = np.ones(geometry.shape, dtype=bool), energy_groups(TUBE, Detector("CsI"), 4)
     view = XRayView("pa", np.ones(geometry.shape, dtype=np.float32), every, geometry)
     count = len(turned)
     target = Target(
@@ -119,7 +119,7 @@ def found_turn(size):
             geometry=scanner["lat"],
         ),
     ]
-    groups = energy_groups(TUBE, "CsI", 8)
+    groups = energy_groups(TUBE, Detector("CsI"), 8)
     meshes = [solid.mesh for solid in solids]
     return refine_pose(
         views,

@@ -13,7 +13,7 @@ from xden1k.errors import DataError
 from xden1k.values.materials import load_materials
 from xden_builder.physics.attenuation import mac_cm2_g
 from xden_builder.physics.groups import energy_groups
-from xden_builder.physics.source import Tube
+from xden_builder.physics.source import Detector, Tube
 from xden_builder.physics.spectrum import (
     Spectrum,
     absorbed_share,
@@ -162,7 +162,7 @@ def test_monochromatic_source_is_one_line() -> None:
 
 @pytest.mark.parametrize("scintillator", ["CdTe-counting", "Si-counting"])
 def test_a_counting_panel_weighs_photons_not_energies(scintillator: str) -> None:
-    counted = tube_spectrum(TUBE, scintillator=scintillator)
+    counted = tube_spectrum(TUBE, detector=Detector(scintillator))
     stopped = counted.photons_per_cm2 * absorbed_share(counted.energies_kev, scintillator)
     np.testing.assert_allclose(counted.weights, stopped / stopped.sum())
     energy = Spectrum(counted.energies_kev, counted.photons_per_cm2, counted.absorbed)
@@ -173,8 +173,8 @@ def test_a_counting_panel_weighs_photons_not_energies(scintillator: str) -> None
 
 
 def test_groups_of_a_counting_panel_are_those_of_its_spectrum_along_every_ray() -> None:
-    groups, slope = energy_groups(TUBE, "CdTe-counting"), TABLE_SLOPES[2]
-    leaning = tube_spectrum(TUBE, slope=slope, scintillator="CdTe-counting")
+    groups, slope = energy_groups(TUBE, Detector("CdTe-counting")), TABLE_SLOPES[2]
+    leaning = tube_spectrum(TUBE, slope=slope, detector=Detector("CdTe-counting"))
     weights = groups.weights_at(np.array([slope]))[0]
     np.testing.assert_allclose(weights, leaning.grouped(24).weights, rtol=1e-9)
 

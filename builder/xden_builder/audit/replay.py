@@ -64,7 +64,7 @@ def replayed(
             f"{obj.object_id}: expected the tube it was rebuilt with, scanner.toml names none"
         )
     fit: Mapping[str, Any] = obj.meta["poly"]
-    groups = energy_groups(_filtered(capture.tube, obj), capture.detector.scintillator)
+    groups = energy_groups(_filtered(capture.tube, obj), capture.detector)
     known = np.array([[values[term] for term in TERMS] for values in fit["views"].values()])
     names = list(fit["views"])
     fitted = view.name in names
@@ -100,9 +100,7 @@ def stored_model(obj: DensityObject, view: XRayView, subrays: int = SUBRAYS) -> 
     if "poly" not in obj.meta:
         return reprojected(obj, view, subrays).transmission
     tube, detector = Tube(**obj.meta["tube"]), Detector(**obj.meta.get("detector", {}))
-    beam = ViewBeam(
-        energy_groups(_filtered(tube, obj), detector.scintillator), view.geometry, Heel()
-    )
+    beam = ViewBeam(energy_groups(_filtered(tube, obj), detector), view.geometry, Heel())
     meshes = [part.mesh for part in obj.parts]
     lengths = path_lengths(meshes, range(len(meshes)), view.geometry, subrays)
     nuisances = np.array([obj.meta["poly"]["views"][view.name][term] for term in TERMS])

@@ -11,9 +11,9 @@ from jaxtyping import Float64, Int64
 from xden1k.rays import PathLengths
 from xden1k.values.materials import Composition
 from xden_builder.calibrate.readings import ImageReadings
+from xden_builder.calibrate.response import Response
 from xden_builder.physics.attenuation import mac_cm2_g
 from xden_builder.physics.groups import energy_groups
-from xden_builder.physics.source import Tube
 from xden_builder.physics.spectrum import panel_signal, tube_fluence
 from xden_builder.poly.model.beam import Heel, ViewBeam, find_heel
 from xden_builder.poly.model.stray import coarse_binning, stray_light
@@ -32,14 +32,11 @@ class LitImage:
     ----------
     image
         The readings.
-    scintillator
-        As of :func:`xden_builder.physics.spectrum.panels.absorbed_share`.
     heel
         Which way the cathode lies.
     """
 
     image: ImageReadings
-    scintillator: str
     heel: Heel
 
     @property
@@ -57,21 +54,28 @@ class LitImage:
         """Flat index of each reading."""
         return np.array([reading.pixel for reading in self.image.readings])
 
-    def direct(self, tube: Tube) -> Float64[np.ndarray, "n"]:
-        """Transmission of the direct beam at each reading, by the whole spectrum of a tube."""
+    @property
+    def places_cm(self) -> Float64[np.ndarray, "n 3"]:
+        """Where each reading is on the panel."""
+        rows, columns = (each.astype(float) for each in self._rows_columns())
+        return self.image.view.geometry.pixel_centres_cm(rows, columns)
+
+    def direct(self, response: Response) -> Float64[np.ndarray, "n"]:
+        """Transmission of the direct beam at each reading, by the whole spectrum."""
         slopes, place = np.unique(self._slopes(), return_inverse=True)
-        energies_kev, fluence = tube_fluence(tube, slopes)
-        signal = panel_signal(fluence, energies_kev, self.scintillator)
+        energies_kev, fluence = tube_fluence(response.tube, slopes)
+        signal = panel_signal(fluence, energies_kev, response.detector)
         weights = signal / signal.sum(axis=1, keepdims=True)
         ways = self._areal_g_cm2() @ self._mac_cm2_g(energies_kev)
         return np.asarray((weights[place] * np.exp(-ways)).sum(axis=1))
 
-    def stray(self, tube: Tube) -> Float64[np.ndarray, "n terms"]:
+    def stray(self, response: Response) -> Float64[np.ndarray, "n terms"]:
         """Stray light at each reading by :data:`STRAY_TERMS`, in shares of the open field.
 
         Scatter and glare as the fit of objects has them, so that their amplitudes can be compared.
         """
-        groups, compositions = energy_groups(tube, self.scintillator), self._compositions()
+        groups = energy_groups(response.tube, response.detector)
+        compositions = self._compositions()
         found = stray_light(
             self.image.view,
             ViewBeam(groups, self.image.view.geometry, self.heel),
@@ -85,9 +89,12 @@ class LitImage:
         return np.column_stack([found, np.ones(len(found))])
 
     def _slopes(self) -> Float64[np.ndarray, "n"]:
-        geometry = self.image.view.geometry
-        rows, columns = (each.astype(float) for each in np.divmod(self.pixels, geometry.shape[1]))
-        return self.heel.slopes(geometry, rows, columns)
+        rows, columns = (each.astype(float) for each in self._rows_columns())
+        return self.heel.slopes(self.image.view.geometry, rows, columns)
+
+    def _rows_columns(self) -> tuple[Int64[np.ndarray, "n"], Int64[np.ndarray, "n"]]:
+        rows, columns = np.divmod(self.pixels, self.image.view.geometry.shape[1])
+        return rows, columns
 
     def _compositions(self) -> list[Composition]:
         return [wedge.material.composition for wedge in self.image.wedges]
@@ -105,10 +112,10 @@ class LitImage:
         return areal
 
 
-def light_up(image: ImageReadings, tube: Tube, scintillator: str) -> LitImage:
+def light_up(image: ImageReadings, told: Response) -> LitImage:
     """Find out which way the heel of a tube lies in an image."""
-    heel = find_heel(image.open_field, image.view.geometry, tube, scintillator)
-    return LitImage(image, scintillator, heel)
+    heel = find_heel(image.open_field, image.view.geometry, told.tube, told.detector)
+    return LitImage(image, heel)
 
 
 def _coarse(lengths: PathLengths) -> PathLengths:

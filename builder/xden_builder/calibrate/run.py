@@ -13,25 +13,23 @@ from xden1k.values.views import XRayView
 from xden_builder.calibrate.figures import draw_balls, draw_steps
 from xden_builder.calibrate.geometry import GeometryFit, ViewFit, fit_geometry
 from xden_builder.calibrate.readings import ImageReadings, read_image_steps
-from xden_builder.calibrate.spectrum import PRIOR_SD, SPECTRUM_TERMS, SpectrumFit, fit_spectrum
+from xden_builder.calibrate.response import PROBES, Response
+from xden_builder.calibrate.spectrum import SpectrumFit, fit_spectrum
 from xden_builder.calibrate.told import CalibrationFolder, read_folder
 from xden_builder.capture import ScannerFile, write_scanner
 from xden_builder.capture.calibrated import ScannerCalibration
 from xden_builder.capture.calibration import CalibratedView, calibrate
 from xden_builder.capture.scanner import DATASET_VIEWS
 from xden_builder.capture.writing import write_json
-from xden_builder.physics.source import Tube
+from xden_builder.physics.source import Detector, Tube
 
 __all__ = ["Calibration", "calibrate_scanner"]
 
 DIGITS: Final = 6
 """Of numbers for people."""
-HINTS: Final = {
-    "kv": "thick steps of steel or copper would tell it",
-    "Al": "the steps tell what it does together with copper, not which of both does it",
-    "Cu": "the steps tell what it does together with aluminium, not which of both does it",
-}
-"""Why an unknown of the spectrum was not measured."""
+TOGETHER: Final = "the steps tell what it does together with the others, not which of them does it"
+HINTS: Final = {"kv": "thick steps of steel or copper would tell it"}
+"""Why an unknown of the spectrum was not measured; :data:`TOGETHER` for the others."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,18 +56,19 @@ class Calibration:
     @property
     def scanner(self) -> ScannerFile:
         """What was told, corrected by what was found."""
-        told = self.folder.scanner
-        tube = told.tube
+        told, name = self.folder.scanner, self.folder.tube
+        tube, detector = told.tube, told.detector
         if self.spectrum is not None:
-            tube = replace(_rounded(self.spectrum.tube), name=self.folder.tube)
-        elif tube is not None and self.folder.tube:
-            tube = replace(tube, name=self.folder.tube)
+            tube, detector = _rounded(self.spectrum.response)
+        if tube is not None:
+            tube = replace(tube, name=name or tube.name)
         found = {} if self.geometry is None else self.geometry.views
         views = {
             name: replace(view, geometry=found[name].geometry) if name in found else view
             for name, view in told.views.items()
         }
-        return replace(told, views=views, tube=tube, calibration=self._note(tube))
+        note = self._note(tube, detector)
+        return replace(told, views=views, tube=tube, detector=detector, calibration=note)
 
     def to_dict(self) -> dict[str, Any]:
         """Values for JSON."""
@@ -96,12 +95,13 @@ class Calibration:
         ]
         return (*spectrum, *geometry, *missing)
 
-    def _note(self, tube: Tube | None) -> ScannerCalibration:
-        told = self.folder
+    def _note(self, tube: Tube | None, detector: Detector) -> ScannerCalibration:
+        told, measured = self.folder, self.spectrum is not None
         return ScannerCalibration(
             told.date,
             told.valid_until,
-            tube if self.spectrum is not None else Tube(name=told.tube),
+            tube if measured else Tube(name=told.tube),
+            replace(detector, bits=None) if measured else None,
             self._made_from(),
             self._found(),
         )
@@ -151,7 +151,8 @@ def _fit(folder: CalibrationFolder) -> Calibration:
     if images:
         if folder.scanner.tube is None:
             raise DataError(f"{folder.root / 'scanner.toml'}: tube is missing, wedges need its kv")
-        spectrum = fit_spectrum(images, folder.scanner.tube, folder.scanner.detector.scintillator)
+        told = Response(folder.scanner.tube, folder.scanner.detector)
+        spectrum = fit_spectrum(images, told)
     if folder.balls is not None:
         geometry = fit_geometry(folder.balls, ball_views)
     return Calibration(folder, images, spectrum, geometry)
@@ -208,17 +209,28 @@ def _write(found: Calibration, out: Path) -> None:
         draw_balls(found.geometry, out / "balls.png")
 
 
-def _rounded(tube: Tube) -> Tube:
+def _rounded(found: Response) -> tuple[Tube, Detector]:
     """Leave out digits that mean nothing, so that a file says what a person can compare."""
+    tube, detector = found.tube, found.detector
     assert tube.kv is not None
     filters = {name: round(cm, DIGITS) for name, cm in tube.filtration_cm.items()}
-    return replace(tube, kv=round(tube.kv, 3), filtration_cm=filters)
+    panel = {
+        key: round(value, DIGITS)
+        for key in ("layer_g_cm2", "escape", "threshold_kev")
+        if (value := getattr(detector, key)) is not None
+    }
+    return replace(tube, kv=round(tube.kv, 3), filtration_cm=filters), replace(detector, **panel)
 
 
 def _spectrum_values(fit: SpectrumFit) -> dict[str, Any]:
     return {
-        "spectrum_sd": dict(zip(SPECTRUM_TERMS, _digits(fit.sd), strict=True)),
-        "at_prior": list(fit.at_prior),
+        "spectrum_sd": {
+            term.name: round(sd, DIGITS) for term, sd in zip(fit.terms, fit.sd, strict=True)
+        },
+        "at_prior": [term.name for term in fit.at_prior],
+        "transmission_sd": {
+            probe.name: round(sd, DIGITS) for probe, sd in zip(PROBES, fit.probe_sd, strict=True)
+        },
         "steps_rms_sd": round(fit.rms, 3),
         "stray_light": {each.name: round(each.mean_share, DIGITS) for each in fit.stray},
         "gain": {each.name: round(each.gain, DIGITS) for each in fit.stray},
@@ -241,23 +253,27 @@ def _digits(values: tuple[float, ...]) -> list[float]:
 
 
 def _of_spectrum(fit: SpectrumFit) -> list[str]:
-    tube = fit.tube
-    values = (tube.kv, *(10 * tube.filtration_cm.get(name, 0.0) for name in SPECTRUM_TERMS[1:]))
-    sds = (fit.sd[0], *(10 * sd for sd in fit.sd[1:]))
-    units = ("kV", "mm Al", "mm Cu")
+    found = zip(fit.terms, fit.response.known(fit.terms).tolist(), fit.sd, strict=True)
     said = ", ".join(
-        f"{value:.2f} ± {sd:.2f} {unit}" for value, sd, unit in zip(values, sds, units, strict=True)
+        f"{term.times * value:.2f} ± {term.times * sd:.2f} {term.unit}" for term, value, sd in found
     )
+    probes = zip(PROBES, fit.probe_sd, strict=True)
+    through = ", ".join(f"{probe.name} ± {sd:.1%}" for probe, sd in probes)
     stays = [
-        f"{name} stays at what was told, within {prior:g} {unit}: {HINTS[name]}"
-        for name, prior, unit in zip(SPECTRUM_TERMS, PRIOR_SD, ("kV", "cm", "cm"), strict=True)
-        if name in fit.at_prior
+        f"{term.name} stays at {term.times * term.mean:.4g} {term.unit}, within "
+        f"{term.times * term.sd:.3g}: {HINTS.get(term.name, TOGETHER)}"
+        for term in fit.at_prior
     ]
     stray = [
         f"{each.name}: stray light behind the steps is {each.mean_share:.2%} of the open field"
         for each in fit.stray
     ]
-    return [f"spectrum: {said}; steps lie within {fit.rms:.2f} sd", *stays, *stray]
+    return [
+        f"spectrum: {said}; steps lie within {fit.rms:.2f} sd",
+        f"light that comes through: {through}",
+        *stays,
+        *stray,
+    ]
 
 
 def _of_geometry(views: Mapping[str, ViewFit]) -> list[str]:

@@ -1,39 +1,34 @@
-"""The spectrum that explains all readings: voltage, aluminium and copper, beside the stray light.
-
-A scintillator of another thickness than assumed, K escape and the angle of the anode harden or
-soften the spectrum as filters do, so that filters take their place: they are *effective*.
-"""
+"""The spectrum that explains all readings, by tube and panel, beside the stray light."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.optimize import least_squares
+from scipy.linalg import solve_triangular
+from scipy.optimize import least_squares, nnls
 
 from xden1k.errors import DataError
-from xden_builder.calibrate.light import STRAY_TERMS, LitImage, light_up
+from xden_builder.calibrate.light import LitImage, light_up
 from xden_builder.calibrate.readings import ImageReadings
-from xden_builder.physics.source import Tube
+from xden_builder.calibrate.response import PROBES, Response, Term, terms_of
 from xden_builder.physics.spectrum.tables import TABLE_KV
 from xden_builder.poly.model.radiograph import GAIN
 
-__all__ = ["SPECTRUM_TERMS", "SpectrumFit", "StrayLight", "fit_spectrum"]
+__all__ = ["SpectrumFit", "StrayLight", "fit_spectrum"]
 
-SPECTRUM_TERMS: Final = ("kv", "Al", "Cu")
-"""Unknowns of the spectrum; filters in cm."""
-PRIOR_SD: Final = (3.0, 0.3, 0.03)
-"""Around what is told: generators, what the tube and its housing filter, plates nobody told of."""
 STRAY_PRIOR: Final = ((0.05, 0.2), (0.05, 0.2), (0.02, 0.05), (0.0, 0.01))
-"""Mean and standard deviation of each of :data:`STRAY_TERMS`; none is negative."""
+"""Mean and standard deviation of each shape; none is negative."""
 RELATIVE_SD: Final = 0.005
 """Of a reading: thickness, density and evenness of the steps."""
 ABSOLUTE_SD: Final = 3e-5
-STRAY_SHAPE_SD: Final = 0.01
-"""Of stray light, whose shapes are assumed."""
+STRAY_SHAPE_SD: Final = 0.05
+STRAY_SHAPE_CM: Final = 3.0
+"""Of stray light, whose shapes are assumed: by which share it errs, and how far on the panel two
+steps may be apart and err alike. So a step leans on the lead beside it."""
 FIRST_STRAY: Final = 0.02
 """In shares of the open field, before the first fit."""
 PASSES: Final = 2
@@ -43,10 +38,13 @@ AT_PRIOR: Final = 0.7
 SMALL_GAIN: Final = 1e-5
 """Relative, of the sum of squares: far below what a standard deviation changes."""
 MOST_STEPS: Final = 300
-_STEP: Final = 1e-2
+MOST_RMS_SD: Final = 3.0
+"""Of the readings of one image: beyond it no spectrum explains them."""
+_STEP: Final = 1e-3
 """Of differences, in standard deviations of the prior."""
 
 Unknowns = Float64[np.ndarray, "u"]
+Readings = Float64[np.ndarray, "n"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,8 +57,8 @@ class StrayLight:
         Of the image.
     gain
         Exposure over that of the open field.
-    amplitudes, sds
-        Of :data:`STRAY_TERMS`.
+    amplitudes
+        Of :data:`xden_builder.calibrate.light.STRAY_TERMS`.
     mean_share
         Mean stray light behind the steps, in shares of the open field.
     """
@@ -68,7 +66,6 @@ class StrayLight:
     name: str
     gain: float
     amplitudes: tuple[float, ...]
-    sds: tuple[float, ...]
     mean_share: float
 
 
@@ -78,12 +75,12 @@ class SpectrumFit:
 
     Parameters
     ----------
-    tube
-        With the fitted voltage and filters.
-    sd
-        Of :data:`SPECTRUM_TERMS`.
-    at_prior
-        Those of them that the readings leave where they were told.
+    response
+        Tube and panel as fitted.
+    terms, sd
+        What was unknown of both, and the standard deviations it is left with.
+    probe_sd
+        Of the transmission of each of :data:`PROBES`, as a share of it.
     stray
         Of each image.
     expected
@@ -92,15 +89,22 @@ class SpectrumFit:
         Root mean square of the weighted residuals; 1 is what is assumed of steps and stray light.
     """
 
-    tube: Tube
+    response: Response
+    terms: tuple[Term, ...]
     sd: tuple[float, ...]
-    at_prior: tuple[str, ...]
+    probe_sd: tuple[float, ...]
     stray: tuple[StrayLight, ...]
     expected: tuple[Float64[np.ndarray, "_n"], ...]
     rms: float
 
+    @property
+    def at_prior(self) -> tuple[Term, ...]:
+        """Those of the unknowns that the readings leave where they were."""
+        pairs = zip(self.terms, self.sd, strict=True)
+        return tuple(term for term, sd in pairs if sd > AT_PRIOR * term.sd)
 
-def fit_spectrum(images: Sequence[ImageReadings], told: Tube, scintillator: str) -> SpectrumFit:
+
+def fit_spectrum(images: Sequence[ImageReadings], told: Response) -> SpectrumFit:
     """Fit spectrum, gains and stray light to all readings together.
 
     Parameters
@@ -109,198 +113,240 @@ def fit_spectrum(images: Sequence[ImageReadings], told: Tube, scintillator: str)
         Of one tube.
     told
         Where the fit starts, and the middle of its priors.
-    scintillator
-        ``CsI`` or ``GOS``; empty: caesium iodide is assumed.
 
     Raises
     ------
     DataError
         If the tube is not polychromatic, its voltage outside the tables, or no fit is found.
     """
-    if told.kv is None:
-        raise DataError("scanner.toml: tube.kv is missing: wedges calibrate a tube's spectrum")
-    if not TABLE_KV[0] <= told.kv <= TABLE_KV[-1]:
-        low, high = TABLE_KV[0], TABLE_KV[-1]
-        raise DataError(f"scanner.toml: tube.kv must be {low:g} to {high:g}, got {told.kv:g}")
-    lit = tuple(light_up(image, told, scintillator or "CsI") for image in images)
-    tube, stray = told, tuple(np.full(len(image.readings), FIRST_STRAY) for image in images)
+    _refuse_unknown_voltage(told.tube.kv)
+    terms, lit = terms_of(told), tuple(light_up(image, told) for image in images)
+    found, stray = told, tuple(np.full(len(image.readings), FIRST_STRAY) for image in images)
     for _ in range(PASSES):
-        problem = _Problem(lit, told, tuple(each.stray(tube) for each in lit), stray)
-        unknowns, covariance = problem.solve(tube)
-        tube, stray = problem.tube(unknowns), problem.stray(unknowns)
-    return problem.fit(unknowns, np.sqrt(np.diag(covariance)))
+        shapes = tuple(each.stray(found) for each in lit)
+        errors = tuple(_errors(*pair) for pair in zip(lit, stray, strict=True))
+        problem = _Problem(lit, told, terms, shapes, errors)
+        values = problem.solve(found)
+        found = told.having(terms, values)
+        stray = tuple(at.stray for at in problem.lights(values))
+    return problem.fit(values)
 
 
-_OF_IMAGE: Final = 1 + len(STRAY_TERMS)
-"""Unknowns of an image: its gain, and its stray light."""
+def _refuse_unknown_voltage(kv: float | None) -> None:
+    if kv is None:
+        raise DataError("scanner.toml: tube.kv is missing: wedges calibrate a tube's spectrum")
+    low, high = TABLE_KV[0], TABLE_KV[-1]
+    if not low <= kv <= high:
+        raise DataError(f"scanner.toml: tube.kv must be {low:g} to {high:g}, got {kv:g}")
+
+
+def _errors(image: LitImage, stray: Readings) -> Float64[np.ndarray, "n n"]:
+    """Errors of readings and of the model: those of steps alone, those of stray light alike.
+
+    Returns
+    -------
+    Float64[np.ndarray, "n n"]
+        Lower triangle whose square is the covariance.
+    """
+    own = (RELATIVE_SD * image.transmission) ** 2 + ABSOLUTE_SD**2 + image.sd**2
+    apart = np.linalg.norm(image.places_cm[:, None] - image.places_cm, axis=2) / STRAY_SHAPE_CM
+    alike = STRAY_SHAPE_SD**2 * np.outer(stray, stray) * np.exp(-(apart**2) / 2)
+    return np.linalg.cholesky(alike + np.diag(own))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Light:
+    """Gain and stray light of an image, behind which the spectrum stands.
+
+    Parameters
+    ----------
+    direct, shapes
+        Transmission of each reading, and the shapes of its stray light.
+    amounts
+        Of all of them, in the units of the image; the first is the gain.
+    residuals
+        Of readings and priors, in independent standard deviations.
+    """
+
+    direct: Readings
+    shapes: Float64[np.ndarray, "n terms"]
+    amounts: Float64[np.ndarray, "_a"]
+    residuals: Float64[np.ndarray, "_m"]
+
+    @property
+    def gain(self) -> float:
+        return float(self.amounts[0])
+
+    @property
+    def amplitudes(self) -> Float64[np.ndarray, "terms"]:
+        """Of the shapes, in shares of the open field."""
+        return np.asarray(self.amounts[1:] / self.gain)
+
+    @property
+    def stray(self) -> Readings:
+        """Stray light of each reading, in shares of the open field."""
+        return np.asarray(self.shapes @ self.amplitudes)
+
+    @property
+    def expected(self) -> Readings:
+        """Transmission of each reading."""
+        return np.asarray(self.gain * (self.direct + self.stray))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
-    """Least squares over :data:`SPECTRUM_TERMS`, then gain and stray light of each image.
+    """Least squares over the unknowns of tube and panel.
+
+    What is unknown of each image, its gain and stray light, is linear and found beside them.
 
     Parameters
     ----------
     images
         All readings.
-    told
-        In the middle of the priors.
-    shapes
-        Of the stray light of each image.
-    stray
-        As far as it is known, for the weights.
+    told, terms
+        Tube and panel, and what is unknown of them.
+    shapes, errors
+        Of the stray light of each image, and of its readings.
     """
 
     images: tuple[LitImage, ...]
-    told: Tube
+    told: Response
+    terms: tuple[Term, ...]
     shapes: tuple[Float64[np.ndarray, "_n terms"], ...]
-    stray_before: tuple[Float64[np.ndarray, "_n"], ...]
+    errors: tuple[Float64[np.ndarray, "_n _n"], ...]
 
     @property
     def prior(self) -> tuple[Unknowns, Unknowns]:
         """Means and standard deviations."""
-        of_image = (GAIN, *STRAY_PRIOR)
-        told = list(zip(_spectrum(self.told), PRIOR_SD, strict=True))
-        mean, sd = np.array(told + list(of_image) * len(self.images)).T
+        mean, sd = np.array([(term.mean, term.sd) for term in self.terms]).T
         return mean, sd
 
-    @property
-    def bounds(self) -> tuple[Unknowns, Unknowns]:
-        """Voltages of the tables, gains near 1, nothing negative."""
-        low = [TABLE_KV[0], 0.0, 0.0] + [0.5, 0.0, 0.0, 0.0, 0.0] * len(self.images)
-        high = [TABLE_KV[-1], np.inf, np.inf] + [2.0] + [np.inf] * 4
-        high = high[:3] + high[3:] * len(self.images)
-        return np.array(low), np.array(high)
-
-    def tube(self, unknowns: Unknowns) -> Tube:
-        """Return the tube of some unknowns; a filter of nothing is left out."""
-        kv, *filters = unknowns[: len(SPECTRUM_TERMS)].tolist()
-        found = dict(self.told.filtration_cm) | dict(zip(SPECTRUM_TERMS[1:], filters, strict=True))
-        return replace(self.told, kv=kv, filtration_cm={k: v for k, v in found.items() if v > 0})
-
-    def of_image(self, unknowns: Unknowns, place: int) -> Float64[np.ndarray, "terms"]:
-        """Gain and stray light of an image."""
-        return unknowns[_own(place)]
-
-    def stray(self, unknowns: Unknowns) -> tuple[Float64[np.ndarray, "_n"], ...]:
-        """Stray light of each reading."""
-        return tuple(
-            shapes @ self.of_image(unknowns, at)[1:] for at, shapes in enumerate(self.shapes)
-        )
-
-    def expected(self, unknowns: Unknowns) -> tuple[Float64[np.ndarray, "_n"], ...]:
-        """Transmission of each reading."""
-        tube, stray = self.tube(unknowns), self.stray(unknowns)
-        return tuple(
-            self.of_image(unknowns, at)[0] * (image.direct(tube) + stray[at])
-            for at, image in enumerate(self.images)
-        )
-
-    def residuals(self, unknowns: Unknowns) -> Float64[np.ndarray, "m"]:
-        """Subtract what is expected, over its standard deviation; then the priors."""
-        mean, sd = self.prior
-        off = [
-            (image.transmission - expected) / deviation
-            for image, expected, deviation in zip(
-                self.images, self.expected(unknowns), self.deviations(), strict=True
-            )
-        ]
-        return np.concatenate([*off, (unknowns - mean) / sd])
-
-    def deviations(self) -> list[Float64[np.ndarray, "_n"]]:
-        """Give the standard deviation of each reading, errors of the model included."""
+    def lights(self, values: Unknowns) -> list[_Light]:
+        """Find gain and stray light of each image behind a spectrum."""
+        response = self.told.having(self.terms, values)
         return [
-            np.sqrt(
-                (RELATIVE_SD * image.transmission) ** 2
-                + ABSOLUTE_SD**2
-                + (STRAY_SHAPE_SD * stray) ** 2
-                + image.sd**2
-            )
-            for image, stray in zip(self.images, self.stray_before, strict=True)
+            _light(image.direct(response), shapes, errors, image.transmission)
+            for image, shapes, errors in zip(self.images, self.shapes, self.errors, strict=True)
         ]
 
-    def solve(self, start: Tube) -> tuple[Unknowns, Float64[np.ndarray, "u u"]]:
-        """Find the most likely unknowns and their covariance."""
-        first, sd = self.prior
-        first[: len(SPECTRUM_TERMS)] = _spectrum(start)
-        low, high = self.bounds
-        inner = np.clip(first, low + 1e-6, high - 1e-6)
+    def residuals(self, values: Unknowns) -> Float64[np.ndarray, "m"]:
+        """Of all images, then of the priors."""
+        mean, sd = self.prior
+        return np.concatenate([*(at.residuals for at in self.lights(values)), (values - mean) / sd])
+
+    def slopes(self, values: Unknowns) -> Float64[np.ndarray, "m u"]:
+        """Differentiate the residuals, to the inner side of the bounds."""
+        here, steps = self.residuals(values), self._steps(values)
+        there = [self.residuals(values + move) for move in np.diag(steps)]
+        return np.stack([(each - here) / step for each, step in zip(there, steps, strict=True)], 1)
+
+    def solve(self, start: Response) -> Unknowns:
+        """Find the most likely tube and panel."""
+        low, high = np.array([(term.low, term.high) for term in self.terms]).T
         found = least_squares(
             self.residuals,
-            inner,
-            self.jacobian,
+            np.clip(start.known(self.terms), low + 1e-6, high - 1e-6),
+            self.slopes,
             bounds=(low, high),
-            x_scale=sd,
+            x_scale=self.prior[1],
             ftol=SMALL_GAIN,
             max_nfev=MOST_STEPS,
         )
         if not found.success:
             raise DataError("the fit of the spectrum did not settle: look at the steps' places")
-        return found.x, np.linalg.inv(found.jac.T @ found.jac)
+        return np.asarray(found.x)
 
-    def jacobian(self, unknowns: Unknowns) -> Float64[np.ndarray, "m u"]:
-        """Differentiate the residuals: by differences for the spectrum, else exact."""
-        count, deviations = len(SPECTRUM_TERMS), self.deviations()
-        by_spectrum = self._spectrum_slopes(unknowns)
-        images = []
-        for at, (shapes, expected) in enumerate(
-            zip(self.shapes, self.expected(unknowns), strict=True)
-        ):
-            gain = self.of_image(unknowns, at)[0]
-            slopes = np.zeros((len(expected), len(unknowns)))
-            slopes[:, :count] = by_spectrum[at]
-            slopes[:, _own(at)] = np.column_stack([expected / gain, gain * shapes])
-            images.append(-slopes / deviations[at][:, None])
-        return np.concatenate([*images, np.diag(1 / self.prior[1])])
-
-    def _spectrum_slopes(self, unknowns: Unknowns) -> list[Float64[np.ndarray, "_n terms"]]:
-        """Differentiate what is expected, to the inner side of the bounds."""
-        high, steps = self.bounds[1], _STEP * self.prior[1]
-        steps = np.where(unknowns + steps > high, -steps, steps)
-        here, moves = self.expected(unknowns), np.diag(steps)[: len(SPECTRUM_TERMS)]
-        there = [self.expected(unknowns + move) for move in moves]
-        return [
-            np.stack([(t[at] - h) / move.sum() for t, move in zip(there, moves, strict=True)], 1)
-            for at, h in enumerate(here)
-        ]
-
-    def fit(self, unknowns: Unknowns, sds: Unknowns) -> SpectrumFit:
+    def fit(self, values: Unknowns) -> SpectrumFit:
         """Put the answer together."""
-        count = len(SPECTRUM_TERMS)
-        readings = self.residuals(unknowns)[: -len(unknowns)]
+        lights = self.lights(values)
+        for at, image in zip(lights, self.images, strict=True):
+            _refuse_unexplained(at, image)
+        covariance = self._covariance(values, lights)
+        off = np.concatenate(
+            [
+                at.residuals[: len(each.transmission)]
+                for at, each in zip(lights, self.images, strict=True)
+            ]
+        )
         return SpectrumFit(
-            tube=self.tube(unknowns),
-            sd=tuple(sds[:count].tolist()),
-            at_prior=tuple(
-                term
-                for term, sd, prior in zip(SPECTRUM_TERMS, sds, PRIOR_SD, strict=False)
-                if sd > AT_PRIOR * prior
-            ),
+            response=self.told.having(self.terms, values),
+            terms=self.terms,
+            sd=tuple(np.sqrt(np.diag(covariance)).tolist()),
+            probe_sd=self._probe_sd(values, covariance),
             stray=tuple(
                 StrayLight(
-                    image.image.name,
-                    float(gain),
-                    tuple(amplitudes),
-                    tuple(self.of_image(sds, at)[1:].tolist()),
-                    float(stray.mean()),
+                    each.image.name, at.gain, tuple(at.amplitudes.tolist()), float(at.stray.mean())
                 )
-                for at, (image, stray) in enumerate(
-                    zip(self.images, self.stray(unknowns), strict=True)
-                )
-                for gain, *amplitudes in [self.of_image(unknowns, at).tolist()]
+                for at, each in zip(lights, self.images, strict=True)
             ),
-            expected=self.expected(unknowns),
-            rms=float(np.sqrt((readings**2).mean())),
+            expected=tuple(at.expected for at in lights),
+            rms=float(np.sqrt((off**2).mean())),
         )
 
+    def _covariance(self, values: Unknowns, lights: Sequence[_Light]) -> Float64[np.ndarray, "u u"]:
+        """Of the terms, gain and stray light being free, those that ended at nothing too."""
+        steps, sds = self._steps(values), np.array([GAIN, *STRAY_PRIOR]).T[1]
+        moved = [self.told.having(self.terms, each) for each in values + np.diag(steps)]
+        information = np.diag(1 / self.prior[1] ** 2)
+        for image, at, errors in zip(self.images, lights, self.errors, strict=True):
+            slopes = [at.gain * (image.direct(each) - at.direct) for each in moved]
+            own = np.column_stack([at.direct, at.shapes])
+            rows = np.column_stack([np.transpose(slopes) / steps, own])
+            weighted = solve_triangular(errors, rows, lower=True)
+            both = weighted.T @ weighted
+            count = len(steps)
+            beside = both[count:, count:] + np.diag(1 / sds**2)
+            cross = both[:count, count:]
+            information += both[:count, :count] - cross @ np.linalg.solve(beside, cross.T)
+        return np.asarray(np.linalg.inv(information))
 
-def _own(place: int) -> slice:
-    """Places of an image's gain and stray light among the unknowns."""
-    start = len(SPECTRUM_TERMS) + place * _OF_IMAGE
-    return slice(start, start + _OF_IMAGE)
+    def _steps(self, values: Unknowns) -> Unknowns:
+        high = np.array([term.high for term in self.terms])
+        steps = _STEP * self.prior[1]
+        return np.where(values + steps > high, -steps, steps)
+
+    def _probe_sd(
+        self, values: Unknowns, covariance: Float64[np.ndarray, "u u"]
+    ) -> tuple[float, ...]:
+        """Carry what is left unknown on to the transmission of the probes."""
+        steps = self._steps(values)
+        here, *there = (
+            np.array([self.told.having(self.terms, each).log_transmission(p) for p in PROBES])
+            for each in (values, *(values + np.diag(steps)))
+        )
+        slopes = np.stack(
+            [(each - here) / step for each, step in zip(there, steps, strict=True)], 1
+        )
+        return tuple(np.sqrt(np.diag(slopes @ covariance @ slopes.T)).tolist())
 
 
-def _spectrum(tube: Tube) -> tuple[float, ...]:
-    """Values of :data:`SPECTRUM_TERMS`."""
-    assert tube.kv is not None
-    return tube.kv, *(tube.filtration_cm.get(name, 0.0) for name in SPECTRUM_TERMS[1:])
+def _refuse_unexplained(at: _Light, image: LitImage) -> None:
+    """Refuse readings that lie off by far more than steps and stray light err; name the worst."""
+    off = at.residuals[: len(image.transmission)]
+    if (rms := float(np.sqrt((off**2).mean()))) <= MOST_RMS_SD:
+        return
+    steps = [number for number, each in enumerate(image.image.readings) if each.wedge >= 0]
+    share = abs(image.transmission - at.expected)[steps] / at.expected[steps]
+    worst = image.image.readings[steps[int(share.argmax())]]
+    wedge = image.image.wedges[worst.wedge]
+    raise DataError(
+        f"{wedge.name}: its readings lie {rms:.1f} sd off what any spectrum lets pass, farthest at "
+        f"step {worst.step + 1}: expected this material, these thicknesses, and one tube for all "
+        "images"
+    )
+
+
+def _light(
+    direct: Readings,
+    shapes: Float64[np.ndarray, "n terms"],
+    errors: Float64[np.ndarray, "n n"],
+    transmission: Readings,
+) -> _Light:
+    """Find the most likely gain and stray light, none of it negative."""
+    design = np.column_stack([direct, shapes])
+    mean, sd = np.array([GAIN, *STRAY_PRIOR]).T
+    weighted = solve_triangular(errors, np.column_stack([design, transmission]), lower=True)
+    rows = np.concatenate([weighted[:, :-1], np.diag(1 / sd)])
+    wanted = np.concatenate([weighted[:, -1], mean / sd])
+    amounts = nnls(rows, wanted)[0]
+    return _Light(direct, shapes, amounts, rows @ amounts - wanted)

@@ -145,18 +145,39 @@ def read_folder(root: Path) -> CalibrationFolder:
     wedges = table.get_or_none("wedges", _is_tables, "tables, each [[wedges]]") or []
     if not wedges and "balls" not in table:
         raise table.error("wedges", "and balls are missing, expected at least one phantom")
+    date, valid_until = _read_dates(table, scanner)
     return CalibrationFolder(
         root=root,
         scanner=scanner,
-        date=table.get("date", is_date, "a date, such as 2026-03-14"),
-        valid_until=table.get_or_none("valid_until", is_date, "a date, such as 2027-03-14"),
-        tube=table.get_or_none("tube", lambda value: isinstance(value, str), "a name") or "",
+        date=date,
+        valid_until=valid_until,
+        tube=_read_tube(table, scanner),
         wedges=tuple(
             _read_wedge(TomlTable(path, f"wedges[{place}].", values), scanner)
             for place, values in enumerate(wedges, start=1)
         ),
         balls=_read_balls(table.table("balls"), root) if "balls" in table else None,
     )
+
+
+def _read_dates(
+    table: TomlTable, scanner: ScannerFile
+) -> tuple[datetime.date, datetime.date | None]:
+    date = table.get("date", is_date, "a date, such as 2026-03-14")
+    until = table.get_or_none("valid_until", is_date, "a date, such as 2027-03-14")
+    if until is not None and until < date:
+        raise table.error("valid_until", f"is {until}, before date, {date}")
+    if scanner.taken not in (None, date):
+        raise table.error("date", f"is {date}, but that of scanner.toml is {scanner.taken}")
+    return date, until
+
+
+def _read_tube(table: TomlTable, scanner: ScannerFile) -> str:
+    name = table.get_or_none("tube", lambda value: isinstance(value, str), "a name") or ""
+    told = scanner.tube.name if scanner.tube is not None else ""
+    if name and told and name != told:
+        raise table.error("tube", f"is {name!r}, but tube.name of scanner.toml is {told!r}")
+    return name
 
 
 def _read_wedge(table: TomlTable, scanner: ScannerFile) -> Wedge:

@@ -19,7 +19,13 @@ from xden1k.errors import DataError, require
 from xden1k.values.materials import load_materials
 from xden1k.values.settings import read_toml
 from xden1k.values.views import ViewGeometry
-from xden_builder.capture.calibrated import ScannerCalibration, is_date, read_calibration
+from xden_builder.capture.calibrated import (
+    ScannerCalibration,
+    is_date,
+    panel_values,
+    read_calibration,
+    read_panel,
+)
 from xden_builder.capture.dicom import spacing_note
 from xden_builder.capture.images import Polarity
 from xden_builder.capture.tables import TomlTable, is_number, is_positive, is_vector
@@ -162,13 +168,14 @@ def read_scanner(path: Path, object_folder: Path | None = None) -> ScannerFile:
     views = table.table("views")
     if not views.values:
         raise table.error("views", "is missing, expected a table for each view")
-    tube, taken = _read_tube(table.table("tube")), table.get_or_none("date", is_date, _A_DATE)
+    tube, detector = _read_tube(table.table("tube")), _read_detector(table.table("detector"))
+    taken = table.get_or_none("date", is_date, _A_DATE)
     return ScannerFile(
         views={name: _read_view(name, views.table(name), object_folder) for name in views.values},
         tube=tube,
-        detector=_read_detector(table.table("detector")),
+        detector=detector,
         taken=taken,
-        calibration=read_calibration(table.table("calibration"), tube, taken),
+        calibration=read_calibration(table.table("calibration"), tube, detector, taken),
     )
 
 
@@ -218,10 +225,9 @@ def _is_thickness(value: Any) -> bool:
 
 
 def _read_detector(table: TomlTable) -> Detector:
-    table.refuse_unknown(("scintillator", "bits"))
     return Detector(
-        scintillator=table.get_or_none("scintillator", _is_text, "a name") or "",
         bits=table.get_or_none("bits", _is_bits, "a whole number from 1 to 32"),
+        **read_panel(table, ("bits",)),
     )
 
 
@@ -358,6 +364,7 @@ def _calibration_values(calibration: ScannerCalibration) -> dict[str, Any]:
         "tube": tube.name,
         "kv": tube.kv,
         "filtration": dict(tube.filtration_cm),
+        "panel": {} if calibration.detector is None else panel_values(calibration.detector),
         "made_from": list(calibration.made_from),
         "found": dict(calibration.found),
     }

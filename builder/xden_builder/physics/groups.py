@@ -11,7 +11,7 @@ from jaxtyping import Float, Float64
 
 from xden1k.values.materials import Composition
 from xden_builder.physics.attenuation import mac_cm2_g, scattering_cm2_g
-from xden_builder.physics.source import Tube
+from xden_builder.physics.source import Detector, Tube
 from xden_builder.physics.spectrum import Spectrum, panel_signal, tube_fluence, tube_spectrum
 from xden_builder.physics.spectrum.tables import TABLE_SLOPES
 
@@ -72,15 +72,15 @@ def _group_scattering(
     return groups.spectrum.group_means(scattering, groups.count)
 
 
-def energy_groups(tube: Tube, scintillator: str, count: int = GROUPS) -> EnergyGroups:
+def energy_groups(tube: Tube, detector: Detector, count: int = GROUPS) -> EnergyGroups:
     """Pool a source's spectrum into groups, on the central ray and beside it.
 
     Parameters
     ----------
     tube
         A tube, or a monochromatic source, which is one group.
-    scintillator
-        A key of :data:`xden_builder.physics.spectrum.panels.PANELS`; empty: ``CsI`` is assumed.
+    detector
+        What takes the photons up.
     count
         Of groups, equally wide.
 
@@ -90,7 +90,7 @@ def energy_groups(tube: Tube, scintillator: str, count: int = GROUPS) -> EnergyG
         If the voltage lies outside the tables, or a filter or the scintillator is unknown.
     """
     return _energy_groups(
-        tube.energy_kev, tube.kv, tuple(tube.filtration_cm.items()), scintillator or "CsI", count
+        tube.energy_kev, tube.kv, tuple(tube.filtration_cm.items()), detector, count
     )
 
 
@@ -99,17 +99,17 @@ def _energy_groups(
     energy_kev: float | None,
     kv: float | None,
     filters_cm: tuple[tuple[str, float], ...],
-    scintillator: str,
+    detector: Detector,
     count: int,
 ) -> EnergyGroups:
     tube = Tube(energy_kev=energy_kev, kv=kv, filtration_cm=dict(filters_cm))
-    spectrum = tube_spectrum(tube, scintillator=scintillator)
+    spectrum = tube_spectrum(tube, detector=detector)
     central = spectrum.grouped(count).weights
     if energy_kev is not None:
         return EnergyGroups(spectrum, count, np.zeros(1), central[None])
     slopes = np.array(TABLE_SLOPES)
     energies_kev, fluence = tube_fluence(tube, slopes)
-    signal = panel_signal(fluence, energies_kev, scintillator)
+    signal = panel_signal(fluence, energies_kev, detector)
     relative = spectrum.group_means(signal / spectrum.signal_per_cm2, count)
     weights = relative * central
     return EnergyGroups(spectrum, count, slopes, weights / weights.sum(axis=1, keepdims=True))

@@ -55,7 +55,16 @@ class Detector:
         known.
     bits
         Of the converter; without it no pixel is called saturated.
+    layer_g_cm2
+        Density times thickness of what stops the photons; None: as assumed for it.
+    escape
+        Share of a scintillator's K fluorescence that leaves it; None: none.
+    threshold_kev
+        A counting sensor counts photons above it; None: every photon that it stops.
     """
 
     scintillator: str = ""
     bits: int | None = None
+    layer_g_cm2: float | None = None
+    escape: float | None = None
+    threshold_kev: float | None = None

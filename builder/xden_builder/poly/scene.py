@@ -117,10 +117,7 @@ def set_scene(capture: Capture, order: Sequence[int], settings: PolySettings) ->
         raise DataError("the polychromatic fit needs a tube or a photon energy in scanner.toml")
     views = capture.fitted_views
     tube = capture.tube.behind("Cu", settings.extra_filter_mm_cu / 10)
-    fine, few = (
-        energy_groups(tube, capture.detector.scintillator, count)
-        for count in (GROUPS, OUTLINE_GROUPS)
-    )
+    fine, few = (energy_groups(tube, capture.detector, count) for count in (GROUPS, OUTLINE_GROUPS))
     beams = tuple(view_beam(capture, view, fine) for view in views)
     few_beams = tuple(beam.regrouped(few) for beam in beams)
     tables, few_tables = (

@@ -106,9 +106,10 @@ def survey(
     """
     assert capture.tube is not None
     samples = _as_labelled(sampled(capture, order, settings))
-    scintillator = capture.detector.scintillator
     fits = [
-        _fitted(samples, energy_groups(capture.tube.behind("Cu", mm / 10), scintillator), settings)
+        _fitted(
+            samples, energy_groups(capture.tube.behind("Cu", mm / 10), capture.detector), settings
+        )
         for mm in FILTERS_MM_CU
     ]
     clues = list(_by_labels(capture, fits))

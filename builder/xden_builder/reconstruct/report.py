@@ -11,6 +11,8 @@ import trimesh
 
 from xden1k.rays import PathLengths
 from xden1k.values.plain import plain
+from xden_builder.capture.calibrated import panel_values
+from xden_builder.physics.source import Detector
 from xden_builder.poly.posterior.problem import MASS_SD_SHARE
 from xden_builder.reconstruct.densities import Densities
 from xden_builder.reconstruct.explained import Explained
@@ -49,6 +51,12 @@ def report(
     )
 
 
+def _detector(detector: Detector) -> dict[str, Any]:
+    """Give what is told of a detector; of its panel only what is."""
+    kept = {"scintillator": detector.scintillator, "bits": detector.bits}
+    return kept | panel_values(detector)
+
+
 def _fits(explained: Explained, settings: BuildSettings) -> dict[str, Any]:
     """Fit report and provenance."""
     capture, fit = explained.capture, explained.fit
@@ -58,7 +66,7 @@ def _fits(explained: Explained, settings: BuildSettings) -> dict[str, Any]:
         "settings": asdict(settings),
         "mesh_units": capture.mesh_units,
         "tube": None if capture.tube is None else asdict(capture.tube),
-        "detector": asdict(capture.detector),
+        "detector": _detector(capture.detector),
         "fit": {
             **fit.report,
             "loss": fit.loss,

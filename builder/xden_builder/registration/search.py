@@ -362,7 +362,7 @@ def _soft_turns(found: Found, search: Search, body: Body, every_deg: int) -> lis
 def _usual_lac_per_cm(capture: Capture) -> Float64[np.ndarray, "k"]:
     """Attenuation that the labels let expect; where they tell little, a middle of what may be."""
     tube = capture.tube or Tube(energy_kev=USUAL_KEV)
-    groups = energy_groups(tube, capture.detector.scintillator, GROUPS)
+    groups = energy_groups(tube, capture.detector, GROUPS)
     light = groups.weights.mean(axis=0)
     found = []
     for part in capture.parts:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from xden1k.values.materials import Composition
 from xden_builder.physics.attenuation import mac_cm2_g, scattering_cm2_g
-from xden_builder.physics.source import Tube
+from xden_builder.physics.source import Detector, Tube
 from xden_builder.physics.spectrum import Spectrum, absorbed_share, tube_fluence, tube_spectrum
 from xden_builder.physics.spectrum.tables import TABLE_DISTANCE_CM
 
@@ -86,7 +86,7 @@ def make_beam(
     size_px, panel_cm, distance_cm
         The panel, and its distance from the source.
     """
-    spectrum = tube_spectrum(tube, scintillator_g_cm2=scintillator_g_cm2)
+    spectrum = tube_spectrum(tube, detector=Detector("CsI", layer_g_cm2=scintillator_g_cm2))
     grouped = spectrum.grouped(groups)
     weights = np.tile(grouped.weights, (size_px, 1))
     open_field = np.ones((size_px, size_px))

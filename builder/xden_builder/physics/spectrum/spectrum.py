@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -11,8 +12,8 @@ from scipy.optimize import brentq
 from xden1k.errors import DataError, require
 from xden1k.values.materials import Composition, load_materials
 from xden_builder.physics.attenuation import mac_cm2_g
-from xden_builder.physics.source import Tube
-from xden_builder.physics.spectrum.panels import absorbed_share, panel
+from xden_builder.physics.source import Detector, Tube
+from xden_builder.physics.spectrum.panels import panel, taken_up
 from xden_builder.physics.spectrum.tables import bare_fluence, bin_centres_kev
 
 __all__ = [
@@ -28,8 +29,8 @@ __all__ = [
 class Spectrum:
     """Photons that reach a detector, in bins of energy, and how many it stops.
 
-    Each photon stopped leaves all its energy: no escape of fluorescence, no spread of the light
-    yield.
+    Each photon that counts leaves all its energy: what escapes as fluorescence is taken for photons
+    that were not stopped, and the light yield does not spread.
 
     Parameters
     ----------
@@ -38,7 +39,7 @@ class Spectrum:
     photons_per_cm2
         Shape (n,): arriving in each bin, at 100 cm.
     absorbed
-        Shape (n,): share of them that is stopped, 0 to 1.
+        Shape (n,): share of them that is stopped and counts, 0 to 1.
     counting
         Whether the detector counts photons; else it sums the energy that they leave.
 
@@ -182,12 +183,14 @@ def _filter(name: str) -> tuple[Composition, float]:
     return material.composition, material.density_nominal_g_cm3
 
 
+_ASSUMED: Final = Detector()
+
+
 def tube_spectrum(
     tube: Tube,
     *,
     slope: float = 0.0,
-    scintillator: str = "CsI",
-    scintillator_g_cm2: float | None = None,
+    detector: Detector = _ASSUMED,
 ) -> Spectrum:
     """Spectrum of a source as a detector takes it in.
 
@@ -197,8 +200,8 @@ def tube_spectrum(
         A tube at 1 keV, or a monochromatic source: one line of one photon per cm².
     slope
         Of the ray towards the cathode; see :func:`tube_fluence`.
-    scintillator, scintillator_g_cm2
-        See :func:`xden_builder.physics.spectrum.panels.absorbed_share`.
+    detector
+        See :func:`xden_builder.physics.spectrum.panels.taken_up`.
 
     Raises
     ------
@@ -216,8 +219,8 @@ def tube_spectrum(
     else:
         energies_kev, rows = tube_fluence(tube, np.array([slope]))
         photons = rows[0]
-    absorbed = absorbed_share(energies_kev, scintillator, scintillator_g_cm2)
-    return Spectrum(energies_kev, photons, absorbed, panel(scintillator).counting)
+    absorbed = taken_up(energies_kev, detector)
+    return Spectrum(energies_kev, photons, absorbed, panel(detector.scintillator).counting)
 
 
 def effective_mac_cm2_g(spectrum: Spectrum, composition: Composition, areal_g_cm2: float) -> float:

@@ -61,8 +61,10 @@ def bare_fluence(
 ) -> Float[np.ndarray, "slopes energies"]:
     """Photons per cm², keV and mAs of the bare tube, 100 cm along the central ray.
 
-    Between voltages linear, between slopes a cubic of the logarithm; behind
-    2.5 mm of aluminium both stay within 1 % of the fluence and 0.1 keV of the mean energy.
+    Between voltages linear, as a multiple of how far each energy lies below the highest, which
+    Duane and Hunt's law makes the end of the spectrum go to nothing with; between slopes a cubic of
+    the logarithm. Behind 2.5 mm of aluminium both stay within 1 % of the fluence and 0.1 keV of the
+    mean energy; behind 10 mm of iron as well the light stays within 0.4 %.
 
     Raises
     ------
@@ -80,9 +82,28 @@ def bare_fluence(
         )
     below = max(known for known in TABLE_KV if known <= kv)
     above = min(known for known in TABLE_KV if known >= kv)
-    share = 0.0 if above == below else (kv - below) / (above - below)
-    tables = _tables()
-    mixed = (1 - share) * tables[below] + share * tables[above]
-    mixed = mixed[: len(bin_centres_kev(kv))]
-    curves = CubicSpline(TABLE_SLOPES, np.log(mixed.clip(min=1e-30)), axis=1)
+    curves = CubicSpline(TABLE_SLOPES, np.log(_between(kv, below, above).clip(min=1e-30)), axis=1)
     return np.asarray(np.exp(curves(slopes)).T)
+
+
+def _between(kv: float, below: float, above: float) -> Float[np.ndarray, "energies slopes"]:
+    """Fluence at a voltage by the tables of two."""
+    tables, energies_kev = _tables(), bin_centres_kev(kv)
+    if below == above:
+        return tables[kv][: len(energies_kev)]
+    share = (kv - below) / (above - below)
+    low, high = (_below_end(end, energies_kev)[:, None] for end in (below, above))
+    by_high = tables[above][: len(energies_kev)] / high
+    by_low = np.where(low > 0, tables[below][: len(energies_kev)] / np.maximum(low, 1e-9), by_high)
+    return np.asarray(
+        _below_end(kv, energies_kev)[:, None] * ((1 - share) * by_low + share * by_high)
+    )
+
+
+def _below_end(
+    kv: float, energies_kev: Float[np.ndarray, "energies"]
+) -> Float[np.ndarray, "energies"]:
+    """How far each bin lies below the highest energy, times the width that it has below it."""
+    low = energies_kev - 0.5
+    width = np.clip(kv - low, 0.0, 1.0)
+    return np.asarray(width * (kv - low - width / 2))

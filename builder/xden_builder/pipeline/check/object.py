@@ -137,7 +137,7 @@ def _check_source(capture: Capture) -> None:
     """Refuse a source that the tables do not know."""
     tube = capture.tube
     if tube is not None and tube.kv is not None:
-        energy_groups(tube, capture.detector.scintillator)
+        energy_groups(tube, capture.detector)
 
 
 def _pictures(capture: Capture) -> tuple[tuple[str, str], ...]:

@@ -12,7 +12,7 @@ from xden1k.values.arrays import Image
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.capture import Capture
 from xden_builder.physics.groups import EnergyGroups
-from xden_builder.physics.source import Tube
+from xden_builder.physics.source import Detector, Tube
 from xden_builder.physics.spectrum import panel_signal, tube_fluence
 from xden_builder.physics.spectrum.tables import TABLE_SLOPES
 
@@ -51,7 +51,7 @@ class Heel:
 
 
 def find_heel(
-    open_field: Image | None, geometry: ViewGeometry, tube: Tube, scintillator: str
+    open_field: Image | None, geometry: ViewGeometry, tube: Tube, detector: Detector
 ) -> Heel:
     """Tell from an open-field image on which side the cathode lies.
 
@@ -64,7 +64,7 @@ def find_heel(
         Light of the bare beam above the dark, in any unit; None where it is not known.
     geometry
         Of the view.
-    tube, scintillator
+    tube, detector
         As of :func:`xden_builder.physics.groups.energy_groups`.
     """
     if open_field is None or geometry.source_cm is None or tube.kv is None:
@@ -83,18 +83,18 @@ def find_heel(
     for name, (row, column) in HEEL_AXES.items():
         heel = Heel(row, column)
         slopes = heel.slopes(geometry, rows.astype(float), columns.astype(float))
-        expected = _log_profile(tube, scintillator or "CsI", slopes)
+        expected = _log_profile(tube, detector, slopes)
         left[name] = float(((seen - expected + expected.mean()) ** 2).mean())
     best = min(left, key=left.__getitem__)
     return Heel(*HEEL_AXES[best]) if left[best] < CLEARLY * float((seen**2).mean()) else Heel()
 
 
 def _log_profile(
-    tube: Tube, scintillator: str, slopes: Float[np.ndarray, "n"]
+    tube: Tube, detector: Detector, slopes: Float[np.ndarray, "n"]
 ) -> Float64[np.ndarray, "n"]:
     nodes = np.array(TABLE_SLOPES)
     energies_kev, fluence = tube_fluence(tube, nodes)
-    signal = panel_signal(fluence, energies_kev, scintillator).sum(axis=1)
+    signal = panel_signal(fluence, energies_kev, detector).sum(axis=1)
     return np.asarray(np.interp(slopes, nodes, np.log(signal)))
 
 
@@ -141,10 +141,6 @@ class ViewBeam:
 def view_beam(capture: Capture, view: XRayView, groups: EnergyGroups) -> ViewBeam:
     """Prepare the beam of a view of a capture whose source is known."""
     assert capture.tube is not None
-    heel = find_heel(
-        capture.open_field.get(view.name),
-        view.geometry,
-        capture.tube,
-        capture.detector.scintillator,
-    )
+    open_field = capture.open_field.get(view.name)
+    heel = find_heel(open_field, view.geometry, capture.tube, capture.detector)
     return ViewBeam(groups, view.geometry, heel)
