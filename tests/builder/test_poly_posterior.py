@@ -35,7 +35,10 @@ def ended_at(solution: Solution, place: int, value: float) -> PolyFit:
     """Judge a solution one of whose unknowns is another."""
     unknowns = solution.minimum.unknowns.copy()
     unknowns[place] = value
-    return judge(replace(solution, minimum=replace(solution.minimum, unknowns=unknowns)))
+    there = solution.problem.evaluate(unknowns)
+    return judge(
+        replace(solution, minimum=replace(solution.minimum, unknowns=unknowns, evaluation=there))
+    )
 
 
 @pytest.mark.parametrize("end", ["low", "high"])
@@ -45,6 +48,19 @@ def test_a_density_at_the_end_of_its_range_is_flagged_and_no_other(solution, end
         flagged = ["at_bound" in each.flags for each in fit.parts]
         assert flagged == [number == part for number in range(3)]
         assert fit.views_at_bound == ()
+
+
+def test_an_end_of_a_range_that_holds_nothing_off_needs_nobody(solution):
+    stand_ins = solution.problem.stand_ins
+    high = stand_ins.high_g_cm3.copy()
+    high[2] = solution.density_g_cm3[2]
+    problem = replace(solution.problem, stand_ins=replace(stand_ins, high_g_cm3=high))
+    fit = judge(replace(solution, problem=problem))
+    assert [set(each.flags) & {"at_bound", "at_range_end"} for each in fit.parts] == [
+        set(),
+        set(),
+        {"at_range_end"},
+    ]
 
 
 def test_what_is_lighter_than_its_material_can_be_is_porous(solution):

@@ -41,6 +41,8 @@ POSTERIOR_SCALE: Final = 0.7
 makes the deviations right on simulated objects (48 of them, which are not in the evaluation)."""
 LOWERED: Final = 0.99
 """Of the probability before the images: less is not rounding."""
+HELD_SDS: Final = 1.0
+"""An end of a range that holds densities off by less is no news: their deviations say so."""
 TOP: Final = 3
 
 
@@ -129,8 +131,7 @@ def judge(solution: Solution) -> PolyFit:
     by_filter = np.outer(known.by_filter_g_cm3, known.by_filter_g_cm3)
     covariance = POSTERIOR_SCALE**2 * known.covariance + np.diag(extra) + by_filter
     sd = np.sqrt(covariance.diagonal())
-    at_bound = _at_bound(solution)[: len(parts)]
-    raised = _raised(known, density, sd, at_bound, solution.minimum.converged)
+    raised = _raised(known, density, sd, _held_sds(solution, sd), solution.minimum.converged)
     found = []
     for number, (part, source) in enumerate(zip(parts, _sources(known), strict=True)):
         materials = _materials(solution, number)
@@ -150,11 +151,11 @@ def _raised(
     known: Diagnosis,
     density: Float64[np.ndarray, "k"],
     sd: Float64[np.ndarray, "k"],
-    at_bound: Bool[np.ndarray, "k"],
+    held_sds: Float64[np.ndarray, "k"],
     converged: bool,
 ) -> dict[str, Bool[np.ndarray, "k"]]:
     """Which parts each flag is raised for."""
-    apart = known.apart_g_cm3
+    apart, clear = known.apart_g_cm3, np.maximum(known.outline_share, known.dark_share) <= MOST
     return {
         "hidden": ~known.met,
         "prior_dominated": known.told_by_images < TOLD,
@@ -163,7 +164,8 @@ def _raised(
         "starved": known.dark_share > MOST,
         "unstable": (apart > UNSTABLE_SHARE * density)
         & (apart > UNSTABLE_SDS * known.apart_sd_g_cm3),
-        "at_bound": at_bound & (np.maximum(known.outline_share, known.dark_share) <= MOST),
+        "at_bound": (held_sds > HELD_SDS) & clear,
+        "at_range_end": (held_sds <= HELD_SDS) & clear,
         "not_converged": np.full(len(density), not converged),
     }
 
@@ -176,6 +178,30 @@ def _at_bound(solution: Solution) -> Bool[np.ndarray, "u"]:
         stray = problem.nuisances(number).start + 1 + np.arange(NUISANCES - 1)
         found[stray] &= problem.settings.stray & (unknowns[stray] > 0)
     return found
+
+
+def _held_sds(solution: Solution, sd: Float64[np.ndarray, "k"]) -> Float64[np.ndarray, "k"]:
+    """How far densities would go if a bound that one of them ended at were not there.
+
+    One Gauss-Newton step of it and of all unknowns that ended at none.
+
+    Returns
+    -------
+    Float64[np.ndarray, "k"]
+        For each part the farthest of the densities, in their standard deviations; not a number for
+        those that ended at no bound.
+    """
+    parts, unknowns, here = len(sd), solution.minimum.unknowns, solution.minimum.evaluation
+    prior = solution.problem.prior
+    ended = (unknowns <= prior.low) | (unknowns >= prior.high)
+    held = np.full(parts, np.nan)
+    for part in np.flatnonzero(ended[:parts]):
+        free = ~ended
+        free[part] = True
+        step = np.zeros(len(unknowns))
+        step[free] = -np.linalg.solve(here.hessian[np.ix_(free, free)], here.gradient[free])
+        held[part] = (abs(step[:parts]) / sd).max()
+    return held
 
 
 def _porous(solution: Solution, number: int, most_g_cm3: float) -> bool:
