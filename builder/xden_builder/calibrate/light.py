@@ -73,7 +73,10 @@ class LitImage:
         """Stray light at each reading by :data:`STRAY_TERMS`, in shares of the open field.
 
         Scatter and glare as the fit of objects has them, so that their amplitudes can be compared.
+        Means over all pixels that were read: beside air, glare is far from linear.
         """
+        regions = [reading.region for reading in self.image.readings]
+        sizes = np.array([len(region) for region in regions])
         groups = energy_groups(response.tube, response.detector)
         compositions = self._compositions()
         found = stray_light(
@@ -83,10 +86,12 @@ class LitImage:
             np.stack([groups.mac_cm2_g(each) for each in compositions]),
             np.stack([groups.scattering_cm2_g(each) for each in compositions]),
             np.array([wedge.density_g_cm3 for wedge in self.image.wedges]),
-            self.pixels,
-            self.transmission,
+            np.concatenate(regions),
+            np.repeat(self.transmission, sizes),
         )
-        return np.column_stack([found, np.ones(len(found))])
+        starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+        means = np.add.reduceat(found, starts, axis=0) / sizes[:, None]
+        return np.column_stack([means, np.ones(len(means))])
 
     def _slopes(self) -> Float64[np.ndarray, "n"]:
         rows, columns = (each.astype(float) for each in self._rows_columns())

@@ -39,7 +39,7 @@ _FAINT: Final = 0.005
 """Of the open field: where stray light rules, order and evenness say nothing."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Reading:
     """The mean over one step, or over a cell of air.
 
@@ -51,6 +51,8 @@ class Reading:
         Way of the rays through the step; 0 in air.
     pixel
         Flat index of its middle.
+    region
+        Flat indices of all that was read; of air its middle alone, where light hardly varies.
     transmission, sd
         Mean, and its standard deviation by the spread of its pixels.
     """
@@ -59,6 +61,7 @@ class Reading:
     step: int
     path_cm: float
     pixel: int
+    region: Int64[np.ndarray, "_n"]
     transmission: float
     sd: float
 
@@ -122,7 +125,8 @@ def _read_wedge(view: XRayView, place: int, wedge: Wedge) -> list[Reading]:
         where = f"{wedge.name}, step {step + 1} at row {row:g}, column {column:g}"
         if inside is None:
             raise DataError(f"{where}: lies outside of the image, {view.geometry.shape}")
-        values = view.transmission[inside & view.valid].astype(np.float64)
+        region = np.flatnonzero(inside & view.valid)
+        values = view.transmission.flat[region].astype(np.float64)
         if len(values) < LEAST_PIXELS:
             raise DataError(f"{where}: {len(values)} valid pixels, expected {LEAST_PIXELS} or more")
         mean, sd = float(values.mean()), float(values.std(ddof=1))
@@ -133,7 +137,7 @@ def _read_wedge(view: XRayView, place: int, wedge: Wedge) -> list[Reading]:
             )
         pixel = int(np.ravel_multi_index((round(row), round(column)), view.geometry.shape))
         path_cm = thickness_cm * float(_obliquity(view.geometry, np.array([pixel]))[0])
-        found.append(Reading(place, step, path_cm, pixel, mean, _sd_of_mean(values)))
+        found.append(Reading(place, step, path_cm, pixel, region, mean, _sd_of_mean(values)))
     return found
 
 
@@ -248,7 +252,8 @@ def _air(view: XRayView, cell: tuple[slice, slice], air: Mask) -> Reading:
     values = view.transmission[cell][air[cell]].astype(np.float64)
     middle = tuple((side.start + side.stop) // 2 for side in cell)
     pixel = int(np.ravel_multi_index(middle, air.shape))
-    return Reading(-1, -1, 0.0, pixel, float(values.mean()), _sd_of_mean(values))
+    mean, region = float(values.mean()), np.array([pixel])
+    return Reading(-1, -1, 0.0, pixel, region, mean, _sd_of_mean(values))
 
 
 def _sd_of_mean(values: Float[np.ndarray, "n"]) -> float:
