@@ -244,7 +244,22 @@ def scanner_files(draw: st.DrawFn) -> ScannerFile:
             filtration_cm=st.dictionaries(filters, st.just(0.0) | positive, max_size=2),
         ),
     )
-    detectors = st.builds(Detector, names | st.just(""), st.none() | st.integers(1, 32))
+    layers = st.none() | positive
+    detectors = st.one_of(
+        st.builds(
+            Detector,
+            names | st.just(""),
+            st.none() | st.integers(1, 32),
+            layers,
+            st.none() | st.floats(0, 1),
+        ),
+        st.builds(
+            Detector,
+            st.just("CdTe-counting"),
+            layer_g_cm2=layers,
+            threshold_kev=st.none() | positive,
+        ),
+    )
     any_view = st.builds(lambda view, role: replace(view, **role), counts | others, roles)
     views = st.dictionaries(names, any_view, min_size=1, max_size=3)
     return ScannerFile(draw(views), draw(tubes), draw(detectors))

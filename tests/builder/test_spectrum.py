@@ -25,6 +25,7 @@ from xden_builder.physics.spectrum import (
     tube_spectrum,
 )
 from xden_builder.physics.spectrum.make_tables import made_fluence
+from xden_builder.physics.spectrum.panels import taken_up
 from xden_builder.physics.spectrum.tables import TABLE_KV, TABLE_SLOPES, bare_fluence
 
 TUBE = Tube(kv=100.0, mas=126.0, filtration_cm={"Al": 0.25})
@@ -184,6 +185,40 @@ def test_scintillator_stops_more_above_its_edges() -> None:
     assert above > below
     with pytest.raises(DataError, match="unknown scintillator 'NaI'; known are"):
         absorbed_share(np.array([50.0]), "NaI")
+
+
+def test_fluorescence_that_escapes_is_lost_above_the_edge_alone() -> None:
+    energies_kev = np.array([30.0, 49.0, 51.0, 80.0])
+    kept, all_of = (
+        taken_up(energies_kev, Detector("GOS", escape=escape)) for escape in (0.3, None)
+    )
+    assert kept[:2].tolist() == all_of[:2].tolist()
+    # of 51 keV nearly all are stopped by the K shell of gadolinium, which sends on 43 keV of most
+    assert kept[2] / all_of[2] == pytest.approx(1 - 0.3 * 0.67, abs=0.03)
+    assert kept[2] / all_of[2] < kept[3] / all_of[3] < 1
+
+
+def test_photons_below_the_threshold_hardly_count() -> None:
+    energies_kev = np.array([20.0, 30.0, 40.0])
+    counted = taken_up(energies_kev, Detector("CdTe-counting", threshold_kev=30.0))
+    stopped = absorbed_share(energies_kev, "CdTe-counting")
+    assert (counted / stopped) == pytest.approx([0.0, 0.5, 1.0], abs=1e-4)
+
+
+def test_light_behind_steel_rises_evenly_with_the_voltage() -> None:
+    steel = 7.87 * mac_cm2_g(IRON, SPECTRUM.energies_kev)
+    kv = np.arange(95.0, 100.01, 0.1)
+    through = np.log(
+        [
+            (spectrum := tube_spectrum(replace(TUBE, kv=float(each)))).transmission(
+                steel[: len(spectrum.energies_kev)]
+            )
+            for each in kv.round(1)
+        ]
+    )
+    steps = np.diff(through)
+    assert steps.min() > 0
+    assert steps.max() < 1.3 * steps.min()
 
 
 @pytest.mark.parametrize(
