@@ -94,6 +94,16 @@ def test_too_few_steps_leave_the_voltage_at_its_prior():
     assert fit.response.tube.kv == pytest.approx(TOLD.kv, abs=1.5)
 
 
+def test_one_plate_before_two_tubes_is_refused():
+    other = replace(TRUE, filtration_cm={"Al": 0.25, "Cu": 0.03})
+    images = [
+        read_image_steps(seen(painted(tube, gain=gain)), wedges(view=view))
+        for view, tube, gain in (("pa", TRUE, 1.0), ("lat", other, 1.02))
+    ]
+    with pytest.raises(DataError, match=r"the same steps differ by .* sd: expected one tube"):
+        fit_spectrum(images, Response(TOLD, CSI))
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [

@@ -2,6 +2,7 @@
 
 import gc
 import hashlib
+import json
 import os
 import shutil
 import subprocess
@@ -16,11 +17,14 @@ from click.testing import CliRunner
 
 from tests.builder.folders import contents
 from tests.disks import full_disk
+from tests.waiting import until
 from xden1k.errors import DataError
 from xden1k.folder import exclusive, place
 from xden1k.folder.place import publish, staging
 from xden_builder.cli import cli
 from xden_builder.phantoms import write_captures
+from xden_builder.phantoms.scanner import Scanner
+from xden_builder.pipeline.beam import BEAM_NAME
 from xden_builder.pipeline.run import build, work_folder
 from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.workers import run_each
@@ -134,6 +138,30 @@ def test_twenty_kills_lose_nothing_and_show_nothing_half_written(captures, built
     assert sorted(path.name for path in tmp_path.iterdir()) == ["dataset", "dataset.work"]
     left = {path.name for path in work_folder(out).iterdir()}
     assert left == {path.name for path in work_folder(built).iterdir()}
+
+
+@pytest.mark.slow
+def test_kills_while_the_filter_of_the_folder_is_sought_change_no_byte_of_it(tmp_path):
+    captures, whole, out = (tmp_path / name for name in ("captures", "whole", "dataset"))
+    tube = Scanner.realistic()
+    write_captures(captures, len(CATEGORIES), 3, size=64, categories=CATEGORIES, scanner=tube)
+    build(captures, whole, BuildSettings(), workers=2)
+    found = (work_folder(whole) / BEAM_NAME).read_bytes()
+    assert any(each["clues"] for each in json.loads(found)["objects"].values())
+    chance, killed = np.random.default_rng(14), 0
+    for _ in range(5):
+        (work_folder(out) / BEAM_NAME).unlink(missing_ok=True)
+        with start_run(captures, out) as run:
+            until(lambda: work_folder(out).is_dir() or run.poll() is not None)
+            time.sleep(chance.uniform(0, 3))
+            killed += run.poll() is None and not (work_folder(out) / BEAM_NAME).exists()
+            run.kill()
+        left = work_folder(out) / BEAM_NAME
+        assert not left.exists() or left.read_bytes() == found
+    assert killed, "no run was killed before its filter was found"
+    build(captures, out, BuildSettings(), workers=2)
+    assert (work_folder(out) / BEAM_NAME).read_bytes() == found
+    assert contents(out) == contents(whole)
 
 
 @pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")  # a full disk takes no close

@@ -55,6 +55,21 @@ class LitImage:
         return np.array([reading.pixel for reading in self.image.readings])
 
     @property
+    def steps(self) -> dict[tuple[str, str, int, float], int]:
+        """Place among the readings of each step that is told from all others of the image.
+
+        By scan, material, number and thickness.
+        """
+        found: dict[tuple[str, str, int, float], list[int]] = {}
+        for at, reading in enumerate(self.image.readings):
+            if reading.wedge >= 0:
+                wedge = self.image.wedges[reading.wedge]
+                thick = wedge.thickness_cm[reading.step]
+                key = wedge.scan, wedge.material.name, reading.step, thick
+                found.setdefault(key, []).append(at)
+        return {key: places[0] for key, places in found.items() if len(places) == 1}
+
+    @property
     def places_cm(self) -> Float64[np.ndarray, "n 3"]:
         """Where each reading is on the panel."""
         rows, columns = (each.astype(float) for each in self._rows_columns())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -39,7 +40,10 @@ SMALL_GAIN: Final = 1e-5
 """Relative, of the sum of squares: far below what a standard deviation changes."""
 MOST_STEPS: Final = 300
 MOST_RMS_SD: Final = 3.0
-"""Of the readings of one image: beyond it no spectrum explains them."""
+"""Of the readings of one image, and between two images of one plate: beyond it no spectrum explains
+them, and not one beam."""
+SAME_SD: Final = 0.002
+"""Of a reading against that of the same step in another image."""
 _STEP: Final = 1e-3
 """Of differences, in standard deviations of the prior."""
 
@@ -124,7 +128,9 @@ def fit_spectrum(images: Sequence[ImageReadings], told: Response) -> SpectrumFit
     found, stray = told, tuple(np.full(len(image.readings), FIRST_STRAY) for image in images)
     for _ in range(PASSES):
         shapes = tuple(each.stray(found) for each in lit)
-        errors = tuple(_errors(*pair) for pair in zip(lit, stray, strict=True))
+        errors = tuple(
+            np.linalg.cholesky(_covariance(*pair)) for pair in zip(lit, stray, strict=True)
+        )
         problem = _Problem(lit, told, terms, shapes, errors)
         values = problem.solve(found)
         found = told.having(terms, values)
@@ -140,18 +146,14 @@ def _refuse_unknown_voltage(kv: float | None) -> None:
         raise DataError(f"scanner.toml: tube.kv must be {low:g} to {high:g}, got {kv:g}")
 
 
-def _errors(image: LitImage, stray: Readings) -> Float64[np.ndarray, "n n"]:
-    """Errors of readings and of the model: those of steps alone, those of stray light alike.
-
-    Returns
-    -------
-    Float64[np.ndarray, "n n"]
-        Lower triangle whose square is the covariance.
-    """
-    own = (RELATIVE_SD * image.transmission) ** 2 + ABSOLUTE_SD**2 + image.sd**2
+def _covariance(
+    image: LitImage, stray: Readings, relative_sd: float = RELATIVE_SD
+) -> Float64[np.ndarray, "n n"]:
+    """Errors of readings and of the model: those of steps alone, those of stray light alike."""
+    own = (relative_sd * image.transmission) ** 2 + ABSOLUTE_SD**2 + image.sd**2
     apart = np.linalg.norm(image.places_cm[:, None] - image.places_cm, axis=2) / STRAY_SHAPE_CM
     alike = STRAY_SHAPE_SD**2 * np.outer(stray, stray) * np.exp(-(apart**2) / 2)
-    return np.linalg.cholesky(alike + np.diag(own))
+    return np.asarray(alike + np.diag(own))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -261,6 +263,8 @@ class _Problem:
         lights = self.lights(values)
         for at, image in zip(lights, self.images, strict=True):
             _refuse_unexplained(at, image)
+        for (one, image), (other, again) in combinations(zip(lights, self.images, strict=True), 2):
+            _refuse_two_beams(one, image, other, again)
         covariance = self._covariance(values, lights)
         off = np.concatenate(
             [
@@ -334,6 +338,24 @@ def _refuse_unexplained(at: _Light, image: LitImage) -> None:
         f"step {worst.step + 1}: expected this material, these thicknesses, and one tube for all "
         "images"
     )
+
+
+def _refuse_two_beams(one: _Light, image: LitImage, other: _Light, again: LitImage) -> None:
+    """Refuse one plate's images if its steps let other shares pass; their errors are the same."""
+    both = sorted(image.steps.keys() & again.steps.keys())
+    if not both:
+        return
+    here, there = ([each.steps[step] for step in both] for each in (image, again))
+    off = (image.transmission / one.gain - one.direct - one.stray)[here]
+    off -= (again.transmission / other.gain - other.direct - other.stray)[there]
+    covariance = _covariance(image, one.stray, SAME_SD)[np.ix_(here, here)]
+    covariance += _covariance(again, other.stray, SAME_SD)[np.ix_(there, there)]
+    sds = float(np.sqrt(off @ np.linalg.solve(covariance, off) / len(off)))
+    if sds > MOST_RMS_SD:
+        raise DataError(
+            f"{image.image.name} and {again.image.name}: the same steps differ by {sds:.1f} sd: "
+            "expected one tube, one voltage and one filter for all images"
+        )
 
 
 def _light(
