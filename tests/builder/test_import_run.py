@@ -61,7 +61,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 
     def survey(given: PublishedObject) -> Survey:
         done.surveyed.append(given.object_id)
-        part = PartSeen("body", 1.0, 10.0, [[1.0]] * 3, [[1.0]] * 3, [1] * 3)
+        part = PartSeen("body", "mug", 1.0, 10.0, *[[[1.0]] * 3] * 2, [[1.0, 1.0]] * 3, [1] * 3)
         sides = (1.0, 2.0, 3.0)
         return Survey(given.object_id, [[0.5]], sides, sides, sides, sides, sides, (part,))
 

@@ -17,8 +17,15 @@ from xden_builder.published.beam import Beam, PartRays, fitted_depth
 from xden_builder.published.convention import vote
 from xden_builder.published.copies import copies
 from xden_builder.published.density import estimate
-from xden_builder.published.hypotheses import Hypotheses, families_of, hypotheses
-from xden_builder.published.likelihood import BEYOND, log_evidence, log_sd, reached
+from xden_builder.published.hypotheses import Hypotheses, families_of, hypotheses, usual_families
+from xden_builder.published.likelihood import (
+    BEYOND,
+    FAINT_SD,
+    beside,
+    log_evidence,
+    log_sd,
+    reached,
+)
 from xden_builder.published.orientation import ORIENTATIONS
 from xden_builder.published.release_fit import (
     BeamFit,
@@ -32,8 +39,11 @@ from xden_builder.published.survey import PartSeen, Survey
 BEAM = Beam(filter_mm_al=4.0, stray=0.02, knee=2.1, spread=1.0, axes=(0, 1))
 
 
-def slab(thickness_cm: float, clear: float = 1.0, volume_cm3: float = 1.0) -> PartRays:
-    return PartRays(np.full(4, thickness_cm), np.full(4, clear), np.full(4, 0.25), volume_cm3)
+def slab(
+    thickness_cm: float, clear: float = 1.0, volume_cm3: float = 1.0, narrow_cm: float = 3.0
+) -> PartRays:
+    quarters = np.full(4, 0.25)
+    return PartRays(np.full(4, thickness_cm), np.full(4, clear), quarters, volume_cm3, narrow_cm)
 
 
 def one(material: str) -> Hypotheses:
@@ -48,7 +58,10 @@ def lac_of(material: str, rays: PartRays) -> float:
 
 @cache
 def survey() -> Survey:
-    part = PartSeen("cap", 0.2, 1000.0, [[10.0] * 8] * 3, [[0.0] * 8] * 3, [100, 100, 100])
+    part = PartSeen(
+        *("cap", "bottle", 0.2, 1000.0, [[10.0] * 8] * 3, [[0.0] * 8] * 3),
+        *([[10.0, 10.0]] * 3, [100, 100, 100]),
+    )
     scores = [[0.5] * 48 for _ in range(2)]
     scores[0][0] = 0.9
     sides = (2.0, 1.0, 1.0), (100.0, 50.0, 50.0), (20.0, 10.0, 10.0), (0.8, 0.4, 0.4)
@@ -90,22 +103,69 @@ def test_aluminium_is_told_from_steel_by_its_attenuation_and_thickness():
 
 def test_the_fit_finds_ever_less_of_what_is_darker_but_never_less_than_of_the_lighter():
     depth = np.geomspace(0.01, 100.0, 50)
-    open_, hidden = (reached(depth, 1.0, clear, BEAM.knee) for clear in (1.0, 0.1))
-    assert (np.diff(open_) > 0).all()
-    assert (np.diff(open_ / depth) < 0).all()
-    assert (hidden <= open_).all()
-    assert (reached(depth, 0.1, 1.0, BEAM.knee) <= open_).all()
-    assert open_[-1] / open_[-2] == pytest.approx((depth[-1] / depth[-2]) ** BEYOND, rel=1e-3)
+    wide, narrow = (reached(depth, narrow_cm, BEAM.knee) for narrow_cm in (1.0, 0.1))
+    assert (np.diff(wide) > 0).all()
+    assert (np.diff(wide / depth) < 0).all()
+    assert (narrow <= wide).all()
+    assert wide[-1] / wide[-2] == pytest.approx((depth[-1] / depth[-2]) ** BEYOND, rel=1e-3)
+
+
+def evidence_lost(factor: float, clear: float) -> float:
+    """How much less probable water's coefficient is than itself times a factor."""
+    rays, tried = slab(1.0, clear), one("water")
+    depth = fitted_depth(rays, tried, BEAM.filter_mm_al, BEAM.stray)
+    right, wrong = (
+        log_evidence(each * depth[0], rays, tried, depth, BEAM) for each in (1.0, factor)
+    )
+    return right - wrong
 
 
 def test_a_gross_error_does_not_outweigh_all_else_that_is_known():
-    rays, tried = slab(1.0), one("water")
-    depth = fitted_depth(rays, tried, BEAM.filter_mm_al, BEAM.stray)
-    right, wrong = (
-        log_evidence(factor * depth[0], rays, tried, depth, BEAM) for factor in (1.0, 3.0)
-    )
-    normal = (np.log(3.0) / log_sd(depth, 1.0, BEAM.spread)[0]) ** 2 / 2
-    assert right - wrong < normal / 5
+    assert evidence_lost(3.0, clear=0.5) < 15
+    assert evidence_lost(1 / 3.0, clear=1.0) < 8
+
+
+def test_nothing_adds_to_what_a_part_attenuates_where_nothing_else_is_on_the_way():
+    assert evidence_lost(3.0, clear=1.0) > 2 * evidence_lost(3.0, clear=0.5)
+    found = estimate(1.3, "", slab(10.0, volume_cm3=3700.0, narrow_cm=15.0), BEAM)
+    assert found.density_g_cm3 > 2  # heavy as it is, rather than a foam's that errs by 50
+
+
+def test_what_is_heavy_by_its_kind_is_not_taken_for_light_for_being_heavy():
+    rays = slab(10.0, volume_cm3=3700.0, narrow_cm=15.0)
+    thing, weight = (estimate(1.3, name, rays, BEAM) for name in ("", "kettlebell"))
+    assert weight.density_g_cm3 + weight.sd_g_cm3 > 7.5
+    assert weight.density_g_cm3 > thing.density_g_cm3
+
+
+def test_an_error_that_adds_is_as_many_deviations_in_the_logarithm_as_in_the_depth():
+    rays = PartRays(*[np.ones(1)] * 3, volume_cm3=1.0, narrow_cm=1e6)
+    faint, found = np.array([1e-3]), 0.5
+    off = np.log(found / faint) / log_sd(faint, found, rays, BEAM.spread)
+    assert 0.5 * (found - faint) / FAINT_SD < off < (found - faint) / FAINT_SD
+
+
+def test_a_blade_that_the_mesh_may_miss_says_less_than_a_plate():
+    plate, blade = (estimate(0.3, "", slab(1.0, narrow_cm=cm), BEAM) for cm in (3.0, 0.1))
+    assert blade.sd_g_cm3 > 2 * plate.sd_g_cm3
+    named = estimate(0.3, "blade", slab(1.0, narrow_cm=0.1), BEAM)
+    assert named.density_g_cm3 + named.sd_g_cm3 > 6
+
+
+def test_a_share_of_open_light_explains_any_lower_depth_once():
+    found, depth = np.geomspace(1e-6, 2.0, 4000), np.full(1, 2.0)
+    density = [float(beside(value, depth)[0]) for value in found.tolist()]
+    assert np.trapezoid(density, np.log(found)) == pytest.approx(1.0, abs=0.01)
+    assert beside(2.1, depth)[0] == 0
+
+
+def test_a_category_speaks_for_what_its_things_are_made_of():
+    assert usual_families("tea_cup") == {"ceramic"}
+    assert usual_families("gadget") == frozenset()
+    rays = slab(0.5)
+    lac_per_cm = lac_of("porcelain", rays)
+    plain, told = (estimate(lac_per_cm, "", rays, BEAM, (), kind) for kind in ("", "mug"))
+    assert told.density_g_cm3 <= plain.density_g_cm3
 
 
 def test_a_coefficient_behind_a_wall_says_little():

@@ -43,7 +43,7 @@ class Beam:
     stray
         Stray light as a share of the open field.
     knee
-        Depth, coefficient times way, beyond which the fit finds ever less of a part of 1 cm; see
+        Depth, coefficient times way, beyond which the fit finds ever less of what is 1 cm wide; see
         :func:`xden_builder.published.likelihood.reached`.
     spread
         How much wider than a light part's a strong absorber's coefficient scatters; see
@@ -73,12 +73,16 @@ class PartRays:
         Shape (rays,): how many rays each stands for.
     volume_cm3
         Of the part.
+    narrow_cm
+        Width of its shadow where it is narrowest, over the radiographs: so far off a mesh misses
+        it.
     """
 
     paths_cm: Float64[np.ndarray, "rays"]
     others: Float64[np.ndarray, "rays"]
     weights: Float64[np.ndarray, "rays"]
     volume_cm3: float
+    narrow_cm: float
 
     @property
     def mean_cm(self) -> float:

@@ -12,7 +12,13 @@ from jaxtyping import Float64
 from xden1k.values.materials import load_materials
 from xden1k.values.types import DensitySource
 from xden_builder.published.beam import Beam, PartRays, fitted_depth
-from xden_builder.published.hypotheses import Hypotheses, families_of, hypotheses, log_prior
+from xden_builder.published.hypotheses import (
+    Hypotheses,
+    families_of,
+    hypotheses,
+    log_prior,
+    usual_families,
+)
 from xden_builder.published.likelihood import log_likelihood
 
 __all__ = ["PartEstimate", "estimate"]
@@ -62,6 +68,7 @@ def estimate(
     rays: PartRays,
     beam: Beam,
     copies: Sequence[tuple[float, PartRays]] = (),
+    category: str = "",
 ) -> PartEstimate:
     """Weigh what a part may be.
 
@@ -75,8 +82,10 @@ def estimate(
         Ways through the part, and what they met.
     copies
         Coefficient and rays of other parts of the object that are of the same material.
+    category
+        Of the object; empty where nothing is told.
     """
-    tried = hypotheses(families_of(name))
+    tried = hypotheses(families_of(name), usual_families(category))
     own, off = _weighed(lac_per_cm, rays, tried, beam)
     others = [_weighed(*copy, tried, beam)[0] for copy in copies]
     seen = sum(others, own) / (1 + COMMON * len(others))

@@ -18,7 +18,7 @@ from jaxtyping import Float64, Int64
 from xden1k.values.materials import load_materials
 from xden_builder.poly.materials.candidates import Candidate, candidates
 
-__all__ = ["Hypotheses", "families_of", "hypotheses", "log_prior"]
+__all__ = ["Hypotheses", "families_of", "hypotheses", "log_prior", "usual_families"]
 
 FAMILY_SHARES: Final = MappingProxyType(
     {
@@ -39,7 +39,7 @@ FAMILY_SHARES: Final = MappingProxyType(
 """Of the parts of everyday things (assumed); families that are not here are not tried."""
 USUAL: Final = frozenset(
     {
-        *("steel", "stainless_steel_304", "aluminium", "brass"),
+        *("steel", "stainless_steel_304", "aluminium", "brass", "zamak_3"),
         *("pp", "pe", "hdpe", "ps", "abs", "pvc_soft", "pvc_rigid"),
     }
 )
@@ -50,6 +50,8 @@ LIGHTER: Final = 3.0
 """Mean mass of the parts of what people own and scan, and the power with which heavier ones become
 rarer (assumed): a large body is rather foam or water than steel, whose attenuation looks alike
 where hardly a ray comes through, but a kettlebell is possible."""
+METAL_ALONE: Final = frozenset({"metal"})
+"""Families of a name whose parts are not taken for lighter ones for being heavy."""
 USUAL_CM3: Final = 20.0
 SMALL_DENSER: Final = 0.1
 """Power of volume with which density falls (assumed): small parts are rather screws, springs and
@@ -58,6 +60,8 @@ AGAINST: Final = 0.12
 AGAINST_CLEAR: Final = 0.03
 """Weight of a family that a part's name speaks against, beside 1; the second where the name speaks
 for one family alone."""
+IN_CATEGORY: Final = 3.0
+"""Weight of a family that an object's category is often made of, beside 1 (assumed)."""
 NODES_NARROW: Final = 3
 NODES_WIDE: Final = 7
 """Densities that stand for a candidate's range."""
@@ -81,22 +85,29 @@ class Hypotheses:
         Shape (h,).
     log_prior
         Shape (h,): logarithm of its share.
+    lighter
+        Power with which heavier parts become rarer.
     """
 
     names: tuple[str, ...]
     material: Int64[np.ndarray, "h"]
     density_g_cm3: Float64[np.ndarray, "h"]
     log_prior: Float64[np.ndarray, "h"]
+    lighter: float = LIGHTER
 
 
 @cache
-def hypotheses(families: frozenset[str] = frozenset()) -> Hypotheses:
+def hypotheses(
+    families: frozenset[str] = frozenset(), usual: frozenset[str] = frozenset()
+) -> Hypotheses:
     """List what a part may be.
 
     Parameters
     ----------
     families
         That its name speaks for; empty: it says nothing.
+    usual
+        That things of the object's category are often made of.
 
     Examples
     --------
@@ -114,10 +125,17 @@ def hypotheses(families: frozenset[str] = frozenset()) -> Hypotheses:
     for each in tried:
         family = library[each.material].family
         weight = against if families and family not in families else 1.0
+        weight *= IN_CATEGORY if family in usual else 1.0
         share = weight * FAMILY_SHARES[family] * _share(each) / of_family[family]
         rows += [(names.index(each.material), rho, share * part) for rho, part in _nodes(each)]
     material, density, share = np.array(rows).T
-    return Hypotheses(names, material.astype(np.int64), density, np.log(share / share.sum()))
+    return Hypotheses(
+        names,
+        material.astype(np.int64),
+        density,
+        np.log(share / share.sum()),
+        lighter=0.0 if families == METAL_ALONE else LIGHTER,
+    )
 
 
 def _share(candidate: Candidate) -> float:
@@ -136,7 +154,7 @@ def log_prior(tried: Hypotheses, volume_cm3: float) -> Float64[np.ndarray, "h"]:
     True
     """
     mass_g = tried.density_g_cm3 * volume_cm3
-    heavier = LIGHTER * np.log1p(mass_g / (USUAL_G * (LIGHTER - 1)))
+    heavier = tried.lighter * np.log1p(mass_g / (USUAL_G * (LIGHTER - 1)))
     denser = SMALL_DENSER * np.log(tried.density_g_cm3) * np.log(volume_cm3 / USUAL_CM3)
     weight = tried.log_prior - heavier - denser
     return np.asarray(weight - np.logaddexp.reduce(weight))
@@ -153,8 +171,8 @@ def _nodes(candidate: Candidate) -> list[tuple[float, float]]:
 
 
 @cache
-def _words() -> Mapping[str, frozenset[str]]:
-    text = (files(__package__) / "words.csv").read_text(encoding="utf-8")
+def _words(table: str) -> Mapping[str, frozenset[str]]:
+    text = (files(__package__) / table).read_text(encoding="utf-8")
     rows = csv.DictReader(text.splitlines())
     return {row["word"]: frozenset(row["families"].split()) for row in rows}
 
@@ -167,5 +185,32 @@ def families_of(name: str) -> frozenset[str]:
     >>> sorted(families_of("Saw_Blade-2")), sorted(families_of("part_3"))
     (['metal'], [])
     """
-    known = [_words()[word] for word in re.findall("[a-z]+", name.lower()) if word in _words()]
-    return frozenset().union(*known)
+    return _families(name, "words.csv")
+
+
+def usual_families(category: str) -> frozenset[str]:
+    """Families that things of a category are often made of, in whole or in part.
+
+    Read from ``categories.csv``; none where it says nothing.
+
+    Examples
+    --------
+    >>> sorted(usual_families("kettlebell")), sorted(usual_families("power_bank"))
+    (['metal'], ['composite'])
+    """
+    return _families(category, "categories.csv")
+
+
+def _families(name: str, table: str) -> frozenset[str]:
+    """Families of all words of a name, of which several may be meant.
+
+    Examples
+    --------
+    >>> sorted(_families("blades", "words.csv")), sorted(_families("glass", "words.csv"))
+    (['metal'], ['glass', 'polymer'])
+    """
+    known = _words(table)
+    words = re.findall("[a-z]+", name.lower())
+    return frozenset().union(
+        *(known.get(word, known.get(word.removesuffix("s"), ())) for word in words)
+    )

@@ -11,39 +11,45 @@ from jaxtyping import Float64
 from xden_builder.published.beam import Beam, PartRays
 from xden_builder.published.hypotheses import Hypotheses, log_prior
 
-__all__ = ["log_evidence", "log_likelihood", "log_sd", "reached"]
+__all__ = ["beside", "log_evidence", "log_likelihood", "log_sd", "reached"]
 
 BEND: Final = 3.0
 """How sharply depth bends at the knee."""
 BEYOND: Final = 0.4
 """Power of the depth with which the fit's grows beyond it."""
-DARKER: Final = 0.25
-"""Power of the transmission of all else with which the knee sinks: less light is left to see by."""
-THICKER: Final = 0.3
-"""Power of the mean way, in cm, with which it rises: meshes lie off their shadows by as much
-everywhere, which leaves less of thin parts."""
+WIDER: Final = 0.7
+"""Power of the width of the shadow, in cm, with which the knee rises: meshes lie off their shadows
+by as much everywhere, and the light beside a narrow one is then taken to have come through it."""
 LIGHT_SD: Final = 0.03
 """Standard deviation of the logarithm of a coefficient that nothing disturbs."""
-DEPTH_SD: Final = 0.10
+DEPTH_SD: Final = 0.065
 """What each unit of depth, coefficient times way, adds, times the beam's ``spread``."""
-HIDDEN_SD: Final = 0.17
+HIDDEN_SD: Final = 0.14
 """What other parts on the way add, for each unit of their depth."""
-FAINT_SD: Final = 0.016
+FAINT_SD: Final = 0.015
 """What scatter and the open field add, as a depth."""
-FREEDOM: Final = 2.5
+OFF_CM: Final = 0.08
+"""How far a mesh lies off its shadow, as a part of whose width it adds."""
+FREEDOM: Final = 3.0
 """Degrees of freedom of Student's t, which the errors follow: a few are gross, and the others
 smaller than a normal distribution with these would have them."""
-LOST_CM: Final = 0.1
-LEAST_LOST: Final = 0.1
-MOST_LOST: Final = 0.5
-"""Share of strong absorbers that the fit hardly found, by the ratio of how far meshes lie off
-their shadows to the mean way, at least and at most."""
-LOST_RANGE: Final = 4.0
-"""Of the logarithms that their coefficients fall below what is expected."""
+LEAST_HIDDEN: Final = 0.3
+"""Share of the light that others take, at least, by which the freedom of errors upwards is divided:
+where nothing else is on the way, little can add to what a part attenuates but a mesh that is
+thinner than the part."""
+NEAR: Final = 1e-9
+MISSED_CM: Final = 0.025
+LEAST_MISSED: Final = 0.02
+MOST_MISSED: Final = 0.5
+"""Share of parts of which the mesh misses the shadow by any part of its width, by the ratio of the
+first to that width, at least and at most."""
+
+LEAST_CHANCE: Final = 1e-200
+"""Of anything: its logarithm is a number."""
 
 
 def reached(
-    depth: Float64[np.ndarray, "h"], mean_cm: float, clear: float, knee: float
+    depth: Float64[np.ndarray, "h"], narrow_cm: float, knee: float
 ) -> Float64[np.ndarray, "h"]:
     """Depth that the fit reaches: a squared loss hardly sees what is darker than its errors.
 
@@ -51,24 +57,23 @@ def reached(
     ----------
     depth
         Of a perfect fit: coefficient times mean way.
-    mean_cm
-        Mean way.
-    clear
-        Transmission of all else on the way.
+    narrow_cm
+        Width of the shadow.
     knee
         Of the beam.
 
     Examples
     --------
-    >>> reached(np.array([0.1, 2.0, 8.0, 32.0]), 1.0, 1.0, 2.0).round(2).tolist()
+    >>> reached(np.array([0.1, 2.0, 8.0, 32.0]), 1.0, 2.0).round(2).tolist()
     [0.1, 1.74, 3.47, 6.06]
     """
-    knee *= clear**DARKER * mean_cm**THICKER
-    return np.asarray(depth / (1 + (depth / knee) ** BEND) ** ((1 - BEYOND) / BEND))
+    return np.asarray(
+        depth / (1 + (depth / (knee * narrow_cm**WIDER)) ** BEND) ** ((1 - BEYOND) / BEND)
+    )
 
 
 def log_sd(
-    depth: Float64[np.ndarray, "h"], clear: float, spread: float
+    depth: Float64[np.ndarray, "h"], found: float, rays: PartRays, spread: float
 ) -> Float64[np.ndarray, "h"]:
     """Return the scale by which logarithms of a coefficient scatter.
 
@@ -76,18 +81,36 @@ def log_sd(
     ----------
     depth
         That the fit reaches.
-    clear
-        Transmission of all else on the way.
+    found
+        Depth that was found.
+    rays
+        Through the part.
     spread
         Of the beam.
 
     Examples
     --------
-    >>> log_sd(np.array([0.2, 3.0]), 1.0, 1.0).round(2).tolist()
-    [0.09, 0.3]
+    >>> wide = PartRays(np.ones(1), np.ones(1), np.ones(1), 1.0, 10.0)
+    >>> log_sd(np.array([0.2, 3.0]), 0.2, wide, 1.0).round(2).tolist()
+    [0.08, 0.2]
     """
-    disturbed = np.hypot(LIGHT_SD, HIDDEN_SD * np.log(clear))
-    return np.asarray(np.hypot(np.hypot(disturbed, DEPTH_SD * spread * depth), FAINT_SD / depth))
+    disturbed = math.hypot(LIGHT_SD, HIDDEN_SD * math.log(rays.clear), OFF_CM / rays.narrow_cm)
+    # of an error that adds, the same number of deviations as the difference itself has
+    added = FAINT_SD * _log_slope(depth, found)
+    return np.asarray(np.hypot(np.hypot(disturbed, DEPTH_SD * spread * depth), added))
+
+
+def _log_slope(depth: Float64[np.ndarray, "h"], found: float) -> Float64[np.ndarray, "h"]:
+    """Mean slope of the logarithm between two depths.
+
+    Examples
+    --------
+    >>> _log_slope(np.array([1.0, 2.0]), 1.0).round(3).tolist()
+    [1.0, 0.693]
+    """
+    apart = found / depth - 1
+    near = np.abs(apart) < NEAR
+    return np.asarray(np.where(near, 1.0, np.log1p(apart) / np.where(near, 1.0, apart)) / depth)
 
 
 def log_likelihood(
@@ -107,20 +130,30 @@ def log_likelihood(
         Of the same filter and stray light.
     """
     found = lac_per_cm * rays.mean_cm
-    expected = reached(depth, rays.mean_cm, rays.clear, beam.knee)
-    sd = log_sd(expected, rays.clear, beam.spread)
+    expected = reached(depth, rays.narrow_cm, beam.knee)
+    sd = log_sd(expected, found, rays, beam.spread)
     off = np.log(found / expected) / sd
-    lost = np.clip(LOST_CM / rays.mean_cm, LEAST_LOST, MOST_LOST) * -np.expm1(-depth / 2)
-    missing = np.log(depth / found)
-    dim = (missing > 0) & (missing < LOST_RANGE)
-    return np.log((1 - lost) * _student(off) / sd + lost * dim / LOST_RANGE), off
+    upwards = FREEDOM / max(1 - rays.clear, LEAST_HIDDEN)
+    seen = np.where(off > 0, _student(off, upwards), _student(off, FREEDOM)) / sd
+    missed = float(np.clip(MISSED_CM / rays.narrow_cm, LEAST_MISSED, MOST_MISSED))
+    chance = (1 - missed) * seen + missed * beside(found, depth)
+    return np.log(np.maximum(chance, LEAST_CHANCE)), off
 
 
-def _student(off: Float64[np.ndarray, "h"]) -> Float64[np.ndarray, "h"]:
+def beside(found: float, depth: Float64[np.ndarray, "h"]) -> Float64[np.ndarray, "h"]:
+    """Probability density of the logarithm of a depth where the mesh misses some of the shadow.
+
+    Of a share f of the mesh's shadow the light is not that of the part, but all of it: the mean
+    transmission is f + (1 - f) exp(-depth), and any f is as likely.
+    """
+    return np.where(found < depth, found * math.exp(-found) / -np.expm1(-depth), 0.0)
+
+
+def _student(off: Float64[np.ndarray, "h"], freedom: float) -> Float64[np.ndarray, "h"]:
     """Probability density of Student's t."""
-    power = (FREEDOM + 1) / 2
-    height = math.gamma(power) / math.gamma(FREEDOM / 2) / math.sqrt(FREEDOM * math.pi)
-    return np.asarray(height * (1 + off**2 / FREEDOM) ** -power)
+    power = (freedom + 1) / 2
+    height = math.exp(math.lgamma(power) - math.lgamma(freedom / 2)) / math.sqrt(freedom * math.pi)
+    return np.asarray(height * (1 + off**2 / freedom) ** -power)
 
 
 def log_evidence(

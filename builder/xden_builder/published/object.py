@@ -116,7 +116,7 @@ def _estimates(
     beam, parts = fit.beam.beam, parts_seen(volume, category)
     seen = [(part.lac_per_cm, part_rays(part, sides, beam.axes)) for part in parts]
     return [
-        estimate(lac_per_cm, part.name, rays, beam, [seen[place] for place in alike])
+        estimate(lac_per_cm, part.name, rays, beam, [seen[place] for place in alike], category)
         for part, (lac_per_cm, rays), alike in zip(parts, seen, copies(parts), strict=True)
     ]
 

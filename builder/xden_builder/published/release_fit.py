@@ -13,7 +13,7 @@ from jaxtyping import Float64
 
 from xden_builder.published.beam import Beam, PartRays, fitted_depth
 from xden_builder.published.convention import Convention, vote
-from xden_builder.published.hypotheses import families_of, hypotheses
+from xden_builder.published.hypotheses import families_of, hypotheses, usual_families
 from xden_builder.published.likelihood import log_evidence
 from xden_builder.published.register import cm_per_unit
 from xden_builder.published.survey import PartSeen, Survey
@@ -22,13 +22,13 @@ __all__ = ["BeamFit", "ReleaseFit", "fit_release", "part_rays", "voxels_cm"]
 
 FILTERS_MM_AL: Final = (1.5, 2.5, 4.0, 7.0, 12.0, 20.0)
 STRAYS: Final = (0.0, 0.02, 0.04)
-KNEES: Final = (1.7, 2.1, 2.6)
+KNEES: Final = (1.2, 1.5, 1.9)
 SPREADS: Final = (0.8, 1.0, 1.25)
 USUAL_MM_AL: Final = 4.0
 USUAL_LOG_SD: Final = 0.5
 """Filtration of a 100 kV tube before any X-ray: 2.5 mm is the least that IEC 60601-1-3 asks for,
 and few add more than as much again (assumed). Parts alone hardly tell 4 from 20 mm."""
-USUAL_KNEE: Final = 2.1
+USUAL_KNEE: Final = 1.5
 USUAL_SPREAD: Final = 1.0
 FIT_LOG_SD: Final = 0.2
 """Knee and spread of the paper's fit to radiographs of a simulated scanner, and how far another
@@ -131,7 +131,14 @@ def part_rays(part: PartSeen, sides_cm: Float64[np.ndarray, "3"], axes: Sequence
     others = np.exp(-np.array(part.others_voxels_per_cm)[chosen] * sides)
     volume_cm3 = float(part.filled_voxels * sides_cm.prod())
     weights = (rays / rays.sum()).ravel()
-    return PartRays((paths * sides).ravel(), others.ravel(), weights, volume_cm3)
+    narrow_cm = 1 / np.average(1 / _narrow_cm(part, sides_cm)[chosen], weights=rays[:, 0])
+    return PartRays((paths * sides).ravel(), others.ravel(), weights, volume_cm3, float(narrow_cm))
+
+
+def _narrow_cm(part: PartSeen, sides_cm: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
+    """Width of the shadow along each axis of the volume, where it is narrower."""
+    across = np.stack([np.delete(sides_cm, axis) for axis in range(3)])
+    return np.asarray((np.array(part.chords_voxels) * across).min(axis=1))
 
 
 def _fit_beam(surveys: Sequence[Survey], convention: Convention) -> BeamFit:
@@ -172,7 +179,7 @@ def _weighed(
     sums = np.array([_log_prior(beam) for beam in beams])
     for part, sides in asked:
         rays = part_rays(part, sides, axes)
-        tried = hypotheses(families_of(part.name))
+        tried = hypotheses(families_of(part.name), usual_families(part.category))
         depth = fitted_depth(rays, tried, filter_mm_al, stray)
         sums += [log_evidence(part.lac_per_cm, rays, tried, depth, beam) for beam in beams]
     return dict(zip(beams, sums.tolist(), strict=True))

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Bool, Float32, Float64
 
 from xden_builder.published import kernels
 from xden_builder.published.fill import fill_mesh
@@ -24,7 +24,7 @@ THREES: Final = ("mesh_extent", "volume_extent", "size_cm", "box_sides", "box_mi
 
 Three = tuple[float, float, float]
 
-__all__ = ["PartSeen", "Survey", "parts_seen", "survey_object"]
+__all__ = ["PartSeen", "Survey", "mean_chords", "parts_seen", "survey_object"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +35,8 @@ class PartSeen:
     ----------
     name
         Of the table, or of what is in one piece its category; empty where neither tells.
+    category
+        Of the object.
     lac_per_cm
         Attenuation coefficient.
     filled_voxels
@@ -42,15 +44,20 @@ class PartSeen:
     paths_voxels, others_voxels_per_cm
         Shape (3, 8): for each axis of the volume the ways through the part of the rays along it, in
         eight classes of as many rays each; and what lies beside it on them, way times coefficient.
+    chords_voxels
+        Shape (3, 2): for each axis how wide the shadow along it is, along either other axis: the
+        mean length of the lines in which they cross it.
     rays
         Shape (3,): how many meet it along each axis.
     """
 
     name: str
+    category: str
     lac_per_cm: float
     filled_voxels: float
     paths_voxels: Sequence[Sequence[float]]
     others_voxels_per_cm: Sequence[Sequence[float]]
+    chords_voxels: Sequence[Sequence[float]]
     rays: Sequence[int]
 
 
@@ -125,7 +132,7 @@ def parts_seen(volume: LabelVolume, category: str) -> tuple[PartSeen, ...]:
     """Measure the parts of a volume, in voxels."""
     along = [_along(volume, axis) for axis in range(3)]
     return tuple(
-        PartSeen(name, lac, size, *zip(*seen, strict=True))
+        PartSeen(name, category, lac, size, *zip(*seen, strict=True))
         for name, lac, size, *seen in zip(
             _told_names(volume, category),
             volume.lac_per_cm.tolist(),
@@ -151,27 +158,44 @@ def _told_names(volume: LabelVolume, category: str) -> tuple[str, ...]:
     return (category,) if len(told) == 1 and not families_of(told[0]) else told
 
 
-def _along(volume: LabelVolume, axis: int) -> list[tuple[list[float], list[float], int]]:
-    """Classes of ways through each part along an axis, what lies beside it, and how many rays."""
+_Seen = tuple[list[float], list[float], list[float], int]
+
+
+def _along(volume: LabelVolume, axis: int) -> list[_Seen]:
+    """Classes of ways through each part along an axis, what lies beside it, chords, and rays."""
     labels, share = np.moveaxis(volume.labels, axis, 2), np.moveaxis(volume.share, axis, 2)
     paths = np.zeros((len(volume.names), *labels.shape[:2]), dtype=np.float32)
     depths = np.zeros(labels.shape[:2], dtype=np.float32)
     kernels.ways(labels, share, volume.lac_per_cm, paths, depths)
     return [
-        _classes(path.ravel(), (depths - lac * path).ravel())
+        _seen(path, depths - lac * path)
         for path, lac in zip(paths, volume.lac_per_cm.tolist(), strict=True)
     ]
 
 
-def _classes(
-    paths: Float32[np.ndarray, "rays"], others: Float32[np.ndarray, "rays"]
-) -> tuple[list[float], list[float], int]:
-    """Means of the rays that meet a part, the shortest ways first."""
-    met = np.flatnonzero(paths)
-    order = met[np.argsort(paths[met], kind="stable")]
+def _seen(path: Float32[np.ndarray, "u v"], others: Float32[np.ndarray, "u v"]) -> _Seen:
+    """Means of the rays that meet a part, the shortest ways first, and the size of its shadow."""
+    shadow = path > 0
+    met = np.flatnonzero(shadow)
+    order = met[np.argsort(path.ravel()[met], kind="stable")]
     groups = np.array_split(order, CLASSES) if len(order) >= CLASSES else [order] * CLASSES
-    means = [[float(values[group].mean()) for group in groups] for values in (paths, others)]
-    return means[0], [max(value, 0.0) for value in means[1]], len(met)
+    ways, beside = (
+        [float(values.ravel()[group].mean()) for group in groups] for values in (path, others)
+    )
+    return ways, [max(value, 0.0) for value in beside], mean_chords(shadow), len(met)
+
+
+def mean_chords(shadow: Bool[np.ndarray, "u v"]) -> list[float]:
+    """Mean length of the lines along either axis in which they cross a shadow, in pixels.
+
+    Examples
+    --------
+    >>> mean_chords(np.ones((8, 2), dtype=bool))
+    [8.0, 2.0]
+    """
+    padded = np.pad(shadow, 1)
+    ends = [int((np.diff(padded, axis=axis)).sum()) for axis in (0, 1)]
+    return [2 * int(shadow.sum()) / count for count in ends]
 
 
 def _three(values: Float64[np.ndarray, "3"]) -> Three:
