@@ -32,6 +32,9 @@ INFORMED: Final = 0.5
 CLEAR: Final = 0.8
 """Probability from which a material, or a family, is named."""
 UNCERTAIN: Final = 0.10
+FAR: Final = 0.2
+FAR_CHANCE: Final = 0.1
+"""Share by which a density must be off, and how likely, for its material to be ambiguous."""
 UNLIKE_SD: Final = 3.0
 """Standard deviations that a coefficient may be off the chosen material's."""
 
@@ -95,6 +98,7 @@ def estimate(
     low, density, high = _quantiles(tried.density_g_cm3, chance)
     prior_low, _, prior_high = _quantiles(tried.density_g_cm3, prior)
     sd = max((high - low) / 2, LEAST_SD * density)
+    far = np.abs(tried.density_g_cm3 / density - 1) > FAR
     by_material = _summed(tried, chance)
     return PartEstimate(
         density,
@@ -102,7 +106,7 @@ def estimate(
         "xray" if sd < INFORMED * (prior_high - prior_low) / 2 else "prior",
         _named(by_material),
         dict(list(by_material.items())[:3]),
-        _flags(sd / density, float(off[chance.argmax()])),
+        _flags(sd / density, float(chance[far].sum()), float(off[chance.argmax()])),
     )
 
 
@@ -114,11 +118,12 @@ def _weighed(
     return log_likelihood(lac_per_cm, rays, depth, beam)
 
 
-def _flags(relative_sd: float, off_sd: float) -> tuple[str, ...]:
-    """Of a density, and of how far the coefficient is off the likeliest hypothesis."""
+def _flags(relative_sd: float, far: float, off_sd: float) -> tuple[str, ...]:
+    """Of a density, how likely it is far off, and how far the coefficient is off the likeliest."""
     raised = {
         "material_guessed": True,
         "uncertain": relative_sd > UNCERTAIN,
+        "material_ambiguous": far > FAR_CHANCE,
         "unlike_lac": abs(off_sd) > UNLIKE_SD,
     }
     return tuple(flag for flag, is_raised in raised.items() if is_raised)

@@ -37,14 +37,15 @@ FAMILY_SHARES: Final = MappingProxyType(
     }
 )
 """Of the parts of everyday things (assumed); families that are not here are not tried."""
-USUAL: Final = frozenset(
+USUAL: Final = MappingProxyType(
     {
-        *("steel", "stainless_steel_304", "aluminium", "brass", "zamak_3"),
-        *("pp", "pe", "hdpe", "ps", "abs", "pvc_soft", "pvc_rigid"),
+        **dict.fromkeys(("steel", "stainless_steel_304", "aluminium"), 6.0),
+        **dict.fromkeys(("brass", "zamak_3"), 3.0),
+        **dict.fromkeys(("pp", "pe", "hdpe", "ps", "abs", "pvc_soft", "pvc_rigid"), 3.0),
     }
 )
-USUAL_WEIGHT: Final = 3.0
-"""What everyday things of metal and plastic are made of most, and its weight beside 1 (assumed)."""
+"""What everyday things of metal and plastic are made of most, and its weight beside 1 of the others
+of its family (assumed)."""
 USUAL_G: Final = 1000.0
 LIGHTER: Final = 3.0
 """Mean mass of the parts of what people own and scan, and the power with which heavier ones become
@@ -140,7 +141,7 @@ def hypotheses(
 
 def _share(candidate: Candidate) -> float:
     """Share of a candidate among those of its family, up to a factor."""
-    return math.exp(candidate.log_prior) * (USUAL_WEIGHT if candidate.material in USUAL else 1.0)
+    return math.exp(candidate.log_prior) * USUAL.get(candidate.material, 1.0)
 
 
 def log_prior(tried: Hypotheses, volume_cm3: float) -> Float64[np.ndarray, "h"]:
