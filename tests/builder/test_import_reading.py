@@ -123,6 +123,13 @@ def test_keys_that_begin_with_one_fit_where_all_do(release: Path) -> None:
     np.testing.assert_array_equal(read(release, 0).size_cm, before)
 
 
+def test_a_size_of_another_object_is_told_before_anything_is_made(release: Path) -> None:
+    releases.metadata(release, lambda told: {str(int(key) - 1): told[key] for key in told})
+    seen = looked(release, "0-2")
+    assert len(seen.mismatches) == 2  # a mug is about as wide as high, as the ball after it
+    assert all("with the proportions of the mesh, got sides" in line for line in seen.mismatches)
+
+
 def test_keys_that_only_some_folders_fit_are_not_shifted(release: Path) -> None:
     releases.metadata(release, lambda told: told.pop("0") and told)
     where = re.escape(str(release / "dataset" / "metadata.json"))

@@ -238,6 +238,9 @@ def test_voxels_and_ways_are_in_centimetres():
     rays = part_rays(survey().parts[0], voxels_cm(survey(), convention), (0, 1))
     assert rays.mean_cm == pytest.approx(2.0)
     assert rays.clear == 1.0
+    assert rays.narrow_cm == pytest.approx(2.0)
+    flat = part_rays(survey().parts[0], np.array([0.2, 0.2, 0.02]), (0, 1))
+    assert flat.narrow_cm == pytest.approx(0.2)  # both see it from its edge
 
 
 def test_a_release_fit_survives_json():

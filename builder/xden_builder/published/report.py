@@ -30,6 +30,9 @@ MOST_READ: Final = 10
 MOST_NAMES: Final = 12
 """Names of unknown files that are shown, each with its first place."""
 LIKE: Final = 0.004
+MOST_APART: Final = 1.2
+"""Ratio of the largest to the least of size / extent: meshes lose a few per cent of a side, where
+what they stand on was not seen, and another thing has other proportions."""
 
 Result = TypeVar("Result")
 
@@ -111,7 +114,7 @@ def dry_run(
         "named parts": with_parts,
         "parts from volume": len(tables) - with_parts,
     }
-    mismatches = {**wrong, **unread, **_problems(items)}
+    mismatches = {**_unlike(read), **wrong, **unread, **_problems(items)}
     found = [mismatches[item.object_id] for item in items if item.object_id in mismatches]
     return DryRun(values, (*of_unit, *found))
 
@@ -209,6 +212,16 @@ def _heads(
     tables, no_table = _each(items, read_part_table)
     _, no_mesh = _each(items, lambda item: item.folder.one("mesh"))
     return headers, tables, {**no_mesh, **no_table, **no_header}
+
+
+def _unlike(read: Mapping[str, _Figures]) -> dict[str, str]:
+    """Name objects whose sizes are of another shape than their meshes."""
+    return {
+        object_id: f"metadata: {object_id}: expected a size with the proportions of the mesh, got "
+        f"sides {one.size_spread:.2g} times apart: another object's entry, or shifted keys"
+        for object_id, one in read.items()
+        if one.size_spread > MOST_APART
+    }
 
 
 def _volume_path(item: Item) -> Path:
