@@ -42,6 +42,7 @@ from xden_builder.pipeline.resumable import work_folder
 from xden_builder.pipeline.splits import read_splits
 from xden_builder.published import run
 from xden_builder.published.given import PublishedObject
+from xden_builder.published.judge import judge, judged_table
 from xden_builder.published.reading import HubSource, find_source
 from xden_builder.published.release_fit import ReleaseFit
 from xden_builder.published.survey import PartSeen, Survey
@@ -339,6 +340,16 @@ def test_the_tiny_twin_becomes_a_sound_dataset(twin_imported: Path) -> None:
     assert np.median(np.abs(np.log(np.array(masses) / true))) < 1.0
     report = json.loads(Path(work_folder(twin_imported), REPORT_NAME).read_text())
     assert all(0 < one["mass_sd_g"] < 2 * one["mass_g"] for one in report["objects"])
+
+
+@pytest.mark.slow
+def test_an_imported_twin_is_judged_by_its_truth(twin_imported: Path) -> None:
+    judged = judge(TWIN, twin_imported)
+    assert [one.object_id for one in judged] == [f"xden1k-000{number}" for number in range(6)]
+    assert np.median([one.placed for one in judged]) < 0.01
+    assert np.median([abs(one.own_mass) for one in judged]) < 0.1
+    assert sum(len(one.parts) for one in judged) > 6
+    assert judged_table(judged).startswith("6 objects\n")
 
 
 def kill_at(out: Path, pattern: str, fewest: int) -> None:
