@@ -17,12 +17,15 @@ BEND: Final = 3.0
 """How sharply depth bends at the knee."""
 BEYOND: Final = 0.4
 """Power of the depth with which the fit's grows beyond it."""
-WIDER: Final = 0.7
+WIDER: Final = 0.75
 """Power of the width of the shadow, in cm, with which the knee rises: meshes lie off their shadows
 by as much everywhere, and the light beside a narrow one is then taken to have come through it."""
+KNEES: Final = ((0.6, 0.45), (1.4, 0.45), (4.0, 0.1))
+"""Factors of the knee, and their shares: some meshes lie farther off than others, and some hardly
+at all."""
 LIGHT_SD: Final = 0.03
 """Standard deviation of the logarithm of a coefficient that nothing disturbs."""
-DEPTH_SD: Final = 0.065
+DEPTH_SD: Final = 0.035
 """What each unit of depth, coefficient times way, adds, times the beam's ``spread``."""
 HIDDEN_SD: Final = 0.14
 """What other parts on the way add, for each unit of their depth."""
@@ -38,7 +41,7 @@ LEAST_HIDDEN: Final = 0.3
 where nothing else is on the way, little can add to what a part attenuates but a mesh that is
 thinner than the part."""
 NEAR: Final = 1e-9
-MISSED_CM: Final = 0.025
+MISSED_CM: Final = 0.02
 LEAST_MISSED: Final = 0.02
 MOST_MISSED: Final = 0.5
 """Share of parts of which the mesh misses the shadow by any part of its width, by the ratio of the
@@ -92,7 +95,7 @@ def log_sd(
     --------
     >>> wide = PartRays(np.ones(1), np.ones(1), np.ones(1), 1.0, 10.0)
     >>> log_sd(np.array([0.2, 3.0]), 0.2, wide, 1.0).round(2).tolist()
-    [0.08, 0.2]
+    [0.08, 0.11]
     """
     disturbed = math.hypot(LIGHT_SD, HIDDEN_SD * math.log(rays.clear), OFF_CM / rays.narrow_cm)
     # of an error that adds, the same number of deviations as the difference itself has
@@ -130,14 +133,29 @@ def log_likelihood(
         Of the same filter and stray light.
     """
     found = lac_per_cm * rays.mean_cm
-    expected = reached(depth, rays.narrow_cm, beam.knee)
-    sd = log_sd(expected, found, rays, beam.spread)
+    each, off = zip(
+        *(_seen(found, rays, depth, beam.knee * factor, beam.spread) for factor, _ in KNEES),
+        strict=True,
+    )
+    seen = np.stack(each) * np.array([[share] for _, share in KNEES])
+    likeliest = seen.argmax(axis=0)
+    missed = float(np.clip(MISSED_CM / rays.narrow_cm, LEAST_MISSED, MOST_MISSED))
+    chance = (1 - missed) * seen.sum(axis=0) + missed * beside(found, depth)
+    return (
+        np.log(np.maximum(chance, LEAST_CHANCE)),
+        np.take_along_axis(np.stack(off), likeliest[None], axis=0)[0],
+    )
+
+
+def _seen(
+    found: float, rays: PartRays, depth: Float64[np.ndarray, "h"], knee: float, spread: float
+) -> tuple[Float64[np.ndarray, "h"], Float64[np.ndarray, "h"]]:
+    """Probability density of the logarithm of a depth, and how many scales it is off."""
+    expected = reached(depth, rays.narrow_cm, knee)
+    sd = log_sd(expected, found, rays, spread)
     off = np.log(found / expected) / sd
     upwards = FREEDOM / max(1 - rays.clear, LEAST_HIDDEN)
-    seen = np.where(off > 0, _student(off, upwards), _student(off, FREEDOM)) / sd
-    missed = float(np.clip(MISSED_CM / rays.narrow_cm, LEAST_MISSED, MOST_MISSED))
-    chance = (1 - missed) * seen + missed * beside(found, depth)
-    return np.log(np.maximum(chance, LEAST_CHANCE)), off
+    return np.where(off > 0, _student(off, upwards), _student(off, FREEDOM)) / sd, off
 
 
 def beside(found: float, depth: Float64[np.ndarray, "h"]) -> Float64[np.ndarray, "h"]:
