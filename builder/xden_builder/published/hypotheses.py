@@ -61,7 +61,7 @@ AGAINST: Final = 0.12
 AGAINST_CLEAR: Final = 0.03
 """Weight of a family that a part's name speaks against, beside 1; the second where the name speaks
 for one family alone."""
-IN_CATEGORY: Final = 3.0
+IN_CATEGORY: Final = 5.0
 """Weight of a family that an object's category is often made of, beside 1 (assumed)."""
 NODES_NARROW: Final = 3
 NODES_WIDE: Final = 7

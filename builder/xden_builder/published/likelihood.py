@@ -23,9 +23,9 @@ by as much everywhere, and the light beside a narrow one is then taken to have c
 KNEES: Final = ((0.6, 0.45), (1.4, 0.45), (4.0, 0.1))
 """Factors of the knee, and their shares: some meshes lie farther off than others, and some hardly
 at all."""
-LIGHT_SD: Final = 0.03
+LIGHT_SD: Final = 0.04
 """Standard deviation of the logarithm of a coefficient that nothing disturbs."""
-DEPTH_SD: Final = 0.035
+DEPTH_SD: Final = 0.045
 """What each unit of depth, coefficient times way, adds, times the beam's ``spread``."""
 HIDDEN_SD: Final = 0.14
 """What other parts on the way add, for each unit of their depth."""
@@ -33,7 +33,7 @@ FAINT_SD: Final = 0.015
 """What scatter and the open field add, as a depth."""
 OFF_CM: Final = 0.08
 """How far a mesh lies off its shadow, as a part of whose width it adds."""
-FREEDOM: Final = 3.0
+FREEDOM: Final = 2.5
 """Degrees of freedom of Student's t, which the errors follow: a few are gross, and the others
 smaller than a normal distribution with these would have them."""
 LEAST_HIDDEN: Final = 0.3
@@ -95,7 +95,7 @@ def log_sd(
     --------
     >>> wide = PartRays(np.ones(1), np.ones(1), np.ones(1), 1.0, 10.0)
     >>> log_sd(np.array([0.2, 3.0]), 0.2, wide, 1.0).round(2).tolist()
-    [0.08, 0.11]
+    [0.09, 0.14]
     """
     disturbed = math.hypot(LIGHT_SD, HIDDEN_SD * math.log(rays.clear), OFF_CM / rays.narrow_cm)
     # of an error that adds, the same number of deviations as the difference itself has
