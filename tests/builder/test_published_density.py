@@ -160,7 +160,7 @@ def test_a_share_of_open_light_explains_any_lower_depth_once():
 
 
 def test_a_category_speaks_for_what_its_things_are_made_of():
-    assert usual_families("tea_cup") == {"ceramic"}
+    assert usual_families("tea_cup") == {"ceramic", "liquid"}
     assert usual_families("gadget") == frozenset()
     rays = slab(0.5)
     lac_per_cm = lac_of("porcelain", rays)

@@ -47,12 +47,13 @@ USUAL: Final = MappingProxyType(
 """What everyday things of metal and plastic are made of most, and its weight beside 1 of the others
 of its family (assumed)."""
 USUAL_G: Final = 1000.0
-LIGHTER: Final = 3.0
+LIGHTER: Final = 2.0
 """Mean mass of the parts of what people own and scan, and the power with which heavier ones become
 rarer (assumed): a large body is rather foam or water than steel, whose attenuation looks alike
 where hardly a ray comes through, but a kettlebell is possible."""
 METAL_ALONE: Final = frozenset({"metal"})
-"""Families of a name whose parts are not taken for lighter ones for being heavy."""
+"""Families of a name, or else of a category, whose parts are not taken for lighter ones for being
+heavy."""
 USUAL_CM3: Final = 20.0
 SMALL_DENSER: Final = 0.1
 """Power of volume with which density falls (assumed): small parts are rather screws, springs and
@@ -135,7 +136,7 @@ def hypotheses(
         material.astype(np.int64),
         density,
         np.log(share / share.sum()),
-        lighter=0.0 if families == METAL_ALONE else LIGHTER,
+        lighter=0.0 if (families or usual) == METAL_ALONE else LIGHTER,
     )
 
 

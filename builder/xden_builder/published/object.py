@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 import trimesh
+from jaxtyping import Float64
 from scipy.spatial import cKDTree
 
 from xden1k.rays import THINNER_THAN_LABELS, ObjectGrids, object_grids
@@ -21,9 +23,9 @@ from xden_builder.published.register import UPRIGHT, Registration, register
 from xden_builder.published.release_fit import ReleaseFit, part_rays
 from xden_builder.published.shares import volume_shares
 from xden_builder.published.solids import part_solids, thickness_voxels
-from xden_builder.published.survey import parts_seen
+from xden_builder.published.survey import PartSeen, parts_seen
 
-__all__ = ["import_object"]
+__all__ = ["correlation", "import_object", "mass_sd_g"]
 
 THIN: Final = 1.5
 """Voxels: the volume of a part that is thinner is uncertain by a tenth and more."""
@@ -65,7 +67,9 @@ def import_object(given: PublishedObject, fit: ReleaseFit, split: Split) -> Dens
     bodies = fill_mesh(given.mesh), volume_shares(volume)
     placed = register(*bodies, given.size_cm, fit.convention, volume.longest)
     solids = part_solids(volume, placed.affine)
-    estimates = _estimates(volume, given.category, placed, fit)
+    seen = parts_seen(volume, given.category)
+    alike = copies(seen)
+    estimates = _estimates(seen, alike, placed, fit)
     shown = [place for place, solid in enumerate(solids.parts) if solid is not None]
     meshes = [solid for solid in solids.parts if solid is not None]
     grids = object_grids(meshes, range(len(meshes)), outer=solids.outer)
@@ -103,21 +107,27 @@ def import_object(given: PublishedObject, fit: ReleaseFit, split: Split) -> Dens
         flags=_object_flags(volume, placed, grids, lost),
         meta={
             **_meta(given, placed, fit, lost, estimates),
-            "uncertainty": {"mass_sd_g": _mass_sd_g(parts)},
+            "uncertainty": {
+                "mass_sd_g": mass_sd_g(parts, correlation(alike)[np.ix_(shown, shown)])
+            },
         },
     )
 
 
 def _estimates(
-    volume: LabelVolume, category: str, placed: Registration, fit: ReleaseFit
+    parts: Sequence[PartSeen],
+    alike: Sequence[Sequence[int]],
+    placed: Registration,
+    fit: ReleaseFit,
 ) -> list[PartEstimate]:
     """Weigh the materials of every part."""
-    sides = np.linalg.norm(placed.affine[:3, :3], axis=0)
-    beam, parts = fit.beam.beam, parts_seen(volume, category)
+    sides, beam = np.linalg.norm(placed.affine[:3, :3], axis=0), fit.beam.beam
     seen = [(part.lac_per_cm, part_rays(part, sides, beam.axes)) for part in parts]
     return [
-        estimate(lac_per_cm, part.name, rays, beam, [seen[place] for place in alike], category)
-        for part, (lac_per_cm, rays), alike in zip(parts, seen, copies(parts), strict=True)
+        estimate(
+            lac_per_cm, part.name, rays, beam, [seen[place] for place in others], part.category
+        )
+        for part, (lac_per_cm, rays), others in zip(parts, seen, alike, strict=True)
     ]
 
 
@@ -187,10 +197,25 @@ def _object_flags(
     )
 
 
-def _mass_sd_g(parts: tuple[Part, ...]) -> float:
-    """Return the standard deviation of the mass."""
+def correlation(alike: Sequence[Sequence[int]]) -> Float64[np.ndarray, "k k"]:
+    """Correlation of the errors of parts: copies are of one material, and err together.
+
+    Examples
+    --------
+    >>> correlation([[1], [0], []]).tolist()
+    [[1.0, 1.0, 0.1], [1.0, 1.0, 0.1], [0.1, 0.1, 1.0]]
+    """
+    values = np.full((len(alike), len(alike)), IN_COMMON)
+    np.fill_diagonal(values, 1.0)
+    for place, others in enumerate(alike):
+        values[place, list(others)] = 1.0
+    return values
+
+
+def mass_sd_g(parts: Sequence[Part], correlated: Float64[np.ndarray, "k k"]) -> float:
+    """Return the standard deviation of the mass of parts whose errors correlate."""
     each = np.array([part.mesh.volume * part.density_sd_g_cm3 for part in parts])
-    return math.sqrt((1 - IN_COMMON) * float(each @ each) + IN_COMMON * float(each.sum()) ** 2)
+    return math.sqrt(float(each @ correlated @ each))
 
 
 def _meta(
