@@ -98,16 +98,31 @@ def coefficients(
     )
 
 
-def mixtures(tables: Sequence[CandidateTable], posteriors: Sequence[MaterialPosterior]) -> StandIns:
+def mixtures(
+    tables: Sequence[CandidateTable],
+    posteriors: Sequence[MaterialPosterior],
+    evidence_share: float,
+) -> StandIns:
     """Take each part for all candidates that are still possible, in proportion.
 
     Where one is certain that is the material itself. Where nothing decides, it is a point on the
-    line through the materials: density and attenuation of the mixture, and how far they scatter.
+    line through the materials: density and attenuation of the mixture.
+
+    Parameters
+    ----------
+    tables, posteriors
+        Of each part: its candidates, and how probable each is.
+    evidence_share
+        Of what the images say, by which materials are told apart. They have been, so that what is
+        left between them leaves a density no more than this share of its variance.
     """
     pairs = list(zip(tables, posteriors, strict=True))
     shares = [_shares(posterior) for _, posterior in pairs]
     priors = np.stack(
-        [_prior(table, share) for (table, _), share in zip(pairs, shares, strict=True)]
+        [
+            _prior(table, share, posterior.density_g_cm3, evidence_share)
+            for (table, posterior), share in zip(pairs, shares, strict=True)
+        ]
     )
     weights = [
         share * posterior.density_g_cm3 / (share @ posterior.density_g_cm3)
@@ -133,15 +148,20 @@ def _shares(posterior: MaterialPosterior) -> Float64[np.ndarray, "c"]:
     return np.asarray(kept / kept.sum())
 
 
-def _prior(table: CandidateTable, share: Float64[np.ndarray, "c"]) -> Float64[np.ndarray, "4"]:
-    """Mean, standard deviation, least and most density of a mixture.
+def _prior(
+    table: CandidateTable,
+    share: Float64[np.ndarray, "c"],
+    density_g_cm3: Float64[np.ndarray, "c"],
+    evidence_share: float,
+) -> Float64[np.ndarray, "4"]:
+    """Mean, standard deviation, least and most density of a mixture, each material at its best.
 
     A material that is likelier than all others together keeps it within its range: that of the
     solid, or of a body with pores too where that is possible.
     """
-    means, sds, lows, highs = table.priors.T
-    mean = float(share @ means)
-    sd = float(np.sqrt(share @ (sds**2 + (means - mean) ** 2)))
+    _, sds, lows, highs = table.priors.T
+    mean = float(share @ density_g_cm3)
+    sd = float(np.sqrt(share @ (sds**2 + evidence_share * (density_g_cm3 - mean) ** 2)))
     names = np.array([each.material for each in table.candidates])
     possible = share > 0
     likely = possible & np.array([share[names == name].sum() > CLEAR for name in names])
