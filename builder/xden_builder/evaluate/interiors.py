@@ -19,7 +19,7 @@ from xden_builder.audit.object import audit_object
 from xden_builder.capture import Capture, CaptureFolder
 from xden_builder.evaluate.cells import HEADERS, error_cells, reprojection_cells, table
 from xden_builder.evaluate.quality import Quality
-from xden_builder.evaluate.truth import Errors, Truth, read_truth
+from xden_builder.evaluate.truth import Errors, Truth, read_truth, size_of
 from xden_builder.workers import gather
 
 __all__ = ["Interior", "Interiors", "compare_interiors", "interiors_markdown"]
@@ -129,6 +129,7 @@ def _interior(capture: Capture, truth: Truth, rebuilt: DensityObject) -> Interio
     if rebuilt.density is None:
         raise DataError(f"{rebuilt.object_id}: expected a density, got attenuation alone")
     weights = rebuilt.envelope.astype(np.float64)
+    truth = truth.enlarged(size_of(rebuilt))
     off = np.abs(rebuilt.density.density_g_cm3 - _true_g_cm3(capture, truth, rebuilt))
     mae_g_cm3 = float((off * weights).sum() / weights.sum())
     com_l1_cm = float(np.abs(rebuilt.com_cm - truth.com_cm).sum())
@@ -141,8 +142,8 @@ def _interior(capture: Capture, truth: Truth, rebuilt: DensityObject) -> Interio
 
 
 def _true_g_cm3(capture: Capture, truth: Truth, rebuilt: DensityObject) -> Grid:
-    """Give the truth on the grid of a rebuild."""
-    meshes = [part.mesh for part in capture.parts]
+    """Give the truth on the grid of a rebuild, as large as that."""
+    meshes = [size_of(rebuilt).enlarged(part.mesh) for part in capture.parts]
     order = ownership_order(meshes, [part.priority for part in capture.parts])
     grid = CubeGrid(rebuilt.origin_cm, rebuilt.voxel_size_cm, FIELD_SIZE)
     return density_grid(part_fractions(meshes, order, grid), truth.density_g_cm3.tolist(), grid)

@@ -15,14 +15,27 @@ from xden1k.rays import path_lengths
 from xden1k.values.materials import families, load_materials
 from xden1k.values.physics import apparent_density_g_cm3
 from xden_builder.capture import Capture, CapturePart
+from xden_builder.evaluate.truth import Errors, Truth, errors_of
 from xden_builder.fit import fit_lac_adam
 from xden_builder.poly.judgement import PolyFit
 from xden_builder.poly.line import fit_samples, sampled
 from xden_builder.poly.materials.candidates import candidates
 from xden_builder.poly.posterior.problem import Mass
 from xden_builder.poly.settings import PolySettings
+from xden_builder.reconstruct.space import Space
 
-__all__ = ["ABLATIONS", "MODES", "Ablation", "Mode", "nominal", "paper", "poly", "scaled", "told"]
+__all__ = [
+    "ABLATIONS",
+    "MODES",
+    "Ablation",
+    "Mode",
+    "errors_of_fit",
+    "nominal",
+    "paper",
+    "poly",
+    "scaled",
+    "told",
+]
 
 Mode = Literal["labels", "families", "blind"]
 MODES: Final[tuple[Mode, ...]] = get_args(Mode)
@@ -74,6 +87,7 @@ ABLATIONS: Final[Mapping[str, Ablation]] = MappingProxyType(
         "no gain": Ablation(PolySettings(gain=False)),
         "no stray light": Ablation(PolySettings(stray=False)),
         "no pose": Ablation(PolySettings(pose=False)),
+        "meshes believed in size": Ablation(PolySettings(size=False)),
         "no edge weights": Ablation(PolySettings(edge_weights=False)),
         "no sub-pixel averaging": Ablation(PolySettings(blocks=False)),
         "0.1 mm Cu too much in the filter": Ablation(copper_cm=0.01),
@@ -122,13 +136,18 @@ def nominal(parts: Sequence[CapturePart]) -> Densities:
 
 def poly(
     capture: Capture,
-    order: Sequence[int],
-    regions: Sequence[trimesh.Trimesh],
+    space: Space,
     masses_g: Sequence[float | None],
     settings: PolySettings,
 ) -> list[PolyFit]:
     """Fit the tube's spectrum, once for each mass that may be known; the pose does not need it."""
-    volumes = np.array([float(region.volume) for region in regions])
-    samples = sampled(capture, order, settings)
+    samples = sampled(capture, space.order, settings)
+    volumes = samples.size.factor**3 * space.volumes_cm3
     weighed = [None if mass is None else Mass(mass, volumes) for mass in masses_g]
     return [fit_samples(samples, mass, settings) for mass in weighed]
+
+
+def errors_of_fit(fit: PolyFit, space: Space, truth: Truth) -> Errors:
+    """Say how far a fit is off, at the size that it found."""
+    regions = space.enlarged(fit.size).regions
+    return errors_of(fit.solution.density_g_cm3, regions, truth.enlarged(fit.size))

@@ -15,6 +15,7 @@ from xden_builder.evaluate.methods import poly
 from xden_builder.evaluate.truth import Truth
 from xden_builder.poly.judgement import PolyFit
 from xden_builder.poly.settings import PolySettings
+from xden_builder.reconstruct.space import divide
 from xden_builder.reconstruct.withheld import as_whole
 
 __all__ = ["SHOWN", "Quality", "QualityPair", "quality_of"]
@@ -71,7 +72,7 @@ def quality_of(
     true_field = grids.density(truth.density_g_cm3.tolist()).density_g_cm3
     weights = grids.envelope.astype(np.float64)
     hull = as_whole(capture)
-    (alone,) = poly(hull, [0], [hull.parts[0].mesh], [None], PolySettings())
+    (alone,) = poly(hull, divide(hull.parts), [None], PolySettings())
     whole = float(alone.solution.density_g_cm3[0]) * weights
 
     def mae(field: np.ndarray) -> float:

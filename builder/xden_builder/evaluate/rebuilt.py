@@ -14,9 +14,8 @@ from xden1k.folder import open_folder
 from xden1k.values.types import DensityObject, Part
 from xden_builder.capture import CaptureFolder
 from xden_builder.evaluate.run import PartCheck
-from xden_builder.evaluate.truth import Errors, errors_of, read_truth
+from xden_builder.evaluate.truth import Errors, errors_of, read_truth, size_of
 from xden_builder.registration.placement import RigidPlacement
-from xden_builder.registration.size import Size
 
 __all__ = ["RebuiltObject", "RebuiltPart", "RebuiltSet", "read_rebuilt"]
 
@@ -98,7 +97,7 @@ def read_rebuilt(captures: Path, root: Path) -> RebuiltSet:
 
 
 def _compared(folder: Path, rebuilt: DensityObject) -> RebuiltObject:
-    truth = read_truth(folder, rebuilt.parts, _placement(rebuilt))
+    truth = read_truth(folder, rebuilt.parts, _placement(rebuilt)).enlarged(size_of(rebuilt))
     regions = [part.mesh for part in rebuilt.parts]
     density_g_cm3 = np.array([part.density_g_cm3 for part in rebuilt.parts])
     volumes = np.array([float(region.volume) for region in regions])
@@ -113,10 +112,9 @@ def _compared(folder: Path, rebuilt: DensityObject) -> RebuiltObject:
 
 
 def _placement(rebuilt: DensityObject) -> RigidPlacement | None:
-    """By which its meshes came to their place and size; None where they had both already."""
-    found, size = rebuilt.meta.get("registration"), rebuilt.meta.get("mesh_size")
-    there = None if found is None else RigidPlacement.from_dict(found)
-    return there if size is None else Size.from_dict(size).after(there)
+    """By which its meshes came into the scanner's frame; None where they were in it."""
+    found = rebuilt.meta.get("registration")
+    return None if found is None else RigidPlacement.from_dict(found)
 
 
 def _part(part: Part, known: Mapping[str, Any], truth_g_cm3: float, share: float) -> RebuiltPart:

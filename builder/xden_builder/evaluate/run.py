@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,11 +11,9 @@ from time import process_time
 from typing import Any, Final
 
 import numpy as np
-import trimesh
 from jaxtyping import Float64
 
 from xden1k.errors import DataError
-from xden1k.rays import disjoint_regions, ownership_order
 from xden1k.values.mass import mass_of_meshes
 from xden_builder.capture import Capture, CaptureFolder
 from xden_builder.evaluate.methods import (
@@ -23,6 +21,7 @@ from xden_builder.evaluate.methods import (
     MODES,
     Ablation,
     Mode,
+    errors_of_fit,
     nominal,
     paper,
     poly,
@@ -35,6 +34,7 @@ from xden_builder.fit.spread import spread
 from xden_builder.poly.judgement import PolyFit
 from xden_builder.poly.settings import PolySettings
 from xden_builder.reconstruct.rigid import rigid_sd
+from xden_builder.reconstruct.space import Space, divide
 from xden_builder.registration.capture import registered
 from xden_builder.registration.placement import Registration
 from xden_builder.workers import gather
@@ -171,18 +171,17 @@ def _evaluate_object(captures: Path, drawn: frozenset[str], object_id: str) -> O
     if capture.tube is None or capture.tube.kv is None:
         raise DataError(f"{object_id}: expected a tube, got another source")
     truth = read_truth(captures / object_id, capture.parts, there.placement)
-    meshes = [part.mesh for part in capture.parts]
-    order = ownership_order(meshes, [part.priority for part in capture.parts])
-    bench = _Bench(capture, order, disjoint_regions(meshes, order), truth, {}, {})
+    space = divide(capture.parts)
+    bench = _Bench(capture, space, truth, {}, {})
     bench.paper()
     checks = {}
     for mode in MODES:
         fit = _as_unsure_as_its_pose(bench.mode(mode), there.registration)
         checks[mode] = _part_checks(fit, truth)
         if mode == "labels":
-            body, quality = _body_check(fit, bench.regions, truth), None
+            body, quality = _body_check(fit, space, truth), None
             if object_id in drawn or capture.category in SHOWN:
-                quality = quality_of(capture, order, truth, fit)
+                quality = quality_of(capture, space.order, truth, fit)
     ablated = {name: bench.ablation(each) for name, each in ABLATIONS.items() if object_id in drawn}
     return ObjectResult(bench.errors, checks, body, ablated, quality, bench.seconds)
 
@@ -192,8 +191,7 @@ class _Bench:
     """One object that methods are tried on."""
 
     capture: Capture
-    order: Sequence[int]
-    regions: Sequence[trimesh.Trimesh]
+    space: Space
     truth: Truth
     errors: dict[Key, Errors]
     seconds: dict[str, float]
@@ -201,7 +199,7 @@ class _Bench:
     def paper(self) -> None:
         """Try the paper's way, with and without a weighed mass."""
         begin = process_time()
-        density = paper(self.capture, self.order)
+        density = paper(self.capture, self.space.order)
         self.seconds["paper"] = process_time() - begin
         self._keep("paper", "nothing", density)
         self._keep("paper + mass", "nothing", self._scaled(density))
@@ -214,23 +212,23 @@ class _Bench:
         self._keep("labels alone + mass", mode, self._scaled(usual))
         begin = process_time()
         masses = (None, self.truth.mass_g)
-        fits = poly(capture, self.order, self.regions, masses, PolySettings())
+        fits = poly(capture, self.space, masses, PolySettings())
         self.seconds[f"poly, {mode}, with and without mass"] = process_time() - begin
         for name, fit in zip(("poly", "poly + mass"), fits, strict=True):
-            self._keep(name, mode, fit.solution.density_g_cm3)
+            self.errors[name, mode] = errors_of_fit(fit, self.space, self.truth)
         return fits[0]
 
     def ablation(self, ablation: Ablation) -> Errors:
         """Try the fit without one of its parts."""
         capture = ablation.applied(self.capture)
-        (fit,) = poly(capture, self.order, self.regions, [None], ablation.settings)
-        return errors_of(fit.solution.density_g_cm3, self.regions, self.truth)
+        (fit,) = poly(capture, self.space, [None], ablation.settings)
+        return errors_of_fit(fit, self.space, self.truth)
 
     def _scaled(self, density: Float64[np.ndarray, "k"]) -> Float64[np.ndarray, "k"]:
-        return scaled(density, self.regions, self.truth.mass_g)
+        return scaled(density, self.space.regions, self.truth.mass_g)
 
     def _keep(self, method: str, mode: str, density: Float64[np.ndarray, "k"]) -> None:
-        self.errors[method, mode] = errors_of(density, self.regions, self.truth)
+        self.errors[method, mode] = errors_of(density, self.space.regions, self.truth)
 
 
 def _as_unsure_as_its_pose(fit: PolyFit, registration: Registration | None) -> PolyFit:
@@ -247,8 +245,10 @@ def _part_checks(fit: PolyFit, truth: Truth) -> tuple[PartCheck, ...]:
     )
 
 
-def _body_check(fit: PolyFit, regions: Sequence[trimesh.Trimesh], truth: Truth) -> BodyCheck:
-    density = fit.solution.density_g_cm3
-    body, sd = mass_of_meshes(regions, density.tolist()), rigid_sd(regions, density, fit.covariance)
+def _body_check(fit: PolyFit, space: Space, truth: Truth) -> BodyCheck:
+    density, size = fit.solution.density_g_cm3, fit.size
+    regions, truth = space.enlarged(size).regions, truth.enlarged(size)
+    body = mass_of_meshes(regions, density.tolist())
+    sd = rigid_sd(regions, density, fit.covariance, fit.by_size_g_cm3, size.sd)
     off = (body.com_cm - truth.com_cm) / sd.com_cm
     return BodyCheck((body.mass_g - truth.mass_g) / sd.mass_g, tuple(off.tolist()))

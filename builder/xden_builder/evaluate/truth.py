@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +15,12 @@ from jaxtyping import Float64
 from xden1k.errors import DataError
 from xden1k.values.arrays import Vec3
 from xden1k.values.mass import mass_of_meshes
-from xden1k.values.types import Part
+from xden1k.values.types import DensityObject, Part
 from xden_builder.capture import CapturePart
+from xden_builder.poly.model.size import Size
 from xden_builder.registration.placement import RigidPlacement
 
-__all__ = ["Errors", "Truth", "errors_of", "read_truth"]
+__all__ = ["Errors", "Truth", "errors_of", "read_truth", "size_of"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +40,10 @@ class Truth:
     density_g_cm3: Float64[np.ndarray, "k"]
     mass_g: float
     com_cm: Vec3
+
+    def enlarged(self, size: Size) -> Truth:
+        """Show it where the meshes handed over were given a size."""
+        return replace(self, com_cm=size.applied(self.com_cm[None])[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +65,12 @@ class Errors:
     com_l1_cm: float
 
 
+def size_of(rebuilt: DensityObject) -> Size:
+    """Give the size that a rebuilt object was found to have beside its meshes."""
+    found = rebuilt.meta.get("mesh_size")
+    return Size(1.0, 0.0, np.zeros(3)) if found is None else Size.from_dict(found)
+
+
 def read_truth(
     folder: Path,
     parts: Sequence[CapturePart | Part],
@@ -74,7 +85,7 @@ def read_truth(
     parts
         As the capture, or what was made of it, has them.
     placement
-        By which they came into the scanner's frame, and to their size; None where both were told.
+        By which they came into the scanner's frame; None where they were in it.
 
     Raises
     ------
@@ -121,7 +132,7 @@ def errors_of(
     density_g_cm3
         Shape (K,).
     regions
-        Space that each part owns, as handed over.
+        Space that each part owns, as the truth shows it.
     truth
         What is to be found.
     """

@@ -19,6 +19,7 @@ from xden_builder.fit.density import PartDensity
 from xden_builder.poly.diagnosis import Diagnosis, diagnose
 from xden_builder.poly.estimate import Solution
 from xden_builder.poly.model.radiograph import TERMS
+from xden_builder.poly.model.size import Size
 from xden_builder.poly.posterior.problem import NUISANCES
 from xden_builder.poly.scale import Weighing
 
@@ -36,9 +37,6 @@ UNSTABLE_SDS: Final = 2.0
 """Views apart by more, of the density and in standard deviations, are flagged."""
 VIEW_SHARE: Final = 0.5
 """Of the difference between the views: their standard error, if both are equally good."""
-POSTERIOR_SCALE: Final = 0.7
-"""Of the posterior's standard deviation: what the samples are worth is a cautious guess, and this
-makes the deviations right on simulated objects (48 of them, which are not in the evaluation)."""
 LOWERED: Final = 0.99
 """Of the probability before the images: less is not rounding."""
 HELD_SDS: Final = 1.0
@@ -71,6 +69,9 @@ class PolyFit:
         In the order of the capture's.
     covariance
         Shape (K, K): of the densities, in g²/cm⁶.
+    by_size_g_cm3
+        Shape (K,): the share of it that comes with the object's size, for one that is one standard
+        deviation larger.
     weighing
         The mass on the scale and that by images alone; None where the object was not weighed.
     """
@@ -78,7 +79,13 @@ class PolyFit:
     solution: Solution
     parts: tuple[PolyPart, ...]
     covariance: Float64[np.ndarray, "k k"]
+    by_size_g_cm3: Float64[np.ndarray, "k"]
     weighing: Weighing | None = None
+
+    @property
+    def size(self) -> Size:
+        """Of the object, beside its meshes; the scene's have it."""
+        return self.solution.samples.size
 
     @property
     def views_at_bound(self) -> tuple[str, ...]:
@@ -121,15 +128,16 @@ class PolyFit:
 def judge(solution: Solution) -> PolyFit:
     """Say how sure each density is, and why it may be wrong.
 
-    The variance has four sources: images, priors and scale (from the curvature of the posterior);
-    the choice between materials; the disagreement of the views; and the beam's filter, which moves
-    all parts together.
+    The variance has five sources: images, priors and scale (from the curvature of the posterior);
+    the choice between materials; the disagreement of the views; and the beam's filter and the size
+    of the meshes, each of which moves all parts together.
     """
     known, density = diagnose(solution), solution.density_g_cm3
     parts = solution.scene.parts
     extra = known.between_g_cm3**2 + (VIEW_SHARE * known.apart_g_cm3) ** 2 * known.told_by_images
-    by_filter = np.outer(known.by_filter_g_cm3, known.by_filter_g_cm3)
-    covariance = POSTERIOR_SCALE**2 * known.covariance + np.diag(extra) + by_filter
+    covariance = known.covariance + np.diag(extra)
+    for together in (known.by_filter_g_cm3, known.by_size_g_cm3):
+        covariance = covariance + np.outer(together, together)
     sd = np.sqrt(covariance.diagonal())
     raised = _raised(known, density, sd, _held_sds(solution, sd), solution.minimum.converged)
     found = []
@@ -144,7 +152,7 @@ def judge(solution: Solution) -> PolyFit:
                 float(density[number]), float(sd[number]), source, tuple(sorted(flags)), materials
             )
         )
-    return PolyFit(solution, tuple(found), covariance)
+    return PolyFit(solution, tuple(found), covariance, known.by_size_g_cm3)
 
 
 def _raised(

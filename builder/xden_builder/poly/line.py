@@ -40,7 +40,7 @@ def fit_poly(
     order
         Which part owns space first, see :func:`xden1k.rays.ownership_order`.
     volumes_cm3
-        Shape (K,): of the space each part owns; used where the object was weighed.
+        Shape (K,): of the space each part's mesh owns; used where the object was weighed.
     settings
         What is modelled.
 
@@ -53,7 +53,7 @@ def fit_poly(
     by_images = fit_samples(samples, None, settings)
     if capture.weighed_mass_g is None:
         return by_images
-    mass = Mass(capture.weighed_mass_g, volumes_cm3)
+    mass = Mass(capture.weighed_mass_g, samples.size.factor**3 * volumes_cm3)
     known = by_images.solution.density_g_cm3, by_images.covariance
     return replace(fit_samples(samples, mass, settings), weighing=compare(mass, *known))
 

@@ -1,9 +1,10 @@
 """Stage 3 of the fit: meshes onto their shadows, in the poses the radiographs agree with best.
 
 Comes from :mod:`start`, leads to :mod:`samples`. The unknowns of the poses (seven for two views
-that share one) are found by Gauss-Newton steps, together with the densities and a gain of each
-view, on images averaged over 8 x 8, 4 x 4 and 2 x 2 pixels (:mod:`pyramid`). Turned views are laid
-onto their shadows one by one before (:mod:`alignment`).
+that share one) and the size of the object beside its meshes are found by Gauss-Newton steps,
+together with the densities and a gain of each view, on images averaged over 8 x 8, 4 x 4 and 2 x 2
+pixels (:mod:`pyramid`). Turned views are laid onto their shadows one by one before
+(:mod:`alignment`).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.frames import Pose
 from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import gain_prior
+from xden_builder.poly.model.size import Size
 from xden_builder.poly.pyramid import Level, Target, Window, density_bounds, descend, window
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import Guess
@@ -33,6 +35,14 @@ BINNINGS: Final = ((8, 2), (4, 2), (2, 3))
 """Pixels averaged along each side, and how often derivatives are taken on such images."""
 TURNED_BINNINGS: Final = ((8, 3), (4, 3), (2, 2))
 """The same where a view has a pose of its own, farther off."""
+SMALL_PX: Final = 384
+"""Of images that are smaller half as many pixels are averaged, where no view was turned."""
+SIZE_SDS_MOST: Final = 3.0
+"""A size is never farther off than so many standard deviations: what looks so is something else,
+such as wrong units or a part without a mesh."""
+SCANNER_SD: Final = 0.001
+"""Relative, of a size by a scanner whose distances are as told: half a millimetre in half a metre
+(assumed)."""
 COARSEST_PX: Final = 32
 """Images are never smaller."""
 
@@ -44,24 +54,30 @@ class Placement:
     Parameters
     ----------
     guess
-        What it was found with; its densities are those found along with the pose.
+        What it was found with, at the object's size; its densities are those found along with it.
     fit
         None where it was not sought.
+    size
+        Of the object, beside its meshes.
     geometries
         Of the views, in the frame of the meshes, after the pose.
     """
 
     guess: Guess
     fit: PoseFit | None
+    size: Size
     geometries: tuple[ViewGeometry, ...]
 
 
 def find_pose(guess: Guess, settings: PolySettings) -> Placement:
-    """Move the scanner so that meshes at rest look as the object did, if the pose is sought."""
+    """Move the scanner so that meshes at rest look as the object did, if the pose is sought.
+
+    They are given its size, if that is sought.
+    """
     scene = guess.scene
     geometries = [view.geometry for view in scene.views]
     if not settings.pose:
-        return Placement(guess, None, tuple(geometries))
+        return Placement(guess, None, Size(1.0, scene.size_sd, np.zeros(3)), tuple(geometries))
     fit = refine_pose(
         scene.views,
         scene.saturated,
@@ -72,12 +88,19 @@ def find_pose(guess: Guess, settings: PolySettings) -> Placement:
         guess.outline_stand_ins.mac_cm2_g,
         guess.density_g_cm3,
         scene.turned,
+        size_sd=settings.size * scene.size_sd,
     )
+    size = fit.size or Size(1.0, scene.size_sd, np.zeros(3))
     return Placement(
-        replace(guess, density_g_cm3=fit.density_g_cm3),
+        replace(
+            guess,
+            scene=scene.enlarged(size),
+            density_g_cm3=fit.density_g_cm3 / size.factor,
+        ),
         fit,
+        size,
         tuple(
-            fit.poses.geometry(number, geometry, fit.unknowns)
+            fit.poses.placed(number, geometry, fit.unknowns)
             for number, geometry in enumerate(geometries)
         ),
     )
@@ -94,7 +117,7 @@ class PoseFit:
     sd
         Standard deviations of the unknowns, radians and cm.
     density_g_cm3, gain
-        Fitted along with it, coarsely.
+        Fitted along with it, coarsely, and for ways through the meshes as they are.
     rms_before, rms_after
         Root mean square residual of transmission on the coarsest and the finest images used.
     """
@@ -111,6 +134,15 @@ class PoseFit:
     def pose(self) -> Pose:
         """Pose that views share, and the row shift of the second if it is one of them."""
         return self.poses.of(self._telling, self.unknowns)
+
+    @property
+    def size(self) -> Size | None:
+        """Of the object, beside its meshes; None where it was not sought."""
+        if not self.poses.sized:
+            return None
+        (place,) = self.poses.size_places
+        factor, centre_cm = np.exp(self.unknowns[place]), np.array(self.poses.origin.centre_cm)
+        return Size(float(factor), float(np.hypot(self.sd[place], SCANNER_SD)), centre_cm)
 
     @property
     def _telling(self) -> int:
@@ -150,7 +182,7 @@ def refine_pose(
     density_g_cm3: Float64[np.ndarray, "k"],
     turned: Sequence[bool] = (),
     *,
-    sized: bool = False,
+    size_sd: float = 0.0,
 ) -> PoseFit:
     """Find the pose in which meshes and radiographs agree best.
 
@@ -168,16 +200,19 @@ def refine_pose(
         turn the object.
     turned
         By view: whether the object was turned by hand before it; none by default.
-    sized
-        Whether the size of the object, beside that of its meshes, is one of the unknowns.
+    size_sd
+        Standard deviation of the logarithm of the object's size over that of its meshes; with 0 it
+        is no unknown.
     """
     target = Target(views, saturated, gains, beams, meshes, order, mac_cm2_g)
     x, y, z = target.centre_cm.tolist()
-    poses = Poses(tuple(turned) or (False,) * len(views), Pose(centre_cm=(x, y, z)), sized)
+    poses = Poses(tuple(turned) or (False,) * len(views), Pose(centre_cm=(x, y, z)), size_sd)
     starts = [target.start(density_g_cm3, np.zeros(poses.count))]
     if any(poses.turned):
         starts = aligned(target, poses, density_g_cm3)
     low, high = density_bounds(density_g_cm3, len(starts[0]))
+    if poses.sized:
+        low[-1], high[-1] = -SIZE_SDS_MOST * size_sd, SIZE_SDS_MOST * size_sd
     best = rms_before = None
     for binning, most in _binnings(views, any(poses.turned)):
         windows = _windows(target, poses, starts[0][-poses.count :], binning)
@@ -212,8 +247,11 @@ def _as_told(unknowns: Float64[np.ndarray, "u"], poses: Poses) -> Float64[np.nda
 
 def _binnings(views: Sequence[XRayView], turned: bool) -> list[tuple[int, int]]:
     """Binnings for images of a size, and how often derivatives are taken on each."""
-    binnings = TURNED_BINNINGS if turned else BINNINGS
-    coarsest = min(min(view.transmission.shape) for view in views) // COARSEST_PX
+    binnings: Sequence[tuple[int, int]] = TURNED_BINNINGS if turned else BINNINGS
+    smallest = min(min(view.transmission.shape) for view in views)
+    if smallest < SMALL_PX and not turned:
+        binnings = tuple((binning // 2, most) for binning, most in binnings)
+    coarsest = smallest // COARSEST_PX
     return [each for each in binnings[:-1] if each[0] <= coarsest] + [binnings[-1]]
 
 

@@ -282,19 +282,50 @@ class Level:
         jacobian = np.zeros((len(model), len(unknowns)))
         jacobian[:, : self.parts] = gain * slopes
         jacobian[:, self.parts + number] = model
-        reach = STEPS_CM * self.binning
-        sizes, moves = self.poses.size_places, self.poses.places(number)
-        for place in (*moves, *sizes):
-            relative = place in moves[:ROTATIONS] or place in sizes
-            step = reach / self.target.radius_cm if relative else reach
-            delta = np.zeros(self.poses.count)
-            delta[place] = step
-            ahead, behind = (
-                self._image(number, density, there) for there in (pose + delta, pose - delta)
-            )
-            column = self.parts + len(gains) + place
-            jacobian[:, column] = gain * (ahead - behind) / (2 * step)
+        jacobian[:, self.parts + len(gains) :] = gain * self._slopes_by_pose(number, density, pose)
         return gain * model, jacobian
+
+    def _slopes_by_pose(
+        self, number: int, density: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "q"]
+    ) -> Float64[np.ndarray, "_p q"]:
+        """Give the derivatives of a view's image by the unknowns of the poses.
+
+        An object that grows about the source looks as before. So one that grows about its middle
+        looks as if it came as much of its way nearer: of four derivatives, by the size and by the
+        shifts, three tell the last. The shift that is most along the beam is left out, since it
+        hardly moves an outline; in a parallel beam it moves none.
+        """
+        moves, size = self.poses.places(number), self.poses.size_places
+        slopes = np.zeros((len(self.measured[number]), self.poses.count))
+        shifts = self.poses.shifts(number)
+        sight = self.poses.sight(number, self.panels[number], pose)
+        along = shifts[int(np.argmax(np.abs(sight)))] if size else None
+        for place in (*moves, *size):
+            if place != along:
+                slopes[:, place] = self._slope(number, density, pose, place)
+        if along is not None:
+            by_size = 0.0 if self.panels[number].source_cm is None else slopes[:, size[0]]
+            slopes[:, along] = (by_size - slopes[:, shifts] @ sight) / sight[shifts.index(along)]
+        return slopes
+
+    def _slope(
+        self,
+        number: int,
+        density: Float64[np.ndarray, "k"],
+        pose: Float64[np.ndarray, "q"],
+        place: int,
+    ) -> Float64[np.ndarray, "_p"]:
+        """Central difference of a view's image by one unknown of the poses."""
+        angles = self.poses.places(number)[:ROTATIONS]
+        step = STEPS_CM * self.binning
+        if place in (*angles, *self.poses.size_places):
+            step /= self.target.radius_cm
+        delta = np.zeros(self.poses.count)
+        delta[place] = step
+        ahead, behind = (
+            self._image(number, density, there) for there in (pose + delta, pose - delta)
+        )
+        return np.asarray((ahead - behind) / (2 * step))
 
     def _image(
         self, number: int, density: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "q"]

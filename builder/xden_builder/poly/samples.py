@@ -15,6 +15,7 @@ from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.frames import coarse
 from xden_builder.poly.model.pixels import BLOCK_PX, BLOCK_RAYS, ViewPixels, choose_pixels
 from xden_builder.poly.model.radiograph import gain_prior
+from xden_builder.poly.model.size import Size
 from xden_builder.poly.model.stray import coarse_binning
 from xden_builder.poly.pose import Placement, PoseFit
 from xden_builder.poly.settings import PolySettings
@@ -68,12 +69,15 @@ class Samples:
         To start from.
     pose
         None where it was not sought.
+    size
+        Of the object, beside its meshes; the scene's have it.
     seen
         The fitted views.
     """
 
     guess: Guess
     pose: PoseFit | None
+    size: Size
     seen: tuple[Seen, ...]
 
 
@@ -112,4 +116,4 @@ def take_samples(placement: Placement, settings: PolySettings) -> Samples:
                 gain_prior(bounds),
             )
         )
-    return Samples(placement.guess, placement.fit, tuple(seen))
+    return Samples(placement.guess, placement.fit, placement.size, tuple(seen))

@@ -6,7 +6,7 @@ Leads to :mod:`start`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -21,6 +21,7 @@ from xden_builder.capture.saturation import GainBounds, completed, gain_bounds
 from xden_builder.physics.groups import GROUPS, EnergyGroups, energy_groups
 from xden_builder.poly.materials.candidates import CandidateTable, candidate_table
 from xden_builder.poly.model.beam import ViewBeam, view_beam
+from xden_builder.poly.model.size import SIZE_SDS, Size
 from xden_builder.poly.settings import PolySettings
 
 __all__ = ["Light", "Scene", "set_scene"]
@@ -72,6 +73,8 @@ class Scene:
         In as few as outlines need.
     noise_sd
         Of each view, behind something opaque.
+    size_sd
+        Of the logarithm of the object's size over that of its meshes.
     """
 
     views: tuple[XRayView, ...]
@@ -83,11 +86,17 @@ class Scene:
     light: Light
     outlines: Light
     noise_sd: tuple[float, ...]
+    size_sd: float
 
     @property
     def meshes(self) -> list[trimesh.Trimesh]:
         """Of the parts."""
         return [part.mesh for part in self.parts]
+
+    def enlarged(self, size: Size) -> Scene:
+        """Give the object its size."""
+        parts = tuple(replace(part, mesh=size.enlarged(part.mesh)) for part in self.parts)
+        return replace(self, parts=parts)
 
     @property
     def batches(self) -> Int64[np.ndarray, "k"]:
@@ -135,4 +144,5 @@ def set_scene(capture: Capture, order: Sequence[int], settings: PolySettings) ->
         Light(fine, beams, tables),
         Light(few, few_beams, few_tables),
         tuple(capture.noise_sd.get(view.name, 0.0) for view in views),
+        SIZE_SDS[capture.mesh_scale],
     )

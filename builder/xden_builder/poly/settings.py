@@ -34,6 +34,8 @@ class PolySettings:
         Independent observations that the pixels of two views are worth, for each part: their errors
         hang together, so that thousands of pixels do not tell thousands of times as much as one.
         A further view adds as much as each of the two.
+    size
+        Whether the size of the object, beside that of its meshes, is sought along with its pose.
     composition
         Whether what parts are made of may differ from the library's materials.
     extra_filter_mm_cu, filter_sd_mm_cu
@@ -52,6 +54,7 @@ class PolySettings:
     gain: bool = True
     stray: bool = True
     pose: bool = True
+    size: bool = True
     composition: bool = True
     edge_weights: bool = True
     blocks: bool = True

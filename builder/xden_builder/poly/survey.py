@@ -95,7 +95,7 @@ def survey(
     order
         Which part owns space first, see :func:`xden1k.rays.ownership_order`.
     volumes_cm3
-        Shape (K,): of the space each part owns.
+        Shape (K,): of the space each part's mesh owns.
     settings
         What is modelled.
 
@@ -114,7 +114,7 @@ def survey(
     ]
     clues = list(_by_labels(capture, fits))
     if capture.weighed_mass_g is not None:
-        clues += _by_mass(capture, volumes_cm3, fits)
+        clues += _by_mass(capture, samples.size.factor**3 * volumes_cm3, fits)
     return tuple(clues)
 
 

@@ -19,7 +19,6 @@ from xden_builder.reconstruct.explained import Explained
 from xden_builder.reconstruct.plausible import view_flags
 from xden_builder.reconstruct.report import report
 from xden_builder.reconstruct.settings import BuildSettings
-from xden_builder.reconstruct.space import Space
 
 __all__ = ["assemble"]
 
@@ -29,7 +28,7 @@ VOLUME_TOLERANCE: Final = 0.03
 """Voxels know the volume of the smallest parts to 1 or 2 %."""
 
 
-def assemble(space: Space, explained: Explained, settings: BuildSettings) -> DensityObject:
+def assemble(explained: Explained, settings: BuildSettings) -> DensityObject:
     """Put parts, voxels and the report together.
 
     Raises
@@ -37,7 +36,7 @@ def assemble(space: Space, explained: Explained, settings: BuildSettings) -> Den
     DataError
         If the photon energy of a monochromatic source lies outside the tables.
     """
-    capture, densities = explained.capture, densities_of(explained)
+    capture, space, densities = explained.capture, explained.space, densities_of(explained)
     grids = object_grids(space.meshes, space.order, settings.column_samples)
     parts = [
         _part(*of_part)
@@ -75,7 +74,7 @@ def assemble(space: Space, explained: Explained, settings: BuildSettings) -> Den
             *view_flags(explained.audits),
             *(() if grids.labels.any() else (THINNER_THAN_LABELS,)),
         ),
-        meta=report(explained, space.regions, densities, settings),
+        meta=report(explained, densities, settings),
     )
 
 

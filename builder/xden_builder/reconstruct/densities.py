@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64
 
 from xden_builder.fit.density import PartDensity, part_densities
 from xden_builder.fit.spread import spread
+from xden_builder.poly.model.size import SIZE_SDS
 from xden_builder.reconstruct.explained import Explained
 
 __all__ = ["Densities", "densities_of"]
@@ -24,10 +25,15 @@ class Densities:
         In the order of the capture's.
     covariance
         Shape (K, K): of the densities, in g²/cm⁶; not a number where one is not known.
+    by_size_g_cm3, size_sd
+        Shape (K,): the share of it that comes with the object's size, for one that is so much
+        larger (relative, a standard deviation).
     """
 
     parts: tuple[PartDensity, ...]
     covariance: Float64[np.ndarray, "k k"]
+    by_size_g_cm3: Float64[np.ndarray, "k"]
+    size_sd: float
 
 
 def densities_of(explained: Explained) -> Densities:
@@ -41,12 +47,16 @@ def densities_of(explained: Explained) -> Densities:
     known, registration = _by_fit(explained), explained.registration
     if registration is None:
         return known
-    return Densities(*spread(known.parts, known.covariance, registration.density_spread()))
+    parts, covariance = spread(known.parts, known.covariance, registration.density_spread())
+    return replace(known, parts=parts, covariance=covariance)
 
 
 def _by_fit(explained: Explained) -> Densities:
     capture, poly = explained.capture, explained.poly
     if poly is not None:
-        return Densities(poly.parts, poly.covariance)
+        return Densities(poly.parts, poly.covariance, poly.by_size_g_cm3, poly.size.sd)
     parts = part_densities(explained.fit, capture.parts, capture.tube)
-    return Densities(parts, np.diag(np.array([part.sd_g_cm3 for part in parts]) ** 2))
+    size_sd = SIZE_SDS["known"] if explained.size is None else explained.size.sd
+    by_size = -size_sd * np.array([part.density_g_cm3 for part in parts])
+    alone = np.diag(np.array([part.sd_g_cm3 for part in parts]) ** 2)
+    return Densities(parts, alone + np.outer(by_size, by_size), by_size, size_sd)

@@ -16,11 +16,12 @@ from xden_builder.capture.saturation import GainBounds, completed, gain_bounds
 from xden_builder.fit import LacFit, fit_lac, fit_lac_adam
 from xden_builder.poly.judgement import PolyFit
 from xden_builder.poly.line import fit_poly
+from xden_builder.poly.model.size import Size
 from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.reconstruct.space import Space
 from xden_builder.registration.capture import Registered
 from xden_builder.registration.placement import Registration
-from xden_builder.registration.size import Size
+from xden_builder.registration.size import find_size
 
 __all__ = ["Explained", "ModelUsed", "explain"]
 
@@ -34,7 +35,10 @@ class Explained:
     Parameters
     ----------
     capture
-        Its views where the refined pose sees the scanner from the meshes.
+        Its views where the refined pose sees the scanner from the meshes, and these as large as the
+        object.
+    space
+        What is each part's, as large as the object.
     model
         ``paper``, ``poly``, ``mono`` or, without a known source, ``attenuation``.
     lengths
@@ -48,10 +52,11 @@ class Explained:
     registration
         How the parts came into the scanner's frame; None where they were there already.
     size
-        That was found of them; None where it was known.
+        That was found of them, and given to them; None where it was not sought.
     """
 
     capture: Capture
+    space: Space
     model: ModelUsed
     lengths: tuple[PathLengths, ...]
     fit: LacFit
@@ -69,7 +74,7 @@ def explain(there: Registered, space: Space, settings: BuildSettings) -> Explain
     there
         Its parts stand in the scanner's frame.
     space
-        What is each part's.
+        What is each part's mesh's.
     settings
         How to rebuild.
 
@@ -80,7 +85,7 @@ def explain(there: Registered, space: Space, settings: BuildSettings) -> Explain
         spectrum: its pose is found by that fit alone.
     """
     capture = there.capture
-    model, poly = _model_used(capture, settings), None
+    model, poly, size = _model_used(capture, settings), None, None
     if model != "poly" and capture.turned:
         raise DataError(
             f"views.{min(capture.turned)}.turned: expected a tube's kv in scanner.toml and --model "
@@ -88,7 +93,11 @@ def explain(there: Registered, space: Space, settings: BuildSettings) -> Explain
         )
     if model == "poly":
         poly = fit_poly(capture, space.order, space.volumes_cm3, settings.poly)
-        capture = _turned(capture, poly)
+        capture, size = _turned(capture, poly), poly.size
+    elif capture.mesh_scale == "near":
+        size = find_size(capture, space.order)
+    if size is not None:
+        capture, space = _enlarged(capture, size), space.enlarged(size)
     subrays = 1 if settings.model == "paper" else settings.subrays
     lengths = [
         path_lengths(space.meshes, space.order, view.geometry, subrays)
@@ -97,7 +106,7 @@ def explain(there: Registered, space: Space, settings: BuildSettings) -> Explain
     fit = _fit(capture, lengths, settings, poly)
     audits = _audits(capture, lengths, fit, poly)
     return Explained(
-        capture, model, tuple(lengths), fit, poly, audits, there.registration, there.size
+        capture, space, model, tuple(lengths), fit, poly, audits, there.registration, size
     )
 
 
@@ -115,6 +124,11 @@ def _turned(capture: Capture, poly: PolyFit) -> Capture:
         for view, seen in zip(capture.fitted_views, poly.solution.seen, strict=True)
     )
     return replace(capture, views=(pa, lat), further_views=tuple(further))
+
+
+def _enlarged(capture: Capture, size: Size) -> Capture:
+    parts = tuple(replace(part, mesh=size.enlarged(part.mesh)) for part in capture.parts)
+    return replace(capture, parts=parts)
 
 
 def _fit(

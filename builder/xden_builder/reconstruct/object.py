@@ -9,6 +9,7 @@ import numpy as np
 from xden1k.rays import PathLengths
 from xden1k.values.arrays import Mask
 from xden1k.values.types import DensityObject
+from xden1k.values.views import XRayView
 from xden_builder.capture import Capture
 from xden_builder.reconstruct.assembly import assemble
 from xden_builder.reconstruct.explained import explain
@@ -26,6 +27,8 @@ from xden_builder.registration.capture import registered
 __all__ = ["reconstruct"]
 
 DEFAULT: Final = BuildSettings()
+AIR: Final = 0.9
+"""Quantile of the transmission that is open field, if anything is."""
 
 
 def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityObject:
@@ -62,9 +65,15 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
         (view.name, _shadow(lengths), ~view.valid)
         for view, lengths in zip(capture.fitted_views, explained.lengths, strict=True)
     )
-    gains = [audit.gain for audit in explained.audits]
-    check_size(capture.parts, explained.capture.fitted_views, gains)
-    return assemble(space, explained, settings)
+    views = explained.capture.fitted_views
+    gains = (audit.gain for audit in explained.audits)
+    check_size(capture.parts, views, list(map(_air, views, gains)))
+    return assemble(explained, settings)
+
+
+def _air(view: XRayView, gain: float) -> float:
+    """Transmission beside the object, by the fit or, if that found none there, by the image."""
+    return max(gain, float(np.quantile(view.transmission[view.valid], AIR)))
 
 
 def _shadow(lengths: PathLengths) -> Mask:

@@ -24,7 +24,6 @@ __all__ = ["report"]
 
 def report(
     explained: Explained,
-    regions: Sequence[trimesh.Trimesh],
     densities: Densities,
     settings: BuildSettings,
 ) -> Mapping[str, Any]:
@@ -34,7 +33,7 @@ def report(
     ----------
     explained
         The fits.
-    regions, densities
+    densities
         Of the parts.
     settings
         How it was rebuilt.
@@ -44,7 +43,7 @@ def report(
     weighed_g = None if poly is None else capture.weighed_mass_g
     return (
         _fits(explained, settings)
-        | _uncertainty(regions, densities, weighed_g)
+        | _uncertainty(explained.space.regions, densities, weighed_g)
         | ({} if poly is None else {"poly": plain(poly.report(names))})
         | ({} if registration is None else {"registration": plain(registration.to_dict())})
         | ({} if explained.size is None else {"mesh_size": explained.size.to_dict()})
@@ -113,7 +112,14 @@ def _uncertainty(
     if np.isnan(known).any():
         return {}
     weighed_sd_g = None if weighed_mass_g is None else MASS_SD_SHARE * weighed_mass_g
-    sd = rigid_sd(regions, known, densities.covariance, weighed_sd_g=weighed_sd_g)
+    sd = rigid_sd(
+        regions,
+        known,
+        densities.covariance,
+        densities.by_size_g_cm3,
+        densities.size_sd,
+        weighed_sd_g=weighed_sd_g,
+    )
     return {
         "uncertainty": {
             "mass_sd_g": sd.mass_g,

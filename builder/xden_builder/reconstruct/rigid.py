@@ -13,10 +13,8 @@ from jaxtyping import Float, Float64
 from xden1k.values.arrays import Vec3
 from xden1k.values.mass import mass_of_meshes
 
-__all__ = ["SCALE_SD", "RigidSD", "rigid_sd"]
+__all__ = ["RigidSD", "rigid_sd"]
 
-SCALE_SD: Final = 0.005
-"""Relative standard deviation of the size of the meshes: an assumption."""
 SURFACE_SD_CM: Final = 0.005
 """How well meshes know where the middle of the space they enclose is: an assumption."""
 
@@ -44,13 +42,15 @@ def rigid_sd(
     meshes: Sequence[trimesh.Trimesh],
     density_g_cm3: Float64[np.ndarray, "k"],
     covariance: Float64[np.ndarray, "k k"],
-    scale_sd: float = SCALE_SD,
+    by_size_g_cm3: Float64[np.ndarray, "k"],
+    size_sd: float,
     weighed_sd_g: float | None = None,
 ) -> RigidSD:
     """Carry the uncertainty of the densities over to the body, to first order.
 
-    Meshes larger by a share s than the object make densities smaller by s, as X-rays see their
-    product with a length; so mass is off by 2 s and inertia by 4 s.
+    An object larger by a share s than its meshes has densities smaller by s where X-rays tell them,
+    since they see the product with a length; so mass is off by 2 s and inertia by 4 s. Where labels
+    tell densities it is 3 s and 5 s.
 
     Parameters
     ----------
@@ -58,8 +58,9 @@ def rigid_sd(
         Closed, in cm, disjoint.
     density_g_cm3, covariance
         Shape (K,) and (K, K).
-    scale_sd
-        Relative, of the meshes' size.
+    by_size_g_cm3, size_sd
+        Shape (K,): the share of the covariance that comes with the object's size, for one that is
+        so much larger (relative, a standard deviation).
     weighed_sd_g
         Standard deviation of the mass, if the densities were fitted to a weighed one: whatever
         else is not known, they are not free to change the mass by more.
@@ -70,24 +71,28 @@ def rigid_sd(
     mass = float(volumes @ density_g_cm3)
     com = (volumes * density_g_cm3) @ centres / mass
     off = centres - com
-    scales = (2 * scale_sd, 4 * scale_sd)
+    known = _with_size(covariance, by_size_g_cm3, size_sd)
+    of_mass = np.append(volumes, 3 * mass)
     if weighed_sd_g is not None:
-        slope = covariance @ volumes
-        known = volumes @ slope + weighed_sd_g**2
-        covariance = covariance - np.outer(slope, slope) / known
-        scales = (0.0, 2 * scale_sd)
+        slope = known @ of_mass
+        known = known - np.outer(slope, slope) / (of_mass @ slope + weighed_sd_g**2)
     squares = (off**2).sum(axis=1)[:, None, None] * np.eye(3) - off[:, :, None] * off[:, None, :]
     inertias = np.stack([unit.inertia_g_cm2 for unit in units])
     inertias = inertias + volumes[:, None, None] * squares
     inertia = np.einsum("k,kij->ij", density_g_cm3, inertias)
-    slopes = volumes[:, None] * off / mass
-    return RigidSD(
-        float(np.hypot(np.sqrt(volumes @ covariance @ volumes), scales[0] * mass)),
-        np.hypot(
-            np.sqrt(np.einsum("ki,kl,li->i", slopes, covariance, slopes).clip(min=0)), SURFACE_SD_CM
-        ),
-        np.hypot(
-            np.sqrt(np.einsum("kij,kl,lij->ij", inertias, covariance, inertias).clip(min=0)),
-            scales[1] * np.abs(inertia),
-        ),
+    of_com = np.concatenate([volumes[:, None] * off / mass, np.zeros((1, 3))])
+    of_inertia = np.concatenate([inertias, 5 * inertia[None]])
+    variances = (
+        np.einsum("k...,kl,l...->...", slopes, known, slopes).clip(min=0)
+        for slopes in (of_mass, of_com, of_inertia)
     )
+    mass_sd_g, com_sd_cm, inertia_sd_g_cm2 = map(np.sqrt, variances)
+    return RigidSD(float(mass_sd_g), np.hypot(com_sd_cm, SURFACE_SD_CM), inertia_sd_g_cm2)
+
+
+def _with_size(
+    covariance: Float64[np.ndarray, "k k"], by_size: Float64[np.ndarray, "k"], size_sd: float
+) -> Float64[np.ndarray, "k+1 k+1"]:
+    """Covariance of the densities and the logarithm of the object's size."""
+    both = size_sd * by_size[:, None]
+    return np.block([[covariance, both], [both.T, np.array([[size_sd**2]])]])

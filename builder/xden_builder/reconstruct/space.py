@@ -12,6 +12,7 @@ from jaxtyping import Float64
 from xden1k.errors import DataError
 from xden1k.rays import disjoint_regions, ownership_order
 from xden_builder.capture import CapturePart
+from xden_builder.poly.model.size import Size
 
 __all__ = ["Space", "divide"]
 
@@ -33,6 +34,14 @@ class Space:
     meshes: tuple[trimesh.Trimesh, ...]
     order: tuple[int, ...]
     regions: tuple[trimesh.Trimesh, ...]
+
+    def enlarged(self, size: Size) -> Space:
+        """Give everything another size."""
+        return Space(
+            tuple(size.enlarged(mesh) for mesh in self.meshes),
+            self.order,
+            tuple(size.enlarged(region) for region in self.regions),
+        )
 
     @property
     def volumes_cm3(self) -> Float64[np.ndarray, "k"]:

@@ -9,7 +9,6 @@ from xden_builder.capture import Capture
 from xden_builder.capture.pose import MeshScale
 from xden_builder.registration.placement import Registration, RigidPlacement
 from xden_builder.registration.search import register
-from xden_builder.registration.size import Size, find_size
 
 __all__ = ["Registered", "registered"]
 
@@ -24,44 +23,31 @@ class Registered:
         Its parts stand in the scanner's frame.
     registration
         How they came there; None where they were there already.
-    size
-        That was found of the parts, and given to them; None where it was known.
     """
 
     capture: Capture
     registration: Registration | None = None
-    size: Size | None = None
 
     @property
     def placement(self) -> RigidPlacement | None:
-        """By which they came there, and to their size."""
-        there = None if self.registration is None else self.registration.placement
-        return there if self.size is None else self.size.after(there)
+        """By which they came there."""
+        return None if self.registration is None else self.registration.placement
 
 
 def registered(capture: Capture) -> Registered:
-    """Put the parts of a capture into the scanner's frame, where they are not in it, at their size.
+    """Put the parts of a capture into the scanner's frame, where they are not in it.
 
     Raises
     ------
     DataError
         As :func:`xden_builder.registration.search.register`.
     """
-    if capture.pose == "near" and capture.mesh_scale == "known":
+    if capture.pose == "near":
         return Registered(capture)
     meshes = [part.mesh for part in capture.parts]
     order = ownership_order(meshes, [part.priority for part in capture.parts])
-    registration = size = None
-    if capture.pose != "near":
-        registration = register(capture, order)
-        capture = _moved(capture, registration.placement)
-    if capture.mesh_scale == "near":
-        size = find_size(capture, order)
-        capture = _moved(capture, size.placement)
-    return Registered(capture, registration, size)
-
-
-def _moved(capture: Capture, placement: RigidPlacement) -> Capture:
-    parts = placement.of_parts(capture.parts)
+    registration = register(capture, order)
+    parts = registration.placement.of_parts(capture.parts)
     left: MeshScale = "near" if capture.mesh_scale == "near" else "known"
-    return replace(capture, parts=parts, pose="near", mesh_scale=left)
+    there = replace(capture, parts=parts, pose="near", mesh_scale=left)
+    return Registered(there, registration)

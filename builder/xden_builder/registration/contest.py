@@ -27,7 +27,8 @@ WIDE_PX: Final = 240
 CLOSE: Final = (1.4, 0.06)
 """A pose whose loss is at most so many times the least, and so much more, may be right too."""
 MOST: Final = 4
-SETTINGS: Final = PolySettings()
+SETTINGS: Final = PolySettings(size=False)
+"""An object gets its size where it stands."""
 
 
 def told_apart(

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
-import numpy as np
-
-from xden1k.rays import disjoint_regions, ownership_order
-from xden_builder.capture import Capture, CaptureFolder
-from xden_builder.evaluate.methods import paper, poly
+from xden_builder.capture import CaptureFolder
+from xden_builder.evaluate.methods import errors_of_fit, paper, poly
 from xden_builder.evaluate.truth import errors_of, read_truth
 from xden_builder.phantoms import write_captures
 from xden_builder.phantoms.scanner import Scanner
 from xden_builder.poly.settings import PolySettings
+from xden_builder.reconstruct.space import divide
 from xden_builder.speed.timing import timed
 
 __all__ = ["CATEGORY", "compared_ways"]
@@ -46,17 +43,10 @@ def compared_ways(size: int, repeats: int) -> tuple[int, Way, Way]:
         (object_id,) = folder.object_ids
         capture = folder.read(object_id)
         truth = read_truth(root / object_id, capture.parts)
-    meshes = [part.mesh for part in capture.parts]
-    order = ownership_order(meshes, [part.priority for part in capture.parts])
-    regions = disjoint_regions(meshes, order)
-
-    def ours(capture: Capture) -> np.ndarray:
-        (fit,) = poly(capture, order, regions, [None], PolySettings())
-        return fit.solution.density_g_cm3
-
-    def way(work: Callable[[], np.ndarray], repeats: int) -> Way:
-        seconds, density = timed(work, repeats)
-        return seconds, errors_of(density, regions, truth).density_mae_g_cm3
-
-    ours(capture)  # compiles
-    return len(meshes), way(lambda: ours(capture), repeats), way(lambda: paper(capture, order), 1)
+    space = divide(capture.parts)
+    theirs_s, density = timed(lambda: paper(capture, space.order), 1)
+    theirs = errors_of(density, space.regions, truth).density_mae_g_cm3
+    poly(capture, space, [None], PolySettings())  # compiles
+    ours_s, (fit,) = timed(lambda: poly(capture, space, [None], PolySettings()), repeats)
+    ours = errors_of_fit(fit, space, truth).density_mae_g_cm3
+    return len(capture.parts), (ours_s, ours), (theirs_s, theirs)

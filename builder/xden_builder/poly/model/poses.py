@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float64
 
+from xden1k.values.arrays import Vec3
 from xden1k.values.views import ViewGeometry
 from xden_builder.poly.model.frames import Pose, nearer, posed
 
@@ -20,8 +21,6 @@ TURNED_SD: Final = (0.09, 0.09, 0.09, 2.0, 2.0, 2.0)
 """The same where the object was turned by hand: 5 degrees and 2 cm."""
 ROW_SHIFT_SD_CM: Final = 0.05
 """How far the rows of two panels are expected to disagree."""
-SIZE_SD: Final = 0.01
-"""Of the logarithm of the object's size over that of its meshes, where it is sought."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,20 +38,26 @@ class Poses:
         By view: whether the object was turned by hand before it.
     origin
         At rest.
-    sized
-        Whether the size is sought.
+    size_sd
+        Standard deviation of the logarithm of the size before the images; 0 where meshes have
+        their size, which is not sought then.
 
     Examples
     --------
     >>> [Poses(turned, Pose()).count for turned in ((False, False), (False, True))]
     [7, 12]
-    >>> Poses((False, False), Pose(), sized=True).size_places
+    >>> Poses((False, False), Pose(), size_sd=0.01).size_places
     [7]
     """
 
     turned: tuple[bool, ...]
     origin: Pose
-    sized: bool = False
+    size_sd: float = 0.0
+
+    @property
+    def sized(self) -> bool:
+        """Whether the size is sought."""
+        return self.size_sd > 0
 
     @property
     def count(self) -> int:
@@ -63,7 +68,7 @@ class Poses:
     def prior_sd(self) -> Float64[np.ndarray, "p"]:
         """Standard deviations before the images, in radians, cm and as a share; means are zero."""
         own = [sd for own in self._own_sds() for sd in own]
-        return np.array([*SHARED_SD, *own, *[SIZE_SD] * self.sized])
+        return np.array([*SHARED_SD, *own, *[self.size_sd] * self.sized])
 
     @property
     def size_places(self) -> list[int]:
@@ -89,11 +94,32 @@ class Poses:
         mine = vector[self.places(number)]
         return self.origin.moved(np.append(mine, np.zeros(RIGID + 1 - len(mine))))
 
+    def shifts(self, number: int) -> list[int]:
+        """Places of a view's shift in the vector."""
+        return self.places(number)[RIGID // 2 : RIGID]
+
+    def sight(self, number: int, told: ViewGeometry, vector: Float64[np.ndarray, "p"]) -> Vec3:
+        """Way from where the object's middle stands to the source; of a parallel beam, its line."""
+        if told.source_cm is None:
+            assert told.direction is not None
+            return told.direction
+        pose = self.of(number, vector)
+        return np.asarray(told.source_cm - np.array(pose.centre_cm) - np.array(pose.shift_cm))
+
     def geometry(
         self, number: int, told: ViewGeometry, vector: Float64[np.ndarray, "p"]
     ) -> ViewGeometry:
-        """Move a view's scanner so that meshes at rest look as the object does in its pose."""
-        there = posed(told, self.of(number, vector), shifted_rows=True)
+        """Move a view's scanner so that meshes at rest look as the object does, in pose and size.
+
+        Ways through them are those of the meshes.
+        """
+        there = self.placed(number, told, vector)
         if not self.sized:
             return there
         return nearer(there, float(np.exp(vector[-1])), np.array(self.origin.centre_cm))
+
+    def placed(
+        self, number: int, told: ViewGeometry, vector: Float64[np.ndarray, "p"]
+    ) -> ViewGeometry:
+        """Move a view's scanner so that meshes of the object's size look as it does in its pose."""
+        return posed(told, self.of(number, vector), shifted_rows=True)
