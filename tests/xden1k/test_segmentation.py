@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +95,12 @@ def test_the_film_that_seals_two_parts_is_no_void() -> None:
     apart = [HALVES[0], HALVES[1].copy().apply_translation((1e-6, 0, 0))]
     owners = owner_voxels(apart, grid)
     assert set(np.unique(owners[128, 80:-80, 80:-80]).tolist()) <= {1, 2}
+    along = range(80, 176, 8)
+    voxels = np.array(list(product([127, 128, 129], along, along)), dtype=np.uint8)
+    points = SegmentPoints(voxels, grid.origin_cm + grid.voxel_size_cm * voxels)
+    found = point_owners(apart, grid, points)
+    assert found.all()
+    assert (found == owners[tuple(voxels.T)]).all()
 
 
 @given(st.integers(0, 2000), st.sampled_from([150, 151, 149]))
