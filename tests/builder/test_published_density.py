@@ -37,6 +37,8 @@ from xden_builder.published.release_fit import (
 from xden_builder.published.survey import PartSeen, Survey
 
 BEAM = Beam(filter_mm_al=4.0, stray=0.02, knee=2.1, spread=1.0, axes=(0, 1))
+HARDER = replace(BEAM, filter_mm_al=12.0)
+KNOWN = ((BEAM, 1.0),)
 
 
 def slab(
@@ -88,14 +90,24 @@ def test_stray_light_and_hardening_lower_what_is_found():
 @pytest.mark.parametrize("material", ["water", "wood_oak", "pvc_rigid", "glass_soda_lime"])
 def test_a_material_behind_the_known_beam_is_within_its_deviation(material):
     rays, known = slab(1.0), load_materials()[material]
-    found = estimate(lac_of(material, rays), "", rays, BEAM)
+    found = estimate(lac_of(material, rays), "", rays, KNOWN)
     assert abs(found.density_g_cm3 - known.density_nominal_g_cm3) < 2 * found.sd_g_cm3
+
+
+def test_a_density_is_between_those_of_the_beams_that_remain_and_less_sure_than_behind_one():
+    lac_per_cm, rays = lac_of("water", slab(3.0)), slab(3.0)
+    soft, hard, either = (
+        estimate(lac_per_cm, "water", rays, beams)
+        for beams in (KNOWN, ((HARDER, 1.0),), ((BEAM, 0.5), (HARDER, 0.5)))
+    )
+    assert soft.density_g_cm3 < either.density_g_cm3 < hard.density_g_cm3
+    assert either.sd_g_cm3 > soft.sd_g_cm3
 
 
 def test_aluminium_is_told_from_steel_by_its_attenuation_and_thickness():
     rays = slab(0.5)
     light, heavy = (
-        estimate(lac_of(name, rays), "bracket", rays, BEAM) for name in ("aluminium", "steel")
+        estimate(lac_of(name, rays), "bracket", rays, KNOWN) for name in ("aluminium", "steel")
     )
     assert light.density_g_cm3 < 3.2
     assert heavy.density_g_cm3 > 6.5
@@ -127,13 +139,13 @@ def test_a_gross_error_does_not_outweigh_all_else_that_is_known():
 
 def test_nothing_adds_to_what_a_part_attenuates_where_nothing_else_is_on_the_way():
     assert evidence_lost(3.0, clear=1.0) > 1.5 * evidence_lost(3.0, clear=0.5)
-    found = estimate(1.3, "", slab(10.0, volume_cm3=3700.0, narrow_cm=15.0), BEAM)
+    found = estimate(1.3, "", slab(10.0, volume_cm3=3700.0, narrow_cm=15.0), KNOWN)
     assert found.density_g_cm3 > 2  # heavy as it is, rather than a foam's that errs by 50
 
 
 def test_what_is_heavy_by_its_kind_is_not_taken_for_light_for_being_heavy():
     rays = slab(10.0, volume_cm3=3700.0, narrow_cm=15.0)
-    thing, weight = (estimate(1.3, name, rays, BEAM) for name in ("", "kettlebell"))
+    thing, weight = (estimate(1.3, name, rays, KNOWN) for name in ("", "kettlebell"))
     assert weight.density_g_cm3 + weight.sd_g_cm3 > 7.5
     assert weight.density_g_cm3 > thing.density_g_cm3
 
@@ -146,9 +158,9 @@ def test_an_error_that_adds_is_as_many_deviations_in_the_logarithm_as_in_the_dep
 
 
 def test_a_blade_that_the_mesh_may_miss_says_less_than_a_plate():
-    plate, blade = (estimate(0.3, "", slab(1.0, narrow_cm=cm), BEAM) for cm in (3.0, 0.1))
+    plate, blade = (estimate(0.3, "", slab(1.0, narrow_cm=cm), KNOWN) for cm in (3.0, 0.1))
     assert blade.sd_g_cm3 > 2 * plate.sd_g_cm3
-    named = estimate(0.3, "blade", slab(1.0, narrow_cm=0.1), BEAM)
+    named = estimate(0.3, "blade", slab(1.0, narrow_cm=0.1), KNOWN)
     assert named.density_g_cm3 + named.sd_g_cm3 > 6
 
 
@@ -164,19 +176,19 @@ def test_a_category_speaks_for_what_its_things_are_made_of():
     assert usual_families("gadget") == frozenset()
     rays = slab(0.5)
     lac_per_cm = lac_of("porcelain", rays)
-    plain, told = (estimate(lac_per_cm, "", rays, BEAM, (), kind) for kind in ("", "mug"))
+    plain, told = (estimate(lac_per_cm, "", rays, KNOWN, (), kind) for kind in ("", "mug"))
     assert told.density_g_cm3 <= plain.density_g_cm3
 
 
 def test_a_coefficient_behind_a_wall_says_little():
-    seen, hidden = (estimate(0.25, "", slab(1.0, clear), BEAM) for clear in (1.0, 0.02))
+    seen, hidden = (estimate(0.25, "", slab(1.0, clear), KNOWN) for clear in (1.0, 0.02))
     assert hidden.sd_g_cm3 > 3 * seen.sd_g_cm3
     assert hidden.source == "prior"
 
 
 def test_a_large_body_that_lets_nothing_through_is_not_taken_for_tons_of_metal():
     small, large = (
-        estimate(0.2, "", slab(15.0, 0.2, volume_cm3), BEAM) for volume_cm3 in (1.0, 3000.0)
+        estimate(0.2, "", slab(15.0, 0.2, volume_cm3), KNOWN) for volume_cm3 in (1.0, 3000.0)
     )
     assert large.density_g_cm3 < small.density_g_cm3
     assert large.density_g_cm3 + large.sd_g_cm3 < 2.5
@@ -185,10 +197,10 @@ def test_a_large_body_that_lets_nothing_through_is_not_taken_for_tons_of_metal()
 def test_what_copies_show_counts_for_each_of_them():
     rays = slab(0.5)
     lac_per_cm = lac_of("aluminium", rays)
-    alone = estimate(1.6 * lac_per_cm, "", rays, BEAM)
-    paired = estimate(1.6 * lac_per_cm, "", rays, BEAM, [(lac_per_cm, rays)])
+    alone = estimate(1.6 * lac_per_cm, "", rays, KNOWN)
+    paired = estimate(1.6 * lac_per_cm, "", rays, KNOWN, [(lac_per_cm, rays)])
     assert abs(paired.density_g_cm3 - 2.7) < abs(alone.density_g_cm3 - 2.7)
-    turned = estimate(lac_per_cm, "", rays, BEAM, [(1.6 * lac_per_cm, rays)])
+    turned = estimate(lac_per_cm, "", rays, KNOWN, [(1.6 * lac_per_cm, rays)])
     assert paired.density_g_cm3 == pytest.approx(turned.density_g_cm3)
 
 
@@ -215,13 +227,13 @@ def test_a_name_speaks_for_its_families_and_against_the_others():
     assert families_of("Left_grip-2") == {"elastomer", "polymer", "wood"}
     assert families_of("part_3") == frozenset()
     rays = slab(1.0)
-    plain, named = (estimate(0.19, name, rays, BEAM) for name in ("plastic", "rubber"))
+    plain, named = (estimate(0.19, name, rays, KNOWN) for name in ("plastic", "rubber"))
     families = [load_materials()[next(iter(found.likeliest))].family for found in (plain, named)]
     assert families == ["polymer", "elastomer"]
 
 
 def test_no_deviation_is_below_three_per_cent_and_every_label_is_a_guess():
-    found = estimate(lac_of("water", slab(3.0)), "water", slab(3.0), BEAM)
+    found = estimate(lac_of("water", slab(3.0)), "water", slab(3.0), KNOWN)
     assert found.sd_g_cm3 >= 0.03 * found.density_g_cm3
     assert "material_guessed" in found.flags
 
@@ -244,5 +256,6 @@ def test_voxels_and_ways_are_in_centimetres():
 
 
 def test_a_release_fit_survives_json():
-    fit = ReleaseFit(vote([survey()] * 3), BeamFit(BEAM, -3.0, -4.0, 7.0, 3))
+    likely = ((BEAM, 0.75), (HARDER, 0.25))
+    fit = ReleaseFit(vote([survey()] * 3), BeamFit(BEAM, -3.0, -4.0, 7.0, 3, likely))
     assert ReleaseFit.from_json(fit.to_json()) == fit

@@ -357,6 +357,18 @@ def test_bodies_of_other_proportions_are_refused():
         )
 
 
+def test_a_flat_body_whose_mesh_lacks_a_sliver_at_its_bottom_is_placed():
+    told = replace(vote([survey(29)] * 3), mode="isotropic", scale=None)
+    box = np.array([60, 20, 8])[list(ORIENTATIONS[29].axes)]
+    first = (SIDE - box) // 2
+    lac_per_cm = np.zeros((SIDE,) * 3, dtype=np.float32)
+    lac_per_cm[tuple(slice(a, a + n) for a, n in zip(first, box, strict=True))] = TABLE["head"]
+    open_below = trimesh.creation.box(np.array([60, 20, 6.2]) * UNIT)
+    volume = volume_shares(label_volume(lac_per_cm, {"head": TABLE["head"]}))
+    placed = register(fill_mesh(open_below), volume, np.ones(3), told, SIDE)
+    assert placed.meta["iou"] > 0.7
+
+
 def test_a_cavity_that_nothing_opens_is_not_seen_from_outside():
     body = np.zeros((12, 12, 12), dtype=np.float32)
     body[2:10, 2:10, 2:10] = 1

@@ -69,7 +69,7 @@ def estimate(
     lac_per_cm: float,
     name: str,
     rays: PartRays,
-    beam: Beam,
+    beams: Sequence[tuple[Beam, float]],
     copies: Sequence[tuple[float, PartRays]] = (),
     category: str = "",
 ) -> PartEstimate:
@@ -81,20 +81,24 @@ def estimate(
         As published, positive.
     name
         Of the part; empty where nothing is told.
-    rays, beam
+    rays
         Ways through the part, and what they met.
+    beams
+        That the radiographs may have been taken with, the likeliest first, and the probability of
+        each.
     copies
         Coefficient and rays of other parts of the object that are of the same material.
     category
         Of the object; empty where nothing is told.
     """
     tried = hypotheses(families_of(name), usual_families(category))
-    own, off = _weighed(lac_per_cm, rays, tried, beam)
-    others = [_weighed(*copy, tried, beam)[0] for copy in copies]
-    seen = sum(others, own) / (1 + COMMON * len(others))
     prior = np.exp(log_prior(tried, rays.volume_cm3))
-    chance = prior * np.exp(seen - seen.max())
-    chance /= chance.sum()
+    chance = np.zeros(len(prior))
+    for beam, share in beams:
+        seen = _seen(lac_per_cm, rays, copies, tried, beam)
+        behind = prior * np.exp(seen - seen.max())
+        chance += share * behind / behind.sum()
+    _, off = _weighed(lac_per_cm, rays, tried, beams[0][0])
     low, density, high = _quantiles(tried.density_g_cm3, chance)
     prior_low, _, prior_high = _quantiles(tried.density_g_cm3, prior)
     sd = max((high - low) / 2, LEAST_SD * density)
@@ -108,6 +112,19 @@ def estimate(
         dict(list(by_material.items())[:3]),
         _flags(sd / density, float(chance[far].sum()), float(off[chance.argmax()])),
     )
+
+
+def _seen(
+    lac_per_cm: float,
+    rays: PartRays,
+    copies: Sequence[tuple[float, PartRays]],
+    tried: Hypotheses,
+    beam: Beam,
+) -> Float64[np.ndarray, "h"]:
+    """Log likelihood of each hypothesis behind a beam, by a part and its copies."""
+    own, _ = _weighed(lac_per_cm, rays, tried, beam)
+    others = [_weighed(*copy, tried, beam)[0] for copy in copies]
+    return np.asarray(sum(others, own) / (1 + COMMON * len(others)))
 
 
 def _weighed(

@@ -121,11 +121,11 @@ def _estimates(
     fit: ReleaseFit,
 ) -> list[PartEstimate]:
     """Weigh the materials of every part."""
-    sides, beam = np.linalg.norm(placed.affine[:3, :3], axis=0), fit.beam.beam
-    seen = [(part.lac_per_cm, part_rays(part, sides, beam.axes)) for part in parts]
+    sides, beams = np.linalg.norm(placed.affine[:3, :3], axis=0), fit.beam.likely
+    seen = [(part.lac_per_cm, part_rays(part, sides, fit.beam.beam.axes)) for part in parts]
     return [
         estimate(
-            lac_per_cm, part.name, rays, beam, [seen[place] for place in others], part.category
+            lac_per_cm, part.name, rays, beams, [seen[place] for place in others], part.category
         )
         for part, (lac_per_cm, rays), others in zip(parts, seen, alike, strict=True)
     ]

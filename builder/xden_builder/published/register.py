@@ -29,6 +29,9 @@ MOST_APART: Final = 0.08
 """Share by which the boxes' proportions may differ where voxels are cubes."""
 EDGE_VOXELS: Final = 1.0
 """By which a side of the volume's box may be off."""
+LACKING: Final = 0.01
+"""Of the longest side: what a mesh may lack at an end, such as a bottom that nobody photographed; a
+flat object lies on a large one."""
 MOST_UNLIKE: Final = 0.05
 """Standard deviation of the logarithms of size / extent up to which a size is the mesh's own."""
 FAILED: Final = 0.4
@@ -201,7 +204,9 @@ def _check(
 ) -> None:
     """Refuse what is no registration."""
     sides = mesh.extent[list(way.axes)]
-    least, most = ((volume.extent + step) / sides for step in (-EDGE_VOXELS, EDGE_VOXELS))
+    lacking = LACKING * float(volume.extent.max())
+    least = (volume.extent - EDGE_VOXELS - lacking) / sides
+    most = (volume.extent + EDGE_VOXELS) / sides
     apart = float(least.max() / most.min() - 1)
     if mode == "isotropic" and apart > MOST_APART:
         raise DataError(

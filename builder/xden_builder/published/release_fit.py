@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
 from typing import Any, Final
@@ -42,6 +42,8 @@ LYING_LOG: Final = -3.0
 a scanner as they stand on a table (assumed)."""
 START: Final = (4.0, 0.0)
 """Filter and stray light with which the axes are chosen."""
+LIKELY: Final = 0.03
+"""Beams that are less probable beside the best are not reckoned with."""
 MOST_PARTS: Final = 150
 """Parts that are asked: enough to place the beam, and minutes fewer."""
 
@@ -60,6 +62,8 @@ class BeamFit:
         That filter.
     parts
         How many were asked.
+    likely
+        Beams that remain possible, itself the first, and their probabilities, whose sum is 1.
     """
 
     beam: Beam
@@ -67,6 +71,7 @@ class BeamFit:
     runner_up: float
     runner_up_filter_mm_al: float
     parts: int
+    likely: tuple[tuple[Beam, float], ...]
 
     @property
     def at_end(self) -> bool:
@@ -96,9 +101,14 @@ class ReleaseFit:
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> ReleaseFit:
         """Read what :meth:`to_json` gave."""
-        beam = values["beam"]
-        told = Beam(**{**beam["beam"], "axes": tuple(beam["beam"]["axes"])})
-        return cls(Convention.from_json(values["convention"]), BeamFit(**{**beam, "beam": told}))
+        told = values["beam"]
+        likely = tuple((_beam(each), share) for each, share in told["likely"])
+        beam = BeamFit(**{**told, "beam": _beam(told["beam"]), "likely": likely})
+        return cls(Convention.from_json(values["convention"]), beam)
+
+
+def _beam(values: dict[str, Any]) -> Beam:
+    return Beam(**{**values, "axes": tuple(values["axes"])})
 
 
 def fit_release(surveys: Sequence[Survey]) -> ReleaseFit:
@@ -151,7 +161,30 @@ def _fit_beam(surveys: Sequence[Survey], convention: Convention) -> BeamFit:
     best = max(total, key=lambda beam: total[beam])
     others = [beam for beam in total if beam.filter_mm_al != best.filter_mm_al]
     second = max(others, key=lambda beam: total[beam])
-    return BeamFit(best, total[best], total[second], second.filter_mm_al, len(asked))
+    return BeamFit(
+        best, total[best], total[second], second.filter_mm_al, len(asked), likely_beams(total)
+    )
+
+
+def likely_beams(total: Mapping[Beam, float]) -> tuple[tuple[Beam, float], ...]:
+    """Beams that remain possible and their probabilities, the likeliest first.
+
+    Parameters
+    ----------
+    total
+        Logarithm of the posterior probability of each, up to a constant.
+
+    Examples
+    --------
+    >>> soft, hard = (Beam(filter_mm_al, 0.0, 1.5, 1.0, (0, 2)) for filter_mm_al in (2.5, 4.0))
+    >>> [(beam.filter_mm_al, round(share, 2)) for beam, share in likely_beams({soft: -9, hard: -8})]
+    [(4.0, 0.73), (2.5, 0.27)]
+    """
+    best = max(total.values())
+    ordered = sorted(total, key=lambda beam: -total[beam])
+    shares = {beam: math.exp(total[beam] - best) for beam in ordered}
+    kept = {beam: share for beam, share in shares.items() if share >= LIKELY}
+    return tuple((beam, share / sum(kept.values())) for beam, share in kept.items())
 
 
 def _ran(
