@@ -122,5 +122,8 @@ def point_owners(
     parts: Sequence[trimesh.Trimesh], grid: CubeGrid, points: SegmentPoints
 ) -> UInt8[np.ndarray, "points"]:
     """Which part owns each point: see :func:`owner_voxels`."""
-    owners: UInt8[np.ndarray, "points"] = owner_voxels(parts, grid)[tuple(points.voxels.T)]
-    return owners
+    at, order = tuple(points.voxels.T), range(len(parts))
+    owners: UInt8[np.ndarray, "points"] = voxel_labels(parts, order, grid)[at]
+    if owners.all():  # none in a void, or in the film
+        return owners
+    return np.where(owners > 0, owners, voxel_labels(sealed(parts), order, grid)[at])
