@@ -113,7 +113,7 @@ def k_fluorescence_cm2_g(
     >>> energies_kev = np.array([30.0, 60.0])
     >>> csi = (("CsI", 1.0),)
     >>> (k_fluorescence_cm2_g(csi, energies_kev) / mac_cm2_g(csi, energies_kev)).round(1).tolist()
-    [0.0, 20.6]
+    [0.0, 21.9]
     """
     total = np.zeros(energies_kev.shape)
     for element, fraction in element_fractions(composition).items():
