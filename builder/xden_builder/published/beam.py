@@ -114,10 +114,15 @@ def _transmissions(names: tuple[str, ...], filter_mm_al: float) -> Float64[np.nd
     return np.stack([np.exp(-np.outer(AREAL_G_CM2, each)) @ weights for each in mac])
 
 
+@lru_cache(maxsize=64)
 def fitted_depth(
     rays: PartRays, tried: Hypotheses, filter_mm_al: float, stray: float
 ) -> Float64[np.ndarray, "h"]:
-    """Coefficient that a perfect fit finds, times the mean way, for each hypothesis."""
+    """Coefficient that a perfect fit finds, times the mean way, for each hypothesis.
+
+    Kept for the last parts, since beams that differ in knee and spread alone share it; not to be
+    written to.
+    """
     table = _transmissions(tried.names, filter_mm_al)
     areal = np.log(tried.density_g_cm3[:, None] * rays.paths_cm)
     low, step = np.log(AREAL_G_CM2[0]), np.log(AREAL_G_CM2[1] / AREAL_G_CM2[0])
@@ -129,7 +134,9 @@ def fitted_depth(
     seen = (rays.others - stray).clip(LEAST) * through + np.minimum(stray, rays.others)
     model = rays.others * np.exp(-DEPTHS[:, None] * rays.paths_cm / rays.mean_cm)
     loss = (model**2) @ rays.weights - 2 * (seen * rays.weights) @ model.T
-    return np.asarray(np.exp(_lowest(np.log(DEPTHS), loss)))
+    depth = np.asarray(np.exp(_lowest(np.log(DEPTHS), loss)))
+    depth.flags.writeable = False
+    return depth
 
 
 def _lowest(
