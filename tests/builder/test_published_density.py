@@ -223,6 +223,27 @@ def test_radiographs_are_taken_across_the_axis_on_which_things_stand(monkeypatch
     assert fit_release(upright).beam.beam.axes == (0, 2)
 
 
+@pytest.mark.parametrize(("lot", "hopeless"), [(1, 1000.0), (1, 0.1), (2, 5.0)])
+def test_beams_dropped_after_some_parts_change_nothing_for_those_that_stay(
+    monkeypatch, lot, hopeless
+):
+    monkeypatch.setattr(release_fit, "FILTERS_MM_AL", (4.0, 7.0, 20.0))
+    monkeypatch.setattr(release_fit, "STRAYS", (0.0, 0.04))
+    upright = [replace(survey(), object_id=str(k)) for k in range(3)]
+    at_once = fit_release(upright).beam
+    monkeypatch.setattr(release_fit, "LOT", lot)
+    monkeypatch.setattr(release_fit, "HOPELESS", hopeless)
+    in_lots = fit_release(upright).beam
+    assert (in_lots.beam, in_lots.parts) == (at_once.beam, 3)
+    assert in_lots.evidence == pytest.approx(at_once.evidence)
+    assert (
+        in_lots.runner_up_filter_mm_al
+        == at_once.runner_up_filter_mm_al
+        != in_lots.beam.filter_mm_al
+    )
+    assert in_lots.runner_up == pytest.approx(at_once.runner_up)
+
+
 def test_a_name_speaks_for_its_families_and_against_the_others():
     assert families_of("Left_grip-2") == {"elastomer", "polymer", "wood"}
     assert families_of("part_3") == frozenset()
