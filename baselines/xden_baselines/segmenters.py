@@ -18,9 +18,8 @@ from xden1k.rays import CubeGrid
 from xden1k.segmentation import CLUSTER_COUNTS, Segmentation, SegmentPoints, numbered
 from xden1k.segmentation.points import inside_voxels, owner_voxels, point_owners, segment_grid
 from xden1k.values.modality import Modality
-from xden1k.values.views import XRayView
 from xden_baselines.clustering import cluster_places, segmentation_by_value
-from xden_baselines.xray import lac_along_rays_per_cm
+from xden_baselines.xray import mean_lac_per_cm
 
 __all__ = [
     "DensityClusters",
@@ -105,8 +104,7 @@ class XrayClusters(_Untrained):
         DataError
             If no ray of a view tells anything of the object.
         """
-        views = [_lac_per_cm(sample, view, points) for view in sample.views]
-        return segmentation_by_value(np.mean(views, axis=0))
+        return segmentation_by_value(mean_lac_per_cm(sample, points.points_cm))
 
 
 class DensityClusters(_Untrained):
@@ -157,18 +155,3 @@ def _owner_densities_g_cm3(sample: SampleView) -> Float64[np.ndarray, "owners"]:
     if np.isnan(densities).any():
         raise DataError(f"{sample.object_id}: a part has no known density")
     return densities
-
-
-def _lac_per_cm(
-    sample: SampleView, view: XRayView, points: SegmentPoints
-) -> Float64[np.ndarray, "points"]:
-    """Mean attenuation along the ray through each point; where none tells, the nearest known."""
-    lac = lac_along_rays_per_cm(
-        view, sample.outer_mesh, points.points_cm, sample.voxel_size_cm
-    ).astype(np.float64)
-    known = np.isfinite(lac)
-    if not known.any():
-        raise DataError(f"{sample.object_id}: view {view.name} does not show the object")
-    _, nearest = KDTree(points.points_cm[known]).query(points.points_cm)
-    filled: Float64[np.ndarray, "points"] = lac[known][nearest]
-    return filled

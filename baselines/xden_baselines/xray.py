@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 import trimesh
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64
 from scipy import ndimage
+from scipy.spatial import KDTree
 
 from xden1k.access.samples import SampleView
 from xden1k.errors import DataError
@@ -17,7 +18,13 @@ from xden1k.values.arrays import Image, Points
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_baselines.geometry import nearest_filled, voxel_centres_cm
 
-__all__ = ["OPAQUE", "back_projected_lac_per_cm", "lac_along_rays_per_cm", "mean_lengths_cm"]
+__all__ = [
+    "OPAQUE",
+    "back_projected_lac_per_cm",
+    "lac_along_rays_per_cm",
+    "mean_lac_per_cm",
+    "mean_lengths_cm",
+]
 
 OPAQUE = 1e-4
 """Transmission below which a pixel tells no more."""
@@ -96,6 +103,38 @@ def lac_along_rays_per_cm(
     lac = np.divide(total, way, out=np.full_like(way, np.nan), where=known)
     lac[known] = lac[known].clip(0, None)
     return np.asarray(lac, dtype=np.float32)
+
+
+def mean_lac_per_cm(sample: SampleView, points_cm: Points) -> Float64[np.ndarray, "points"]:
+    """Mean attenuation along the rays of all views through each point.
+
+    Where a view's ray tells nothing, the nearest point's of which one does is taken.
+
+    Parameters
+    ----------
+    sample
+        Needs ``GEOMETRY`` and ``XRAY``.
+    points_cm
+        Shape (points, 3), at least one: inside the outer surface.
+
+    Raises
+    ------
+    DataError
+        If no ray of a view tells anything of the object.
+    """
+    return np.mean([_filled_lac_per_cm(sample, view, points_cm) for view in sample.views], axis=0)
+
+
+def _filled_lac_per_cm(
+    sample: SampleView, view: XRayView, points_cm: Points
+) -> Float64[np.ndarray, "points"]:
+    lac = lac_along_rays_per_cm(view, sample.outer_mesh, points_cm, sample.voxel_size_cm)
+    known = np.isfinite(lac)
+    if not known.any():
+        raise DataError(f"{sample.object_id}: view {view.name} does not show the object")
+    _, nearest = KDTree(points_cm[known]).query(points_cm)
+    filled: Float64[np.ndarray, "points"] = lac[known].astype(np.float64)[nearest]
+    return filled
 
 
 def mean_lengths_cm(outer: trimesh.Trimesh, geometry: ViewGeometry) -> Image:

@@ -28,7 +28,9 @@ from xden_baselines.xfield import (
     inference,
     methods,
 )
+from xden_baselines.xfield.clusters import free_clusters, segmentation
 from xden_baselines.xfield.lessons import lesson
+from xden_baselines.xray import mean_lac_per_cm
 
 METHODS = [getattr(methods, name) for name in methods.__all__]
 SHORT: dict[str, Any] = {"epochs": 1, "batch": 4, "queries": 16}
@@ -189,6 +191,40 @@ def test_a_group_apart_counts_where_it_lowers_the_mean_squared_distance_enough(
 def test_few_or_equal_points_are_clustered_too(points: int) -> None:
     assert segmentation_by_features(np.zeros((points, 4))).points == points
     assert segmentation_by_features(np.eye(points)).points == points
+
+
+def test_rays_divide_points_that_a_network_takes_for_alike_and_nothing_else_does() -> None:
+    rng = np.random.default_rng(0)
+    density, embedding = np.ones((400, 1), np.float32), np.eye(16, dtype=np.float32)[[0] * 400]
+    lac = np.repeat([0.2, 3.0], 200) + 0.01 * rng.standard_normal(400)
+    told = segmentation(density, embedding, lac)
+    for divided in (told.of(2), told.free, free_clusters(density, embedding, lac)):
+        assert len({*divided[:200]}) == len({*divided[200:]}) == 1
+        assert divided[0] != divided[-1]
+    scaled = segmentation(density, embedding, 5 * lac)  # no calibration: a factor changes nothing
+    assert (scaled.of(2) == told.of(2)).all()
+    assert len(np.unique(segmentation(density, embedding).free)) == 1
+
+
+def test_noise_of_rays_is_not_taken_for_parts() -> None:
+    density, embedding = np.ones((400, 1), np.float32), np.eye(16, dtype=np.float32)[[0] * 400]
+    noise = np.random.default_rng(0).standard_normal(400)
+    for lac in (0.2 * (1 + 0.1 * noise), np.zeros(400)):
+        assert len(np.unique(segmentation(density, embedding, lac).free)) == 1
+
+
+def test_rays_count_for_a_variant_that_sees_them_and_has_parts(
+    folder: DatasetFolder, saved: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    method = loaded(saved)
+    sample, points = asked(folder, method.reads)
+    along = mean_lac_per_cm(sample, points.points_cm)
+    said = inference.answers(method._model, sample, points.points_cm, method.settings)
+    assert (method.segment(sample, points).labels == segmentation(*said, along).labels).all()
+    blind = XFieldGeometryContrastive(**SHORT)
+    blind.fit(Examples(folder, "train", blind.reads), seed=0)
+    monkeypatch.setattr("xden_baselines.xray.mean_lac_per_cm", None)
+    assert blind.segment(*asked(folder, blind.reads)).points == len(points)
 
 
 def test_public_names_can_be_imported_without_torch_code() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32, Float64, UInt8
 
 from xden1k.access.samples import Examples, SampleView
 from xden1k.errors import DataError
@@ -107,12 +107,22 @@ class _Segmenting:
         )
 
     def segment(self, sample: SampleView, points: SegmentPoints) -> Segmentation:
-        """Divide points by embedding and density, or by whichever of them the variant has."""
+        """Divide points by embedding, density and rays, or by whichever of them the variant has."""
         from xden_baselines.xfield.inference import answers
 
         if not len(points):
             return Segmentation(np.zeros((len(CLUSTER_COUNTS), 0), np.uint8), np.zeros(0, np.uint8))
-        return segmentation(*answers(self._model, sample, points.points_cm, self.settings))
+        said = answers(self._model, sample, points.points_cm, self.settings)
+        return segmentation(*said, self._along_rays(sample, points.points_cm))
+
+    def _along_rays(
+        self, sample: SampleView, points_cm: Points
+    ) -> Float64[np.ndarray, "points"] | None:
+        """Mean attenuation along the rays of points, for a variant that sees them and has parts."""
+        from xden_baselines.xray import mean_lac_per_cm
+
+        variant = self._model.variant
+        return mean_lac_per_cm(sample, points_cm) if variant.xray and variant.parts else None
 
     def save(self, folder: Path) -> None:
         """Write the checkpoint (``model.safetensors``, ``config.json``) and the report."""
@@ -160,7 +170,8 @@ class Predicting(_Segmenting):
         from xden_baselines.xfield.inference import answers
 
         density, embedding = answers(self._model, sample, points_cm, self.settings)
-        return free_clusters(density, embedding), density[:, 0]
+        along = self._along_rays(sample, points_cm)
+        return free_clusters(density, embedding, along), density[:, 0]
 
     def predict(self, sample: SampleView) -> Prediction:
         """Integrate the density over eight points of each voxel.
@@ -226,6 +237,7 @@ class XFieldPixel(Predicting):
 
     name = "x-field"
     variant = "pixel"
+    version = "2"
 
 
 class XFieldBoth(Predicting):
@@ -233,6 +245,7 @@ class XFieldBoth(Predicting):
 
     name = "x-field-both"
     variant = "both"
+    version = "2"
 
 
 class XFieldRays(Predicting):
@@ -240,6 +253,7 @@ class XFieldRays(Predicting):
 
     name = "x-field-rays"
     variant = "rays"
+    version = "2"
 
 
 class XFieldVoxel(Predicting):
@@ -247,3 +261,4 @@ class XFieldVoxel(Predicting):
 
     name = "x-field-voxel"
     variant = "voxel"
+    version = "2"
