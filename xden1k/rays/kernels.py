@@ -340,25 +340,29 @@ def walk_lengths(
     flat = cells.ravel()
     windings = np.zeros(len(order), dtype=np.int32)
     for i in range(len(pixels)):
-        top, left = pixels[i] // columns * subrays, pixels[i] % columns * subrays
-        for ray in range(subrays * subrays):
-            row = top + ray // subrays
-            column = left + ray % subrays
-            cell = (row - first_row) * width + column - first_column
-            begin = flat[cell]
-            end = flat[cell + 1] if cell + 1 < len(flat) else len(depths)
-            _sort_by_depth(depths, crossed, begin, end)
-            cm_per_depth = _cm_per_depth(frame, row, column)
-            owner, inside = len(order), 0
-            for j in range(begin, end):
-                if inside > 0:
-                    span = cm_per_depth * (depths[j] - depths[j - 1])
-                    lengths[i, ray, order[owner]] += span
-                    if inside > 1:
-                        shared[i] += span / (subrays * subrays)
-                owner, inside = _cross(windings, crossed[j], owner, inside)
-            if not _close(windings, crossed, begin, end):
-                broken[i] = True
+        pixel_row = pixels[i] // columns
+        top, left = pixel_row * subrays, (pixels[i] - pixel_row * columns) * subrays
+        ray = -1
+        for row in range(top, top + subrays):
+            for column in range(left, left + subrays):
+                ray += 1
+                cell = (row - first_row) * width + column - first_column
+                begin = flat[cell]
+                end = flat[cell + 1] if cell + 1 < len(flat) else len(depths)
+                if begin == end:
+                    continue
+                _sort_by_depth(depths, crossed, begin, end)
+                cm_per_depth = _cm_per_depth(frame, row, column)
+                owner, inside = len(order), 0
+                for j in range(begin, end):
+                    if inside > 0:
+                        span = cm_per_depth * (depths[j] - depths[j - 1])
+                        lengths[i, ray, order[owner]] += span
+                        if inside > 1:
+                            shared[i] += span / (subrays * subrays)
+                    owner, inside = _cross(windings, crossed[j], owner, inside)
+                if not _close(windings, crossed, begin, end):
+                    broken[i] = True
 
 
 @compiled
@@ -415,31 +419,44 @@ def walk_fill(
         Rays that left a part they never entered, or the contrary.
     """
     first_row, end_row, first_column, end_column = window
-    rays = subsamples * subsamples + 1
+    rays, per_depth = subsamples * subsamples + 1, 1.0 / voxel_size
     flat = cells.ravel()
     windings = np.zeros(len(order), dtype=np.int32)
     offsets = np.zeros(len(order), dtype=np.int64)
     for part in range(1, len(order)):
         x, y, z = boxes[part - 1, 1] - boxes[part - 1, 0]
         offsets[part] = offsets[part - 1] + x * y * z
+    steps = np.zeros(len(fill), dtype=np.int32)
     broken = 0
     cell = -1
     for row in range(first_row, end_row):
-        for column in range(first_column, end_column):
+        # of a ray's voxel, numerators of (S c - r) / N and (c + S r) / N, halves rounded up
+        over_x = subsamples * (first_column - 1) - row + rays // 2
+        over_y = first_column - 1 + subsamples * row + rays // 2
+        x, y = over_x // rays, over_y // rays
+        over_x, over_y = over_x - x * rays, over_y - y * rays
+        for _ in range(first_column, end_column):
             cell += 1
+            over_x, over_y = over_x + subsamples, over_y + 1
+            if over_x >= rays:
+                over_x, x = over_x - rays, x + 1
+            if over_y >= rays:
+                over_y, y = over_y - rays, y + 1
             begin = flat[cell]
             end = flat[cell + 1] if cell + 1 < len(flat) else len(depths)
-            x = (subsamples * column - row + rays // 2) // rays
-            y = (column + subsamples * row + rays // 2) // rays
+            if begin == end:
+                continue
             _sort_by_depth(depths, crossed, begin, end)
             owner, inside = len(order), 0
+            high = 0.0
             for j in range(begin, end):
+                low, high = high, depths[j] * per_depth
                 if inside > 0:
                     part = order[owner]
-                    low, high = depths[j - 1] / voxel_size, depths[j] / voxel_size
-                    _deposit(fill[offsets[part] :], boxes[part], x, y, low, high)
+                    _deposit(fill, steps, offsets[part], boxes, part, x, y, low, high)
                 owner, inside = _cross(windings, crossed[j], owner, inside)
             broken += not _close(windings, crossed, begin, end)
+    _fill_up(fill, steps, boxes)
     return broken
 
 
@@ -447,21 +464,55 @@ def walk_fill(
 @no_type_check
 def _deposit(
     fill: Float64[np.ndarray, "voxels"],
-    box: Int64[np.ndarray, "2 3"],
+    steps: Int32[np.ndarray, "voxels"],
+    offset: int,
+    boxes: Int64[np.ndarray, "parts 2 3"],
+    part: int,
     x: int,
     y: int,
     low: float,
     high: float,
 ) -> None:
-    """Add the stretch from low to high (voxel k reaches from k - 1/2 to k + 1/2) to one column."""
-    if not (box[0, 0] <= x < box[1, 0] and box[0, 1] <= y < box[1, 1]):
+    """Add the stretch from low to high (voxel k reaches from k - 1/2 to k + 1/2) to one column.
+
+    Its ends go to ``fill``. Of the voxels between, which it fills, ``steps`` gets the first, and
+    less the one behind the last.
+    """
+    x, y = x - boxes[part, 0, 0], y - boxes[part, 0, 1]
+    breadth, depth = boxes[part, 1, 0] - boxes[part, 0, 0], boxes[part, 1, 1] - boxes[part, 0, 1]
+    if not (0 <= x < breadth and 0 <= y < depth):
         return
-    height = box[1, 2] - box[0, 2]
-    base = ((x - box[0, 0]) * (box[1, 1] - box[0, 1]) + y - box[0, 1]) * height - box[0, 2]
-    start = max(int(np.floor(low + 0.5)), box[0, 2])
-    stop = min(int(np.ceil(high + 0.5)), box[1, 2])
-    for z in range(start, stop):
-        fill[base + z] += min(high, z + 0.5) - max(low, z - 0.5)
+    first, end = boxes[part, 0, 2], boxes[part, 1, 2]
+    base = offset + (x * depth + y) * (end - first) - first
+    bottom, top = int(np.floor(low + 0.5)), int(np.ceil(high - 0.5))
+    if first <= bottom < end:
+        fill[base + bottom] += min(high, bottom + 0.5) - low
+    if bottom < top and first <= top < end:
+        fill[base + top] += high - (top - 0.5)
+    start, stop = max(bottom + 1, first), min(top, end)
+    if start < stop:
+        steps[base + start] += 1
+        if stop < end:
+            steps[base + stop] -= 1
+
+
+@compiled
+@no_type_check
+def _fill_up(
+    fill: Float64[np.ndarray, "voxels"],
+    steps: Int32[np.ndarray, "voxels"],
+    boxes: Int64[np.ndarray, "parts 2 3"],
+) -> None:
+    """Add the voxels that stretches filled from end to end."""
+    voxel = 0
+    for part in range(len(boxes)):
+        x, y, z = boxes[part, 1] - boxes[part, 0]
+        for _ in range(x * y):
+            filled = 0
+            for _ in range(z):
+                filled += steps[voxel]
+                fill[voxel] += filled
+                voxel += 1
 
 
 @compiled
