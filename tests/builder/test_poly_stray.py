@@ -24,7 +24,12 @@ from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.source import Detector
 from xden_builder.poly.model.beam import Heel, ViewBeam
 from xden_builder.poly.model.frames import coarse
-from xden_builder.poly.model.stray import coarse_binning, stray_light
+from xden_builder.poly.model.stray import (
+    coarse_binning,
+    glare_of,
+    stray_image,
+    stray_light,
+)
 
 SIZE = 128
 GROUPS = energy_groups(TUBE, Detector("CsI"))
@@ -93,6 +98,25 @@ def test_there_is_no_stray_light_without_an_object():
     )
     assert found.shape == (len(pixels), 3)
     assert np.abs(found).max() < 1e-6, "scatter of air, or glare of an even image"
+
+
+def test_the_stray_light_of_a_whole_view_is_that_of_its_pixels(clean):
+    view, amplitudes = clean.views[0], np.array([0.1, 0.2, 0.03])
+    meshes = [solid.mesh for solid in tool()]
+    small = coarse(view.geometry, coarse_binning(view.geometry.shape) * 3)
+    model = (
+        view,
+        ViewBeam(GROUPS, view.geometry, Heel()),
+        path_lengths(meshes, ownership_order(meshes), small),
+        *coefficients(),
+        np.array([solid.density_g_cm3 for solid in tool()]),
+    )
+    every = np.arange(view.transmission.size)
+    by_pixel = stray_light(*model, every, view.transmission.ravel().astype(np.float64))
+    whole = stray_image(*model, amplitudes)
+    np.testing.assert_allclose(whole.ravel(), by_pixel @ amplitudes, atol=1e-12)
+    with_glare = stray_image(*model, amplitudes, glare_of(view, small.shape))
+    np.testing.assert_array_equal(with_glare, whole)
 
 
 def test_scatter_is_smooth_and_fades_away_from_the_object(clean):

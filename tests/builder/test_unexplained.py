@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -48,6 +50,26 @@ def looked_at(
 NOWHERE = (slice(0, 0), slice(0, 0))
 INSIDE = (slice(30, 46), slice(20, 36))
 BESIDE = (slice(10, 22), slice(60, 72))
+
+
+def test_without_an_object_nothing_is_content() -> None:
+    nothing = np.zeros(SHAPE, dtype=np.bool_)
+    view = XRayView("pa", np.ones_like(MODEL), ~nothing, FAR_SOURCE)
+    left = unexplained(view, nothing, ~nothing, np.ones_like(MODEL), 1.0, 0.0)
+    assert left == Unexplained(0.0, None, 0.0, 0.0, None, 0.0)
+
+
+def test_content_is_the_same_however_much_air_there_is_around_it() -> None:
+    """Only what is near the object is looked at."""
+    rng = np.random.default_rng(0)
+    measured = (MODEL * rng.normal(1, 0.1, SHAPE)).clip(1e-3).astype(np.float32)
+    found = []
+    for cut in (np.s_[:, :], np.s_[12:68, 2:58]):
+        geometry = replace(FAR_SOURCE, shape=PART[cut].shape)
+        view = XRayView("pa", measured[cut], np.ones_like(PART[cut]), geometry)
+        found.append(unexplained(view, PART[cut], ~PART[cut], MODEL[cut], 1.0, 0.0))
+    assert found[0].content_share == found[1].content_share > 0
+    assert found[0].content_g == pytest.approx(found[1].content_g)
 
 
 def test_an_image_as_the_model_says_leaves_nothing_whatever_the_noise() -> None:

@@ -118,27 +118,40 @@ def unexplained(
     """
     pixel_cm = float(np.linalg.norm(view.geometry.column_step_cm))
     residual = np.where(view.valid, view.transmission - model, 0.0).astype(np.float64)
-    optical_depth = _optical_depth(view, model)
-    content = _content(residual, on_object, _model_sd(model, gain, pixel_cm, noise_sd))
+    around, content = _around(on_object, WINDOW_PX), np.zeros_like(on_object)
+    sd = _model_sd(model[around], gain, pixel_cm, noise_sd)
+    content[around] = _content(residual[around], on_object[around], sd)
     shadow = _shadow(residual, on_object, background, pixel_cm)
     size = max(int(on_object.sum()), 1)
     largest_shadow, shadow_box = _largest(shadow)
     _, content_box = _largest(content)
-    grams = optical_depth * _area_cm2(view.geometry) / WATER_CM2_G
+    area_cm2 = _area_cm2(view.geometry)
     return Unexplained(
         content_share=float(content.sum()) / size,
         content_box=content_box,
-        content_g=float(grams[content].sum()),
+        content_g=area_cm2 * _darkening(view, model, content) / WATER_CM2_G,
         shadow_share=float(largest_shadow.sum()) / size,
         shadow_box=shadow_box,
-        shadow_g=float(grams[largest_shadow].sum()),
+        shadow_g=area_cm2 * _darkening(view, model, largest_shadow) / WATER_CM2_G,
     )
 
 
-def _optical_depth(view: XRayView, model: Image) -> Values:
-    """-ln of measured over model transmission, 0 where nothing was measured."""
-    seen = np.where(view.valid, view.transmission, model).clip(min=DARKEST)
-    return np.asarray(np.log(model.clip(min=DARKEST) / seen), dtype=np.float64)
+def _around(mask: Mask, margin_px: int) -> tuple[slice, slice]:
+    """Rows and columns of the marked pixels, with so many on either side; none where none is."""
+    rows, columns = (
+        slice(max(int(places[0]) - margin_px, 0), int(places[-1]) + 1 + margin_px)
+        if len(places)
+        else slice(0)
+        for places in (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    )
+    return rows, columns
+
+
+def _darkening(view: XRayView, model: Image, mask: Mask) -> float:
+    """Sum of -ln of measured over model transmission, 0 where nothing was measured."""
+    told = mask & view.valid
+    pair = np.stack([model[told], view.transmission[told]]).clip(min=DARKEST).astype(np.float64)
+    return float(np.log(pair[0] / pair[1]).sum())
 
 
 def _model_sd(model: Image, gain: float, pixel_cm: float, noise_sd: float) -> Values:
@@ -161,7 +174,9 @@ def _content(residual: Values, on_object: Mask, sd: Values) -> Mask:
 def _shadow(residual: Values, on_object: Mask, background: Mask, pixel_cm: float) -> Mask:
     """Pixels well beside the parts, in squares at least two wide, that are darker than air."""
     margin = int(np.ceil(MARGIN_CM / pixel_cm).clip(*MARGIN_PX))
-    air = background & ~binary_dilation(on_object, iterations=margin)
+    around, near_object = _around(on_object, margin), np.zeros_like(on_object)
+    near_object[around] = binary_dilation(on_object[around], iterations=margin)
+    air = background & ~near_object
     if not air.any():
         return np.zeros_like(on_object)
     level = float(np.median(residual[air]))
@@ -170,14 +185,14 @@ def _shadow(residual: Values, on_object: Mask, background: Mask, pixel_cm: float
     mean = uniform_filter((residual - level) * weight, FEW_PX) / near
     spread = 1.4826 * float(np.median(np.abs(mean[air])))
     darker = air & (mean < -max(BESIDE_SIGMAS * spread, FAINTEST_SHADOW))
-    return np.asarray(binary_opening(darker, np.ones((2, 2))))
+    return np.asarray(binary_opening(darker, np.ones((2, 2)))) if darker.any() else darker
 
 
 def _largest(mask: Mask) -> tuple[Bool[np.ndarray, "rows columns"], Box | None]:
     """Return the largest connected area, and the rows and columns it spans."""
-    areas, count = label(mask)
-    if not count:
-        return np.zeros_like(mask), None
+    if not mask.any():
+        return mask, None
+    areas, _ = label(mask)
     largest = int(np.bincount(areas.ravel())[1:].argmax()) + 1
     rows, columns = find_objects(areas)[largest - 1]
     box = (rows.start, columns.start, rows.stop - 1, columns.stop - 1)

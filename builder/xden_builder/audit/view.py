@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Float64
 
 from xden1k.rays import PathLengths
 from xden1k.values.arrays import Image, Mask
@@ -154,7 +154,7 @@ def audit_image(
     if saturated is not None:
         view, told = _at_least(view, model, saturated), on_object & ~saturated
     inside = _errors(view.transmission[told], model[told], floor)
-    outside = _errors(view.transmission[background], model[background], floor)
+    beside = _pair(view.transmission[background], model[background])
     return ViewAudit(
         name=view.name,
         fitted=fitted,
@@ -163,8 +163,8 @@ def audit_image(
         transmission_corr=inside[1],
         attenuation_mae=inside[2],
         attenuation_corr=inside[3],
-        background_transmission_mae=outside[0],
-        background_attenuation_mae=outside[2],
+        background_transmission_mae=_mae(beside),
+        background_attenuation_mae=_mae(_attenuation(beside, floor)),
         object_pixels=int(told.sum()),
         unexplained=unexplained(view, on_object, background, model, gain, floor / FLOOR_SIGMAS),
     )
@@ -199,13 +199,23 @@ def _errors(
     """MAE and correlation in transmission, MAE and correlation in attenuation."""
     if not measured.size:
         return (np.nan,) * 4
-    pair = np.stack([measured, model]).astype(np.float64)
-    attenuation = -np.log(np.maximum(pair, floor))
+    pair = _pair(measured, model)
+    attenuation = _attenuation(pair, floor)
     return (_mae(pair), _correlation(pair), _mae(attenuation), _correlation(attenuation))
 
 
+def _pair(
+    measured: Float[np.ndarray, "n"], model: Float[np.ndarray, "n"]
+) -> Float64[np.ndarray, "2 n"]:
+    return np.stack([measured, model]).astype(np.float64)
+
+
+def _attenuation(pair: Float64[np.ndarray, "2 n"], floor: float) -> Float64[np.ndarray, "2 n"]:
+    return np.asarray(-np.log(np.maximum(pair, floor)))
+
+
 def _mae(pair: Float[np.ndarray, "2 n"]) -> float:
-    return float(np.abs(pair[0] - pair[1]).mean())
+    return float(np.abs(pair[0] - pair[1]).mean()) if pair.size else np.nan
 
 
 def _correlation(pair: Float[np.ndarray, "2 n"]) -> float:

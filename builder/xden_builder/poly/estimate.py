@@ -96,6 +96,7 @@ class Solution:
             stand_ins.scattering_cm2_g,
             self.seen_density_g_cm3,
             self.nuisances(number),
+            seen.glare,
         )
 
     def nuisances(self, number: int) -> Float64[np.ndarray, "4"]:
@@ -167,6 +168,7 @@ def problem_of(
             density,
             each.samples.pixels,
             each.samples.measured,
+            each.glare,
         )
         for each in seen
     ]

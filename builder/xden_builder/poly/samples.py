@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float64
 
 from xden1k.rays import PathLengths, path_lengths
 from xden1k.values.views import ViewGeometry, XRayView
@@ -16,7 +17,7 @@ from xden_builder.poly.model.frames import coarse
 from xden_builder.poly.model.pixels import BLOCK_PX, BLOCK_RAYS, ViewPixels, choose_pixels
 from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.size import Size
-from xden_builder.poly.model.stray import coarse_binning
+from xden_builder.poly.model.stray import coarse_binning, glare_of
 from xden_builder.poly.pose import Placement, PoseFit
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import Guess
@@ -38,8 +39,8 @@ class Seen:
         Of one ray a pixel.
     blocks
         Of the blocks that outlines are compared in; ``lengths`` where they are not.
-    smooth
-        Of the coarse panel, for stray light.
+    smooth, glare
+        Of the coarse panel, for stray light; and the view's light as it spreads there.
     samples
         What is compared.
     noise_sd
@@ -54,6 +55,7 @@ class Seen:
     lengths: PathLengths
     blocks: PathLengths
     smooth: PathLengths
+    glare: Float64[np.ndarray, "coarse_rows coarse_columns"]
     samples: ViewPixels
     noise_sd: float
     gain: tuple[float, float]
@@ -111,6 +113,7 @@ def take_samples(placement: Placement, settings: PolySettings) -> Samples:
                 lengths,
                 blocks,
                 smooth,
+                glare_of(view, smooth.shape),
                 samples,
                 noise_sd,
                 gain_prior(bounds),

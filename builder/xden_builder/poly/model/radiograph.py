@@ -13,7 +13,7 @@ from xden1k.values.views import XRayView
 from xden_builder.capture.saturation import GainBounds
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.direct import transmissions
-from xden_builder.poly.model.stray import stray_light
+from xden_builder.poly.model.stray import stray_image
 
 __all__ = ["GAIN", "TERMS", "gain_prior", "model_image"]
 
@@ -50,6 +50,7 @@ def model_image(
     scattering_cm2_g: Float64[np.ndarray, "k groups"],
     density_g_cm3: Float64[np.ndarray, "k"],
     nuisances: Float64[np.ndarray, "4"],
+    glare: Float64[np.ndarray, "coarse_rows coarse_columns"] | None = None,
 ) -> Image:
     """Compute direct beam and stray light of a view, with the gain, shape (rows, columns).
 
@@ -63,13 +64,14 @@ def model_image(
         Of the parts.
     nuisances
         By :data:`TERMS`.
+    glare
+        Of the view, by :func:`xden_builder.poly.model.stray.glare_of`; None where that was not
+        called.
     """
-    every = np.arange(view.transmission.size)
-    known = np.where(view.valid, view.transmission, 1.0).ravel().astype(np.float64)
-    stray = stray_light(
-        view, beam, smooth, mac_cm2_g, scattering_cm2_g, density_g_cm3, every, known
+    stray = stray_image(
+        view, beam, smooth, mac_cm2_g, scattering_cm2_g, density_g_cm3, nuisances[1:], glare
     )
-    light = stray @ nuisances[1:] + 1.0
+    light = (stray + 1.0).ravel()
     weights = beam.weights(lengths.pixels)
     direct = transmissions(lengths.lengths_cm, weights, mac_cm2_g, density_g_cm3)
     light[lengths.pixels] += direct - 1.0

@@ -14,7 +14,9 @@ from xden_builder.poly.model import kernels
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.frames import binned
 
-__all__ = ["coarse_binning", "stray_light"]
+__all__ = ["coarse_binning", "glare_of", "stray_image", "stray_light"]
+
+Values = Float64[np.ndarray, "rows columns"]
 
 NEAR_CM: Final = 2.0
 FAR_CM: Final = 6.0
@@ -36,6 +38,21 @@ def coarse_binning(shape: tuple[int, int]) -> int:
     return max(min(shape) // COARSE_PX, 1)
 
 
+def glare_of(view: XRayView, shape: tuple[int, int]) -> Values:
+    """Return the light of a view as it spreads in the scintillator, on a coarse panel.
+
+    Parameters
+    ----------
+    view
+        The radiograph.
+    shape
+        Rows and columns of the coarse panel, by :func:`coarse_binning`.
+    """
+    binning = view.transmission.shape[0] // shape[0]
+    light = binned(view, binning)[0].astype(np.float64)
+    return np.asarray(gaussian_filter(light, GLARE_CM / _pixel_cm(view, binning), mode="nearest"))
+
+
 def stray_light(
     view: XRayView,
     beam: ViewBeam,
@@ -45,6 +62,7 @@ def stray_light(
     density_g_cm3: Float64[np.ndarray, "k"],
     pixels: Int64[np.ndarray, "n"],
     measured: Float64[np.ndarray, "n"],
+    glare: Values | None = None,
 ) -> Float64[np.ndarray, "n 3"]:
     """Shapes of near scatter, far scatter and glare at some pixels, in shares of the open field.
 
@@ -68,7 +86,56 @@ def stray_light(
         Flat indices into the radiograph.
     measured
         Transmission there, which glare takes away from.
+    glare
+        Of the view, by :func:`glare_of`; None where that was not called.
     """
+    scatter = _scatter(view, beam, lengths, mac_cm2_g, scattering_cm2_g, density_g_cm3)
+    shapes = (*scatter, glare_of(view, lengths.shape) if glare is None else glare)
+    binning = view.transmission.shape[0] // lengths.shape[0]
+    index = np.stack(np.divmod(pixels, view.transmission.shape[1]))
+    places = (index - (binning - 1) / 2) / binning
+    found = [map_coordinates(shape, places, order=1, mode="nearest") for shape in shapes]
+    return np.stack([*found[:2], found[2] - measured], axis=1)
+
+
+def stray_image(
+    view: XRayView,
+    beam: ViewBeam,
+    lengths: PathLengths,
+    mac_cm2_g: Float64[np.ndarray, "k groups"],
+    scattering_cm2_g: Float64[np.ndarray, "k groups"],
+    density_g_cm3: Float64[np.ndarray, "k"],
+    amplitudes: Float64[np.ndarray, "3"],
+    glare: Values | None = None,
+) -> Values:
+    """Stray light of a whole view: the shapes of :func:`stray_light` times their amplitudes.
+
+    Parameters
+    ----------
+    view, beam, lengths, mac_cm2_g, scattering_cm2_g, density_g_cm3, glare
+        As of :func:`stray_light`.
+    amplitudes
+        Of near scatter, far scatter and glare.
+    """
+    scatter = _scatter(view, beam, lengths, mac_cm2_g, scattering_cm2_g, density_g_cm3)
+    shapes = (*scatter, glare_of(view, lengths.shape) if glare is None else glare)
+    whole = sum(share * shape for share, shape in zip(amplitudes.tolist(), shapes, strict=True))
+    binning = view.transmission.shape[0] // lengths.shape[0]
+    smooth = whole
+    for size in view.transmission.shape:  # along rows, then along columns
+        smooth = _enlarged(smooth, binning, size).T
+    return np.asarray(smooth - amplitudes[2] * np.where(view.valid, view.transmission, 1.0))
+
+
+def _scatter(
+    view: XRayView,
+    beam: ViewBeam,
+    lengths: PathLengths,
+    mac_cm2_g: Float64[np.ndarray, "k groups"],
+    scattering_cm2_g: Float64[np.ndarray, "k groups"],
+    density_g_cm3: Float64[np.ndarray, "k"],
+) -> tuple[Values, Values]:
+    """Shapes of near and far scatter on the coarse panel."""
     binning = view.transmission.shape[0] // lengths.shape[0]
     source = np.empty(len(lengths.pixels))
     kernels.scattered(
@@ -81,14 +148,20 @@ def stray_light(
     )
     scattered = np.zeros(lengths.shape)
     scattered.flat[lengths.pixels] = source
-    light = binned(view, binning)[0].astype(np.float64)
-    pixel_cm = binning * float(np.linalg.norm(view.geometry.column_step_cm))
-    shapes = (
-        gaussian_filter(scattered, NEAR_CM / pixel_cm, mode="constant"),
-        gaussian_filter(scattered, FAR_CM / pixel_cm, mode="constant"),
-        gaussian_filter(light, GLARE_CM / pixel_cm, mode="nearest"),
+    near, far = (
+        gaussian_filter(scattered, reach_cm / _pixel_cm(view, binning), mode="constant")
+        for reach_cm in (NEAR_CM, FAR_CM)
     )
-    index = np.stack(np.divmod(pixels, view.transmission.shape[1]))
-    places = (index - (binning - 1) / 2) / binning
-    found = [map_coordinates(shape, places, order=1, mode="nearest") for shape in shapes]
-    return np.stack([*found[:2], found[2] - measured], axis=1)
+    return near, far
+
+
+def _pixel_cm(view: XRayView, binning: int) -> float:
+    return binning * float(np.linalg.norm(view.geometry.column_step_cm))
+
+
+def _enlarged(values: Values, binning: int, size: int) -> Float64[np.ndarray, "_size _columns"]:
+    """Interpolate between rows that are means of so many, those beyond the ends as at them."""
+    places = ((np.arange(size) - (binning - 1) / 2) / binning).clip(0, len(values) - 1)
+    below = places.astype(np.int64)
+    above, share = np.minimum(below + 1, len(values) - 1), (places - below)[:, None]
+    return np.asarray((1 - share) * values[below] + share * values[above])
