@@ -94,7 +94,9 @@ class ViewGeometry:
         else:
             assert self.direction is not None
             beam = self.direction / np.linalg.norm(self.direction)
-        return np.stack([self.column_step_cm, self.row_step_cm, beam], axis=1)
+        matrix = np.empty((3, 3))
+        matrix[:, 0], matrix[:, 1], matrix[:, 2] = self.column_step_cm, self.row_step_cm, beam
+        return matrix
 
     @cached_property
     def mirrored(self) -> bool:

@@ -144,14 +144,20 @@ def coarse(geometry: ViewGeometry, binning: int) -> ViewGeometry:
 
 def binned(view: XRayView, binning: int) -> tuple[Image, Mask]:
     """Average transmission over the valid pixels of each bin, and say which bins have any."""
-    rows, columns = (size // binning for size in view.transmission.shape)
-    cut = (slice(rows * binning), slice(columns * binning))
-    shape = (rows, binning, columns, binning)
-    valid = view.valid[cut].reshape(shape)
-    values = np.where(view.valid, view.transmission, 0)[cut].reshape(shape)
-    counts = valid.sum(axis=(1, 3))
-    mean = values.sum(axis=(1, 3), dtype=np.float64) / np.maximum(counts, 1)
+    values = np.where(view.valid, view.transmission, 0).astype(np.float64)
+    counts = _sums(view.valid.astype(np.float64), binning)
+    mean = _sums(values, binning) / np.maximum(counts, 1)
     return np.where(counts, mean, 1.0).astype(np.float32), counts > 0
+
+
+def _sums(
+    values: Float64[np.ndarray, "rows columns"], binning: int
+) -> Float64[np.ndarray, "_rows _columns"]:
+    """Add up bins of ``binning * binning`` pixels: row after row, far faster than over two axes."""
+    rows, columns = (size // binning for size in values.shape)
+    cut = values[: rows * binning, : columns * binning]
+    down = np.asarray(sum(cut[start::binning] for start in range(binning)))
+    return np.asarray(sum(down[:, start::binning] for start in range(binning)))
 
 
 def any_of(mask: Mask, binning: int) -> Bool[np.ndarray, "_rows _columns"]:

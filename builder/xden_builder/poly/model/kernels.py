@@ -25,6 +25,8 @@ LEAST_POWER: Final = -700.0
 EXPONENT_BIAS: Final = 1023
 MANTISSA_BITS: Final = 52
 """Of float64."""
+WHOLE: Final = 1.5 * 2.0**MANTISSA_BITS
+"""Added to a number it leaves the nearest whole one in the lowest bits."""
 
 
 @compiled
@@ -32,8 +34,9 @@ MANTISSA_BITS: Final = 52
 def _raise_e(powers: Float64[np.ndarray, "n"], scales: Int64[np.ndarray, "n"]) -> None:
     """Replace some powers by e raised to them, many at once where the processor can.
 
-    A call of the library's function for each would keep the loop from being vectorised. Cody and
-    Waite's way: p = k ln 2 + r, Taylor's series for r, and k written into the exponent's bits.
+    A call of the library's function for each would keep the loop from being vectorised, as would
+    a conversion to integers. Cody and Waite's way: p = k ln 2 + r, Taylor's series for r, and k
+    written into the exponent's bits.
 
     Parameters
     ----------
@@ -42,16 +45,19 @@ def _raise_e(powers: Float64[np.ndarray, "n"], scales: Int64[np.ndarray, "n"]) -
     scales
         Room to work in.
     """
+    doublings = scales.view(np.float64)
     for i in range(len(powers)):
         power = max(powers[i], LEAST_POWER)
-        twos = np.floor(power * (1 / LN2_HIGH) + 0.5)
+        whole = power * (1 / LN2_HIGH) + WHOLE
+        twos = whole - WHOLE
         rest = (power - twos * LN2_HIGH) - twos * LN2_LOW
         series = 0.0
         for coefficient in TAYLOR:
             series = series * rest + coefficient
         powers[i] = series
-        scales[i] = (np.int64(twos) + EXPONENT_BIAS) << MANTISSA_BITS
-    doublings = scales.view(np.float64)
+        doublings[i] = whole
+    for i in range(len(powers)):
+        scales[i] = (scales[i] + EXPONENT_BIAS) << MANTISSA_BITS
     for i in range(len(powers)):
         powers[i] *= doublings[i]
 
