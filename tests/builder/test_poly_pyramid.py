@@ -10,7 +10,8 @@ from jaxtyping import Float64
 from numpy.testing import assert_allclose
 
 from xden_builder.fit.problem import Evaluation
-from xden_builder.poly.pyramid import Level, descend
+from xden_builder.poly.descent import descend
+from xden_builder.poly.pyramid import Level
 
 Vector = Float64[np.ndarray, "_n"]
 FREE = np.full(3, np.inf)

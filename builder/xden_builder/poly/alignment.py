@@ -13,9 +13,10 @@ import numpy as np
 from jaxtyping import Float64
 
 from xden1k.values.arrays import Vec3
+from xden_builder.poly.descent import descend
 from xden_builder.poly.model.frames import Pose, coarse
 from xden_builder.poly.model.poses import Poses
-from xden_builder.poly.pyramid import Level, Target, density_bounds, descend, window
+from xden_builder.poly.pyramid import Level, Target, density_bounds, window
 
 __all__ = ["aligned"]
 

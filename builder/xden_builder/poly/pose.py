@@ -20,12 +20,13 @@ from jaxtyping import Float64
 from xden1k.values.arrays import Mask
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.poly.alignment import aligned
+from xden_builder.poly.descent import descend
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.frames import Pose
 from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.size import Size
-from xden_builder.poly.pyramid import Level, Target, Window, density_bounds, descend, window
+from xden_builder.poly.pyramid import Level, Target, Window, density_bounds, window
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import Guess
 

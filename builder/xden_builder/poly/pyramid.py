@@ -1,38 +1,37 @@
-"""One resolution of the search for the pose: what is compared, how it is rendered, the steps.
+"""One resolution of the search for the pose: what is compared, and how it is rendered.
 
-Derivatives by pose are central differences of whole renderings, since outlines move.
+Derivatives by pose are central differences of whole renderings, since outlines move, but where the
+image merely slides (:mod:`xden_builder.poly.model.motion`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Final, NamedTuple
 
 import numpy as np
 import trimesh
 from jaxtyping import Bool, Float, Float32, Float64, Int64
 
-from xden1k.rays import path_lengths
+from xden1k.rays import PathLengths, path_lengths
 from xden1k.values.arrays import Image, Mask
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.fit import huber
-from xden_builder.fit.box import box_minimum
 from xden_builder.fit.problem import Evaluation
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.direct import transmissions, transmissions_and_slopes
 from xden_builder.poly.model.frames import any_of, binned, coarse
+from xden_builder.poly.model.motion import Gradient, slopes_by_pose
 from xden_builder.poly.model.poses import Poses
 
 __all__ = [
     "Averaged",
-    "Descent",
     "Level",
     "Target",
     "Window",
     "density_bounds",
-    "descend",
     "window",
 ]
 
@@ -44,22 +43,13 @@ STEPS_CM: Final = 0.02
 
 Rotations and a change of size move the rim as far.
 """
-ROTATIONS: Final = 3
-"""The first so many unknowns of a pose are angles, the others lengths."""
 DENSITY_SHARES: Final = (0.3, 10.0)
 """Least and most density in shares of the first guess: a part that fades away has no pose."""
+KEPT_POSES: Final = 2
+"""Whose path lengths are kept."""
 PIXEL_SD: Final = 0.05
 WORTH: Final = 400.0
 """Independent observations that all pixels together are worth: their errors hang together."""
-FIRST_DAMPING: Final = 1e-3
-FELT_DAMPING: Final = 0.05
-"""Less hardly changes a step that was refused: unknowns are scaled to unit curvature."""
-MOST_STEPS: Final = 5
-"""Between two derivatives."""
-SETTLED_SHARE: Final = 1e-3
-"""Of the loss: a step that gains less is the last of a round."""
-SETTLED_ROUND: Final = 0.05
-"""Of the loss: a round, the steps that share derivatives, that gains less ends a resolution."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,6 +147,8 @@ class Level:
     at_least: Sequence[Bool[np.ndarray, "_p"]]
     weights: Sequence[Float64[np.ndarray, "_p groups"]]
     """Shares of the energy groups in the open field of the compared pixels."""
+    latest: dict[tuple[int, bytes], PathLengths] = field(default_factory=dict, init=False)
+    """Path lengths of the views in the poses asked for last: a descent comes back to them."""
 
     @classmethod
     def of(
@@ -238,7 +230,8 @@ class Level:
         """Model of the compared pixels of each view, with its gain."""
         density, gains, pose = self._split(unknowns)
         return [
-            gain * self._image(number, density, pose) for number, gain in enumerate(gains.tolist())
+            gain * self._light(number, density, self._kept(number, pose))
+            for number, gain in enumerate(gains.tolist())
         ]
 
     def loss_at(self, unknowns: Float64[np.ndarray, "u"]) -> float:
@@ -277,53 +270,60 @@ class Level:
     ) -> tuple[Float64[np.ndarray, "_p"], Float64[np.ndarray, "_p u"]]:
         """Give the image of a view, and its derivatives."""
         density, gains, pose = self._split(unknowns)
-        gain = gains[number]
-        model, slopes = self._image_and_slopes(number, density, pose)
+        gain, seen = gains[number], self._kept(number, pose)
+        model, slopes = self._image_and_slopes(number, density, seen)
+        gradient = self._gradient(number, density, seen)
         jacobian = np.zeros((len(model), len(unknowns)))
         jacobian[:, : self.parts] = gain * slopes
         jacobian[:, self.parts + number] = model
-        jacobian[:, self.parts + len(gains) :] = gain * self._slopes_by_pose(number, density, pose)
+        jacobian[:, self.parts + len(gains) :] = gain * slopes_by_pose(
+            self.poses,
+            number,
+            self.panels[number],
+            pose,
+            gradient,
+            partial(self._spread, number, gradient),
+            partial(self._difference, number, density, pose),
+        )
         return gain * model, jacobian
 
-    def _slopes_by_pose(
-        self, number: int, density: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "q"]
-    ) -> Float64[np.ndarray, "_p q"]:
-        """Give the derivatives of a view's image by the unknowns of the poses.
+    def _gradient(
+        self, number: int, density: Float64[np.ndarray, "k"], seen: PathLengths
+    ) -> Gradient:
+        """Slopes of a view's image, by its rays."""
+        count, rays, parts = seen.lengths_cm.shape
+        weights = self.target.beams[number].weights(seen.pixels, self.binning)
+        light = transmissions(
+            seen.lengths_cm.reshape(count * rays, 1, parts),
+            np.repeat(weights, rays, axis=0),
+            self.target.mac_cm2_g,
+            density,
+        )
+        return Gradient.of(seen.pixels, light.reshape(count, rays), seen.shape)
 
-        An object that grows about the source looks as before. So one that grows about its middle
-        looks as if it came as much of its way nearer: of four derivatives, by the size and by the
-        shifts, three tell the last. The shift that is most along the beam is left out, since it
-        hardly moves an outline; in a parallel beam it moves none.
-        """
-        moves, size = self.poses.places(number), self.poses.size_places
-        slopes = np.zeros((len(self.measured[number]), self.poses.count))
-        shifts = self.poses.shifts(number)
-        sight = self.poses.sight(number, self.panels[number], pose)
-        along = shifts[int(np.argmax(np.abs(sight)))] if size else None
-        for place in (*moves, *size):
-            if place != along:
-                slopes[:, place] = self._slope(number, density, pose, place)
-        if along is not None:
-            by_size = 0.0 if self.panels[number].source_cm is None else slopes[:, size[0]]
-            slopes[:, along] = (by_size - slopes[:, shifts] @ sight) / sight[shifts.index(along)]
-        return slopes
+    def _spread(
+        self, number: int, gradient: Gradient, values: Float64[np.ndarray, "n"]
+    ) -> Float64[np.ndarray, "_p"]:
+        """Put values of the gradient's pixels in their places among the compared ones."""
+        flat = gradient.rows * self.panels[number].shape[1] + gradient.columns
+        places = self.places[number][flat]
+        whole = np.zeros(len(self.measured[number]))
+        whole[places[places >= 0]] = values[places >= 0]
+        return whole
 
-    def _slope(
+    def _difference(
         self,
         number: int,
         density: Float64[np.ndarray, "k"],
         pose: Float64[np.ndarray, "q"],
-        place: int,
+        direction: Float64[np.ndarray, "q"],
     ) -> Float64[np.ndarray, "_p"]:
-        """Central difference of a view's image by one unknown of the poses."""
-        angles = self.poses.places(number)[:ROTATIONS]
+        """Central difference of a view's image along a direction of the unknowns of the poses."""
         step = STEPS_CM * self.binning
-        if place in (*angles, *self.poses.size_places):
+        if not direction[self.poses.shifts(number)].any():
             step /= self.target.radius_cm
-        delta = np.zeros(self.poses.count)
-        delta[place] = step
         ahead, behind = (
-            self._image(number, density, there) for there in (pose + delta, pose - delta)
+            self._image(number, density, pose + sign * step * direction) for sign in (1, -1)
         )
         return np.asarray((ahead - behind) / (2 * step))
 
@@ -331,16 +331,22 @@ class Level:
         self, number: int, density: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "q"]
     ) -> Float64[np.ndarray, "_p"]:
         """Transmission of the compared pixels of a view."""
-        places, lengths_cm, weights = self._rays(number, pose)
+        return self._light(number, density, self._seen(number, pose))
+
+    def _light(
+        self, number: int, density: Float64[np.ndarray, "k"], seen: PathLengths
+    ) -> Float64[np.ndarray, "_p"]:
+        """Give the same behind some path lengths."""
+        places, lengths_cm, weights = self._compared(number, seen)
         image = np.ones(len(self.measured[number]))
         image[places] = transmissions(lengths_cm, weights, self.target.mac_cm2_g, density)
         return image
 
     def _image_and_slopes(
-        self, number: int, density: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "q"]
+        self, number: int, density: Float64[np.ndarray, "k"], seen: PathLengths
     ) -> tuple[Float64[np.ndarray, "_p"], Float64[np.ndarray, "_p k"]]:
         """Give the same, and its derivatives by density."""
-        places, lengths_cm, weights = self._rays(number, pose)
+        places, lengths_cm, weights = self._compared(number, seen)
         count = len(self.measured[number])
         image, slopes = np.ones(count), np.zeros((count, self.parts))
         image[places], slopes[places] = transmissions_and_slopes(
@@ -348,19 +354,33 @@ class Level:
         )
         return image, slopes
 
-    def _rays(
-        self, number: int, pose: Float64[np.ndarray, "q"]
+    def _kept(self, number: int, pose: Float64[np.ndarray, "q"]) -> PathLengths:
+        """Path lengths as of :meth:`_seen`, anew only if the pose was not asked for just before."""
+        key = number, pose.tobytes()
+        seen = self.latest.pop(key, None) or self._seen(number, pose)
+        self.latest[key] = seen
+        while len(self.latest) > KEPT_POSES * len(self.target.beams):
+            del self.latest[next(iter(self.latest))]
+        return seen
+
+    def _seen(self, number: int, pose: Float64[np.ndarray, "q"]) -> PathLengths:
+        """Path lengths of a view with the object in a pose."""
+        geometry = self.poses.geometry(number, self.panels[number], pose)
+        return path_lengths(
+            self.target.meshes, self.target.order, geometry, max(self.binning // 2, 2)
+        )
+
+    def _compared(
+        self, number: int, seen: PathLengths
     ) -> tuple[
         Int64[np.ndarray, "n"], Float32[np.ndarray, "n s k"], Float64[np.ndarray, "n groups"]
     ]:
-        """Places of the compared pixels that meet the object in a pose, their rays and weights."""
-        geometry = self.poses.geometry(number, self.panels[number], pose)
-        subrays = max(self.binning // 2, 2)
-        seen = path_lengths(self.target.meshes, self.target.order, geometry, subrays)
+        """Places of the compared pixels that meet the object, their rays and weights."""
         places = self.places[number][seen.pixels]
         inside = places >= 0
-        places = places[inside]
-        return places, seen.lengths_cm[inside], self.weights[number][places]
+        if inside.all():
+            return places, seen.lengths_cm, self.weights[number][places]
+        return places[inside], seen.lengths_cm[inside], self.weights[number][places[inside]]
 
 
 def window(geometry: ViewGeometry, points: Float[np.ndarray, "n 3"], binning: int) -> Window:
@@ -381,77 +401,3 @@ def density_bounds(
     others = np.full(count - len(density_g_cm3), np.inf)
     least, most = shares
     return np.append(least * density_g_cm3, -others), np.append(most * density_g_cm3, others)
-
-
-class Descent(NamedTuple):
-    """Where a descent ended.
-
-    Parameters
-    ----------
-    unknowns
-        The best that were found.
-    there
-        The loss, and half its derivatives.
-    before, residuals
-        Of each view: residuals where it began, and where it ended.
-    """
-
-    unknowns: Float64[np.ndarray, "u"]
-    there: Evaluation
-    before: Sequence[Float64[np.ndarray, "_n"]]
-    residuals: Sequence[Float64[np.ndarray, "_n"]]
-
-
-def descend(
-    level: Level,
-    unknowns: Float64[np.ndarray, "u"],
-    most: int,
-    low: Float64[np.ndarray, "u"],
-    high: Float64[np.ndarray, "u"],
-) -> Descent:
-    """Take damped Gauss-Newton steps.
-
-    Derivatives cost a dozen times as much as residuals, so several steps share them. A step that
-    gains nothing is refused; the same with more damping, which it would not feel, is passed over.
-    """
-    damping, before = FIRST_DAMPING, None
-    for _ in range(most):
-        residuals, slopes = level.residuals_and_slopes(unknowns)
-        before = before or residuals
-        here = first = level.evaluate(unknowns, residuals, slopes)
-        refused = False
-        for _ in range(MOST_STEPS):
-            if refused and damping < FELT_DAMPING:
-                damping *= 10
-                continue
-            ahead = _ahead(unknowns, here, damping, low, high)
-            seen = level.residuals(ahead)
-            gained = here.loss - level.loss(ahead, seen)
-            refused = gained <= 0
-            if refused:
-                damping *= 10
-                continue
-            unknowns, residuals, here = ahead, seen, level.evaluate(ahead, seen, slopes)
-            damping = max(damping / 10, 1e-6)
-            if gained < SETTLED_SHARE * here.loss:
-                break
-        if first.loss - here.loss < SETTLED_ROUND * here.loss:
-            break
-    assert before is not None
-    return Descent(unknowns, here, before, residuals)
-
-
-def _ahead(
-    unknowns: Float64[np.ndarray, "u"],
-    here: Evaluation,
-    damping: float,
-    low: Float64[np.ndarray, "u"],
-    high: Float64[np.ndarray, "u"],
-) -> Float64[np.ndarray, "u"]:
-    """Solve between bounds, with each unknown scaled to unit curvature."""
-    scale = 1 / np.sqrt(here.hessian.diagonal().clip(min=1e-12))
-    scaled = here.hessian * np.outer(scale, scale) + damping * np.eye(len(scale))
-    step = box_minimum(
-        scaled, scale * here.gradient, (low - unknowns) / scale, (high - unknowns) / scale
-    )
-    return np.asarray((unknowns + scale * step).clip(low, high))

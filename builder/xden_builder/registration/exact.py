@@ -15,6 +15,7 @@ from xden1k.values.arrays import Mask
 from xden1k.values.views import ViewGeometry
 from xden_builder.capture import Capture
 from xden_builder.fit import huber
+from xden_builder.poly.descent import descend
 from xden_builder.poly.model.direct import transmissions_and_slopes
 from xden_builder.poly.model.frames import Pose, coarse
 from xden_builder.poly.model.poses import Poses
@@ -25,7 +26,6 @@ from xden_builder.poly.pyramid import (
     Target,
     Window,
     density_bounds,
-    descend,
     window,
 )
 from xden_builder.poly.scene import Scene, set_scene

@@ -12,7 +12,7 @@ from xden1k.values.arrays import Vec3
 from xden1k.values.views import ViewGeometry
 from xden_builder.poly.model.frames import Pose, nearer, posed
 
-__all__ = ["Poses"]
+__all__ = ["RIGID", "Poses"]
 
 RIGID: Final = 6
 SHARED_SD: Final = (0.03, 0.03, 0.03, 0.3, 0.3, 0.3)
