@@ -25,8 +25,10 @@ from xden1k.errors import DataError
 from xden1k.values.views import XRayView
 from xden_builder.calibrate import geometry as bundle
 from xden_builder.calibrate import run as calibration
+from xden_builder.calibrate import spectrum
 from xden_builder.calibrate.balls import shadow_centres
 from xden_builder.calibrate.designs import BALLS, PLATES
+from xden_builder.calibrate.light import light_up
 from xden_builder.calibrate.readings import read_image_steps
 from xden_builder.calibrate.response import Response
 from xden_builder.calibrate.run import calibrate_scanner
@@ -44,9 +46,9 @@ CSI = Detector("CsI")
 def transmissions(
     tube, formula="Fe", density=7.85, thickness=(0.05, 0.1, 0.3, 0.5, 1.0), detector=CSI
 ):
-    spectrum = tube_spectrum(tube, detector=detector)
-    lac = density * mac_cm2_g(((formula, 1.0),), spectrum.energies_kev)
-    return spectrum.transmission(np.array(thickness)[:, None] * lac)
+    beam = tube_spectrum(tube, detector=detector)
+    lac = density * mac_cm2_g(((formula, 1.0),), beam.energies_kev)
+    return beam.transmission(np.array(thickness)[:, None] * lac)
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +81,24 @@ def test_gain_and_stray_light_are_told_apart(fit):
     (stray,) = fit.stray
     assert stray.gain == pytest.approx(1.03, abs=0.002)
     assert stray.mean_share == pytest.approx(0.004, abs=4e-4)
+
+
+def test_scatter_may_be_narrower_than_assumed(monkeypatch):
+    """Thin steel then shines on itself and less on the lead beside it."""
+    image = read_image_steps(seen(painted()), wedges())
+    near = light_up(image, Response(TRUE, TRUE_PANEL)).stray(Response(TRUE, TRUE_PANEL)).at(-0.5)
+    readings = tuple(
+        replace(reading, transmission=reading.transmission + 0.15 * light)
+        for reading, light in zip(image.readings, near[:, 0].tolist(), strict=True)
+    )
+    off = []
+    for width_sd in (spectrum.NEAR_WIDTH_SD, 1e-4):
+        monkeypatch.setattr(spectrum, "NEAR_WIDTH_SD", width_sd)
+        found = fit_spectrum([replace(image, readings=readings)], Response(TOLD, CSI)).response
+        true = transmissions(TRUE, detector=TRUE_PANEL)
+        off.append(abs(transmissions(found.tube, detector=found.detector) / true - 1).max())
+    assert off[0] < 0.6 * off[1]
+    assert off[0] < 0.015
 
 
 def test_filters_that_trade_for_each_other_are_said_to_stay_at_their_prior(fit):

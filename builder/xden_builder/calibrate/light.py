@@ -16,12 +16,44 @@ from xden_builder.physics.attenuation import mac_cm2_g
 from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.spectrum import panel_signal, tube_fluence
 from xden_builder.poly.model.beam import Heel, ViewBeam, find_heel
-from xden_builder.poly.model.stray import coarse_binning, stray_light
+from xden_builder.poly.model.stray import FAR_CM, NEAR_CM, coarse_binning, stray_light
 
-__all__ = ["STRAY_TERMS", "LitImage", "light_up"]
+__all__ = ["NEAR_WIDTHS", "STRAY_TERMS", "LitImage", "StrayShapes", "light_up"]
 
 STRAY_TERMS: Final = ("near_scatter", "far_scatter", "glare", "even")
 """Light that is not the direct beam's: the fit's three shapes, and a constant."""
+
+
+NEAR_WIDTHS: Final = np.array([-0.5, 0.0, 0.5])
+"""Logarithms of the near scatter's width over :data:`NEAR_CM`, between which it is interpolated."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StrayShapes:
+    """Shapes of stray light, that of near scatter for several widths.
+
+    Parameters
+    ----------
+    each
+        Near scatter for each of :data:`NEAR_WIDTHS`, then the other terms.
+    """
+
+    each: Float64[np.ndarray, "n shapes"]
+
+    def at(self, width: float) -> Float64[np.ndarray, "n terms"]:
+        """Shapes by :data:`STRAY_TERMS` where the logarithm of the near scatter's width is this."""
+        count = len(NEAR_WIDTHS)
+        near = self.each[:, :count] @ _lagrange(width)
+        return np.column_stack([near, self.each[:, count:]])
+
+
+def _lagrange(width: float) -> Float64[np.ndarray, "widths"]:
+    """Shares of the shapes at all widths that interpolate between them."""
+    apart = NEAR_WIDTHS[:, None] - NEAR_WIDTHS
+    np.fill_diagonal(apart, 1.0)
+    ways = np.tile(width - NEAR_WIDTHS, (len(NEAR_WIDTHS), 1))
+    np.fill_diagonal(ways, 1.0)
+    return np.asarray((ways / apart).prod(axis=1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +116,7 @@ class LitImage:
         ways = self._areal_g_cm2() @ self._mac_cm2_g(energies_kev)
         return np.asarray((weights[place] * np.exp(-ways)).sum(axis=1))
 
-    def stray(self, response: Response) -> Float64[np.ndarray, "n terms"]:
+    def stray(self, response: Response) -> StrayShapes:
         """Stray light at each reading by :data:`STRAY_TERMS`, in shares of the open field.
 
         Scatter and glare as the fit of objects has them, so that their amplitudes can be compared.
@@ -103,10 +135,11 @@ class LitImage:
             np.array([wedge.density_g_cm3 for wedge in self.image.wedges]),
             np.concatenate(regions),
             np.repeat(self.transmission, sizes),
+            reaches_cm=[*(NEAR_CM * np.exp(NEAR_WIDTHS)), FAR_CM],
         )
         starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
         means = np.add.reduceat(found, starts, axis=0) / sizes[:, None]
-        return np.column_stack([means, np.ones(len(means))])
+        return StrayShapes(np.column_stack([means, np.ones(len(means))]))
 
     def _slopes(self) -> Float64[np.ndarray, "n"]:
         rows, columns = (each.astype(float) for each in self._rows_columns())

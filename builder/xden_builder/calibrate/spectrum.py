@@ -13,7 +13,7 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares, nnls
 
 from xden1k.errors import DataError
-from xden_builder.calibrate.light import LitImage, light_up
+from xden_builder.calibrate.light import NEAR_WIDTHS, LitImage, StrayShapes, light_up
 from xden_builder.calibrate.readings import ImageReadings
 from xden_builder.calibrate.response import PROBES, Response, Term, terms_of
 from xden_builder.physics.spectrum.tables import TABLE_KV
@@ -23,6 +23,8 @@ __all__ = ["SpectrumFit", "StrayLight", "fit_spectrum"]
 
 STRAY_PRIOR: Final = ((0.05, 0.2), (0.05, 0.2), (0.02, 0.05), (0.0, 0.01))
 """Mean and standard deviation of each shape; none is negative."""
+NEAR_WIDTH_SD: Final = 0.3
+"""Of the logarithm of the near scatter's width, in each image (assumed)."""
 RELATIVE_SD: Final = 0.005
 """Of a reading: thickness, density and evenness of the steps."""
 ABSOLUTE_SD: Final = 3e-5
@@ -126,14 +128,16 @@ def fit_spectrum(images: Sequence[ImageReadings], told: Response) -> SpectrumFit
     _refuse_unknown_voltage(told.tube.kv)
     terms, lit = terms_of(told), tuple(light_up(image, told) for image in images)
     found, stray = told, tuple(np.full(len(image.readings), FIRST_STRAY) for image in images)
+    widths = np.zeros(len(images))
     for _ in range(PASSES):
         shapes = tuple(each.stray(found) for each in lit)
         errors = tuple(
             np.linalg.cholesky(_covariance(*pair)) for pair in zip(lit, stray, strict=True)
         )
         problem = _Problem(lit, told, terms, shapes, errors)
-        values = problem.solve(found)
-        found = told.having(terms, values)
+        values = problem.solve(found, widths)
+        widths = values[len(terms) :]
+        found = problem.response(values)
         stray = tuple(at.stray for at in problem.lights(values))
     return problem.fit(values)
 
@@ -197,9 +201,9 @@ class _Light:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
-    """Least squares over the unknowns of tube and panel.
+    """Least squares over the unknowns of tube and panel, then the width of each image's scatter.
 
-    What is unknown of each image, its gain and stray light, is linear and found beside them.
+    What else is unknown of each image, its gain and stray light, is linear and found beside them.
 
     Parameters
     ----------
@@ -214,21 +218,35 @@ class _Problem:
     images: tuple[LitImage, ...]
     told: Response
     terms: tuple[Term, ...]
-    shapes: tuple[Float64[np.ndarray, "_n terms"], ...]
+    shapes: tuple[StrayShapes, ...]
     errors: tuple[Float64[np.ndarray, "_n _n"], ...]
 
     @property
     def prior(self) -> tuple[Unknowns, Unknowns]:
         """Means and standard deviations."""
-        mean, sd = np.array([(term.mean, term.sd) for term in self.terms]).T
+        widths = [(0.0, NEAR_WIDTH_SD)] * len(self.images)
+        mean, sd = np.array([*((term.mean, term.sd) for term in self.terms), *widths]).T
         return mean, sd
+
+    @property
+    def bounds(self) -> tuple[Unknowns, Unknowns]:
+        """Least and most."""
+        widths = [(NEAR_WIDTHS[0], NEAR_WIDTHS[-1])] * len(self.images)
+        low, high = np.array([*((term.low, term.high) for term in self.terms), *widths]).T
+        return low, high
+
+    def response(self, values: Unknowns) -> Response:
+        """Tube and panel."""
+        return self.told.having(self.terms, values[: len(self.terms)])
 
     def lights(self, values: Unknowns) -> list[_Light]:
         """Find gain and stray light of each image behind a spectrum."""
-        response = self.told.having(self.terms, values)
+        response, widths = self.response(values), values[len(self.terms) :].tolist()
         return [
-            _light(image.direct(response), shapes, errors, image.transmission)
-            for image, shapes, errors in zip(self.images, self.shapes, self.errors, strict=True)
+            _light(image.direct(response), shapes.at(width), errors, image.transmission)
+            for image, shapes, errors, width in zip(
+                self.images, self.shapes, self.errors, widths, strict=True
+            )
         ]
 
     def residuals(self, values: Unknowns) -> Float64[np.ndarray, "m"]:
@@ -242,12 +260,12 @@ class _Problem:
         there = [self.residuals(values + move) for move in np.diag(steps)]
         return np.stack([(each - here) / step for each, step in zip(there, steps, strict=True)], 1)
 
-    def solve(self, start: Response) -> Unknowns:
-        """Find the most likely tube and panel."""
-        low, high = np.array([(term.low, term.high) for term in self.terms]).T
+    def solve(self, start: Response, widths: Unknowns) -> Unknowns:
+        """Find the most likely tube and panel, and widths of scatter."""
+        low, high = self.bounds
         found = least_squares(
             self.residuals,
-            np.clip(start.known(self.terms), low + 1e-6, high - 1e-6),
+            np.clip(np.append(start.known(self.terms), widths), low + 1e-6, high - 1e-6),
             self.slopes,
             bounds=(low, high),
             x_scale=self.prior[1],
@@ -273,7 +291,7 @@ class _Problem:
             ]
         )
         return SpectrumFit(
-            response=self.told.having(self.terms, values),
+            response=self.response(values),
             terms=self.terms,
             sd=tuple(np.sqrt(np.diag(covariance)).tolist()),
             probe_sd=self._probe_sd(values, covariance),
@@ -289,34 +307,41 @@ class _Problem:
 
     def _covariance(self, values: Unknowns, lights: Sequence[_Light]) -> Float64[np.ndarray, "u u"]:
         """Of the terms, gain and stray light being free, those that ended at nothing too."""
-        steps, sds = self._steps(values), np.array([GAIN, *STRAY_PRIOR]).T[1]
-        moved = [self.told.having(self.terms, each) for each in values + np.diag(steps)]
-        information = np.diag(1 / self.prior[1] ** 2)
-        for image, at, errors in zip(self.images, lights, self.errors, strict=True):
+        count = len(self.terms)
+        steps, widths = self._steps(values)[:count], values[count:].tolist()
+        sds = np.array([GAIN, *STRAY_PRIOR, (0.0, NEAR_WIDTH_SD)]).T[1]
+        moved = [
+            self.response(np.append(each, values[count:]))
+            for each in values[:count] + np.diag(steps)
+        ]
+        information = np.diag(1 / self.prior[1][:count] ** 2)
+        for image, at, shapes, errors, width in zip(
+            self.images, lights, self.shapes, self.errors, widths, strict=True
+        ):
             slopes = [at.gain * (image.direct(each) - at.direct) for each in moved]
-            own = np.column_stack([at.direct, at.shapes])
+            wider = (shapes.at(width + _STEP) - shapes.at(width)) @ at.amplitudes / _STEP
+            own = np.column_stack([at.direct, at.shapes, at.gain * wider])
             rows = np.column_stack([np.transpose(slopes) / steps, own])
             weighted = solve_triangular(errors, rows, lower=True)
             both = weighted.T @ weighted
-            count = len(steps)
             beside = both[count:, count:] + np.diag(1 / sds**2)
             cross = both[:count, count:]
             information += both[:count, :count] - cross @ np.linalg.solve(beside, cross.T)
         return np.asarray(np.linalg.inv(information))
 
     def _steps(self, values: Unknowns) -> Unknowns:
-        high = np.array([term.high for term in self.terms])
-        steps = _STEP * self.prior[1]
+        high, steps = self.bounds[1], _STEP * self.prior[1]
         return np.where(values + steps > high, -steps, steps)
 
     def _probe_sd(
         self, values: Unknowns, covariance: Float64[np.ndarray, "u u"]
     ) -> tuple[float, ...]:
         """Carry what is left unknown on to the transmission of the probes."""
-        steps = self._steps(values)
+        known = values[: len(self.terms)]
+        steps = self._steps(values)[: len(known)]
         here, *there = (
             np.array([self.told.having(self.terms, each).log_transmission(p) for p in PROBES])
-            for each in (values, *(values + np.diag(steps)))
+            for each in (known, *(known + np.diag(steps)))
         )
         slopes = np.stack(
             [(each - here) / step for each, step in zip(there, steps, strict=True)], 1

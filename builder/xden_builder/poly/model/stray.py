@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -14,7 +15,7 @@ from xden_builder.poly.model import kernels
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.frames import binned
 
-__all__ = ["coarse_binning", "glare_of", "stray_image", "stray_light"]
+__all__ = ["FAR_CM", "NEAR_CM", "coarse_binning", "glare_of", "stray_image", "stray_light"]
 
 Values = Float64[np.ndarray, "rows columns"]
 
@@ -63,7 +64,8 @@ def stray_light(
     pixels: Int64[np.ndarray, "n"],
     measured: Float64[np.ndarray, "n"],
     glare: Values | None = None,
-) -> Float64[np.ndarray, "n 3"]:
+    reaches_cm: Sequence[float] = (NEAR_CM, FAR_CM),
+) -> Float64[np.ndarray, "n shapes"]:
     """Shapes of near scatter, far scatter and glare at some pixels, in shares of the open field.
 
     Scatter: the signal that the beam loses by coherent and incoherent scattering and nothing
@@ -88,14 +90,16 @@ def stray_light(
         Transmission there, which glare takes away from.
     glare
         Of the view, by :func:`glare_of`; None where that was not called.
+    reaches_cm
+        Standard deviations of the Gaussians that spread scatter: a shape for each.
     """
-    scatter = _scatter(view, beam, lengths, mac_cm2_g, scattering_cm2_g, density_g_cm3)
+    scatter = _scatter(view, beam, lengths, mac_cm2_g, scattering_cm2_g, density_g_cm3, reaches_cm)
     shapes = (*scatter, glare_of(view, lengths.shape) if glare is None else glare)
     binning = view.transmission.shape[0] // lengths.shape[0]
     index = np.stack(np.divmod(pixels, view.transmission.shape[1]))
     places = (index - (binning - 1) / 2) / binning
     found = [map_coordinates(shape, places, order=1, mode="nearest") for shape in shapes]
-    return np.stack([*found[:2], found[2] - measured], axis=1)
+    return np.stack([*found[:-1], found[-1] - measured], axis=1)
 
 
 def stray_image(
@@ -134,8 +138,9 @@ def _scatter(
     mac_cm2_g: Float64[np.ndarray, "k groups"],
     scattering_cm2_g: Float64[np.ndarray, "k groups"],
     density_g_cm3: Float64[np.ndarray, "k"],
-) -> tuple[Values, Values]:
-    """Shapes of near and far scatter on the coarse panel."""
+    reaches_cm: Sequence[float] = (NEAR_CM, FAR_CM),
+) -> list[Values]:
+    """Shapes of scatter on the coarse panel."""
     binning = view.transmission.shape[0] // lengths.shape[0]
     source = np.empty(len(lengths.pixels))
     kernels.scattered(
@@ -148,11 +153,10 @@ def _scatter(
     )
     scattered = np.zeros(lengths.shape)
     scattered.flat[lengths.pixels] = source
-    near, far = (
+    return [
         gaussian_filter(scattered, reach_cm / _pixel_cm(view, binning), mode="constant")
-        for reach_cm in (NEAR_CM, FAR_CM)
-    )
-    return near, far
+        for reach_cm in reaches_cm
+    ]
 
 
 def _pixel_cm(view: XRayView, binning: int) -> float:
