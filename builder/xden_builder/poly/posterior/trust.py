@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64, Int64
 
 from xden1k.rays import PathLengths
 from xden_builder.fit.crops import Crop, neighbours
@@ -63,9 +63,11 @@ def sample_sd(
         (lengths, 1, ~samples.is_block),
         (blocks, width, samples.is_block),
     ):
-        weights = beam.weights(source.pixels, binning)
-        model = transmissions(source.lengths_cm, weights, mac_cm2_g, density_g_cm3)
-        image, steps = _steps(source, model)
+        near = _beside(samples.index[mine], source.shape)[source.pixels]
+        pixels, lengths_cm = source.pixels[near], source.lengths_cm[near]
+        weights = beam.weights(pixels, binning)
+        model = transmissions(lengths_cm, weights, mac_cm2_g, density_g_cm3)
+        image, steps = _steps(pixels, source.shape, model)
         transmission[mine] = image.flat[samples.index[mine]]
         step[mine] = steps.flat[samples.index[mine]]
     pixel_cm = float(np.linalg.norm(beam.geometry.column_step_cm))
@@ -76,13 +78,20 @@ def sample_sd(
     return np.asarray(np.sqrt(edge**2 + model**2 + veil**2 + settings.floor**2 + noise_sd**2))
 
 
+def _beside(index: Int64[np.ndarray, "n"], shape: tuple[int, int]) -> Bool[np.ndarray, "pixels"]:
+    """Mark some pixels and their neighbours: all that their steps depend on."""
+    marked = np.zeros(shape, dtype=np.bool_)
+    marked.flat[index] = True
+    return np.asarray(marked | neighbours(marked).any(axis=0)).ravel()
+
+
 def _steps(
-    lengths: PathLengths, transmission: Float64[np.ndarray, "n"]
+    pixels: Int64[np.ndarray, "n"], shape: tuple[int, int], transmission: Float64[np.ndarray, "n"]
 ) -> tuple[Float64[np.ndarray, "rows columns"], Float64[np.ndarray, "rows columns"]]:
     """Put the model into an image, and find the largest step of each pixel to a neighbour."""
-    image, steps = np.ones(lengths.shape), np.zeros(lengths.shape)
+    image, steps = np.ones(shape), np.zeros(shape)
     if len(transmission):
-        image.flat[lengths.pixels] = transmission
-        box = Crop.around(lengths.pixels, lengths.shape, margin_px=1).box
+        image.flat[pixels] = transmission
+        box = Crop.around(pixels, shape, margin_px=1).box
         steps[box] = np.abs(neighbours(image[box]) - image[box]).max(axis=0)
     return image, steps
