@@ -19,6 +19,7 @@ from xden_builder.evaluate.truth import Errors, Truth, errors_of, read_truth
 from xden_builder.phantoms import write_captures
 from xden_builder.phantoms.realism import LIFELIKE
 from xden_builder.phantoms.scanner import Scanner
+from xden_builder.poly.hardness import join
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
@@ -152,4 +153,4 @@ def test_a_capture_without_a_tube_is_listed_as_failed(tmp_path):
 
 
 def test_tables_of_no_object_say_so():
-    assert markdown(Evaluation({}, ())).startswith("0 simulated objects")
+    assert markdown(Evaluation({}, (), join({}))).startswith("0 simulated objects")

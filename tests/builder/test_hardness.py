@@ -8,15 +8,15 @@ import pytest
 
 from tests.builder.poly_scenes import TUBE, Solid, box, captured, cylinder
 from xden1k.rays import ownership_order
-from xden_builder.poly.hardness import Hardness, join
+from xden_builder.poly.hardness import Hardness, join, pilots
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.survey import FILTERS_MM_CU, Clue, survey
 
 
-def clue(filter_mm, *, off=0.0, sd=0.03, slope=2.0, name="aluminium"):
+def clue(filter_mm, *, off=0.0, sd=0.03, own_sd=0.005, slope=2.0, name="aluminium"):
     """What a part says that lies off by so much behind the right filter."""
     apart = tuple(slope * (mm - filter_mm) + off for mm in FILTERS_MM_CU)
-    return Clue(name, apart, sd)
+    return Clue(name, apart, sd, own_sd)
 
 
 def folder(*clues):
@@ -31,7 +31,7 @@ def test_clues_of_one_filter_give_that_filter():
 
 
 def test_its_deviation_falls_with_the_root_of_the_number_of_clues():
-    few, many = (join(folder(*[clue(0.2)] * count)) for count in (6, 24))
+    few, many = (join(folder(*[clue(0.2, own_sd=0.03)] * count)) for count in (6, 24))
     assert few.sd_mm_cu / many.sd_mm_cu == pytest.approx(2.0, rel=0.1)
 
 
@@ -54,7 +54,7 @@ def test_without_a_clue_the_told_filter_is_believed():
 
 
 def test_a_filter_that_was_measured_is_left_by_clues_that_clearly_tell_another_only():
-    few, many = ([clue(0.2, sd=0.08)] * count for count in (2, 200))
+    few, many = ([clue(0.2, sd=0.08, own_sd=0.08)] * count for count in (2, 200))
     assert join(folder(*few)).filter_mm_cu > 0.1
     assert join(folder(*few), calibrated=True).filter_mm_cu < 0.03
     assert join(folder(*many), calibrated=True).filter_mm_cu > 0.1
@@ -66,9 +66,9 @@ def test_two_tubes_in_one_folder_are_told():
 
 
 def test_a_filter_is_not_called_missing_within_three_deviations():
-    assert not Hardness(0.05, 0.02, 4, 4, None).contradicts
-    assert Hardness(0.07, 0.02, 4, 4, None).contradicts
-    assert not Hardness(0.015, 0.001, 40, 20, None).contradicts
+    assert not Hardness(0.05, 0.02, 4, 4, None, 1.0).contradicts
+    assert Hardness(0.07, 0.02, 4, 4, None, 1.0).contradicts
+    assert not Hardness(0.015, 0.001, 40, 20, None, 1.0).contradicts
 
 
 @cache
@@ -101,6 +101,80 @@ def test_a_mass_on_the_scale_is_a_clue_too():
     assert mass.name == "mass"
     assert abs(right) < mass.sd
     assert mass.log_ratio[FILTERS_MM_CU.index(0.0)] < -0.05
+
+
+def parts_of(scale, count, *, seed=0, filter_mm=0.0, astray=0):
+    """Clues of metals and plastics that err by a multiple of what is assumed, some far astray."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for number in range(count):
+        metal = number % 2 == 0
+        assumed, own_sd = (0.032, 0.006) if metal else (0.085, 0.012)
+        off = rng.normal(0, np.hypot(own_sd, scale * assumed))
+        if number < astray:
+            off = rng.choice([-1, 1]) * rng.uniform(0.3, 1.5)
+        sd = float(np.hypot(own_sd, assumed))
+        slope = 2.0 if metal else 0.6
+        found.append(clue(filter_mm, off=off, sd=sd, own_sd=own_sd, slope=slope))
+    return folder(*found)
+
+
+@pytest.mark.parametrize("filter_mm", [0.0, 0.15])
+def test_parts_nearer_to_their_materials_than_assumed_make_errors_small(filter_mm):
+    found = [join(parts_of(0.2, 30, seed=seed, filter_mm=filter_mm)) for seed in range(5)]
+    assert all(0.1 < each.error_scale < 0.4 for each in found)
+    settings = found[0].applied(PolySettings())
+    assert settings.composition == found[0].error_scale
+    assert settings.floor == pytest.approx(found[0].error_scale * PolySettings().floor)
+    assert settings.edge_error_cm == PolySettings().edge_error_cm
+
+
+def test_parts_as_far_off_as_assumed_leave_errors_near_what_they_are():
+    found = [join(parts_of(1.0, 30, seed=seed)) for seed in range(8)]
+    assert np.mean([each.error_scale for each in found]) == pytest.approx(1, abs=0.2)
+    assert min(each.error_scale for each in found) > 0.6
+
+
+def test_parts_farther_off_than_assumed_are_told_and_leave_errors_as_they_are():
+    for seed in range(5):
+        found = join(parts_of(2.0, 40, seed=seed))
+        assert found.error_scale > 1.1
+        assert found.applied(PolySettings()).composition == 1
+
+
+def test_few_parts_hardly_move_the_errors():
+    assert join(parts_of(0.2, 1)).error_scale > 0.95
+    assert join(parts_of(0.2, 2)).error_scale > 0.8
+
+
+def test_labels_that_err_do_not_widen_the_errors():
+    right, astray = (join(parts_of(0.2, 36, astray=count)).error_scale for count in (0, 8))
+    assert astray == pytest.approx(right, abs=0.1)
+
+
+def test_a_range_of_densities_is_no_error():
+    """Parts of one label that scatter as its densities do say that nothing else errs."""
+    rng = np.random.default_rng(3)
+    wide = [clue(0.0, off=rng.normal(0, 0.1), sd=0.13, own_sd=0.1, slope=0.6) for _ in range(40)]
+    assert join(folder(*wide)).error_scale < 0.7
+
+
+def test_masses_on_a_scale_say_nothing_of_how_far_labels_err():
+    masses = folder(*[clue(0.0, sd=0.05, own_sd=0.05, name="mass") for _ in range(20)])
+    assert join(masses).applied(PolySettings()).composition == 1
+
+
+def test_clues_of_images_say_what_of_them_is_the_materials_own():
+    for each in clues_of(0.1):
+        assert 0 < each.own_sd < each.sd
+    *_, mass = clues_of(0.1, weighed=True)
+    assert mass.own_sd == mass.sd
+
+
+def test_the_order_of_objects_changes_nothing():
+    clues = parts_of(0.3, 20)
+    assert pilots(clues) == pilots(reversed(list(clues)))
+    assert join(clues) == join(dict(sorted(clues.items())))
 
 
 def test_a_label_that_no_part_bears_is_no_clue():

@@ -18,7 +18,7 @@ from xden_builder.audit.object import audit_object
 from xden_builder.audit.view import audit_view
 from xden_builder.capture import CaptureFolder
 from xden_builder.cli import cli
-from xden_builder.commands.run import said_of
+from xden_builder.commands.run import errors_said_of, said_of
 from xden_builder.phantoms import write_captures
 from xden_builder.pipeline import version
 from xden_builder.pipeline.run import build, work_folder
@@ -142,9 +142,15 @@ def test_a_filter_that_was_told_is_believed(captures, tmp_path):
 @pytest.mark.parametrize(
     ("beam", "words"),
     [
-        (Hardness(0.1, 0.02, 40, 20, None), "filter does not explain these images: 0.10 ± 0.02 mm"),
-        (Hardness(-0.03, 0.004, 40, 20, None), "0.03 ± 0.00 mm Cu less would"),
-        (Hardness(0.05, 0.02, 40, 20, (0.0, 0.1)), "0.00 mm Cu more than told explains some, 0.10"),
+        (
+            Hardness(0.1, 0.02, 40, 20, None, 1.0),
+            "filter does not explain these images: 0.10 ± 0.02 mm",
+        ),
+        (Hardness(-0.03, 0.004, 40, 20, None, 1.0), "0.03 ± 0.00 mm Cu less would"),
+        (
+            Hardness(0.05, 0.02, 40, 20, (0.0, 0.1), 1.0),
+            "0.00 mm Cu more than told explains some, 0.10",
+        ),
     ],
 )
 def test_a_filter_that_does_not_explain_the_images_is_told(beam, words):
@@ -152,7 +158,16 @@ def test_a_filter_that_does_not_explain_the_images_is_told(beam, words):
 
 
 def test_a_filter_that_explains_the_images_is_not_spoken_of():
-    assert said_of(Hardness(0.004, 0.01, 40, 20, None)) == ""
+    assert said_of(Hardness(0.004, 0.01, 40, 20, None, 1.0)) == ""
+
+
+@pytest.mark.parametrize(
+    ("scale", "words"),
+    [(0.3, "lie 0.30 times as far off"), (2.5, "deviations stay as they are"), (1.0, "")],
+)
+def test_errors_that_are_not_as_assumed_are_spoken_of(scale, words):
+    said = errors_said_of(Hardness(0.0, 0.01, 40, 20, None, scale))
+    assert (words in said) if words else said == ""
 
 
 def test_answers_beside_captures_go_into_the_dataset_and_stay(captures, half_built):

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from xden_builder.poly.hardness import Hardness
     from xden_builder.triage.findings import Findings
 
-__all__ = ["run", "said_of"]
+__all__ = ["errors_said_of", "run", "said_of"]
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells know it."""
@@ -166,8 +166,9 @@ def _echo_report(report: BuildReport, out: Place) -> None:
     informed = sum(findings.severity == "information" for findings in report.judged)
     if informed:
         click.echo(f"for information: {informed} of {len(report.judged)} objects have other flags")
-    if report.beam is not None and (said := said_of(report.beam)):
-        click.echo(said)
+    if report.beam is not None:
+        for said in filter(None, (said_of(report.beam), errors_said_of(report.beam))):
+            click.echo(said)
     counts = ", ".join(f"{report.count(s)} {s}" for s in ("built", "kept", "failed"))
     click.echo(f"{out}: {counts}; report in {inside(work_folder(out), REPORT_NAME)}")
 
@@ -188,6 +189,18 @@ def said_of(beam: Hardness) -> str:
         f"needs you: the told filter does not explain these images: {abs(beam.filter_mm_cu):.2f} ± "
         f"{beam.sd_mm_cu:.2f} mm Cu {more} would, and was reckoned with (check [tube] filtration "
         "in scanner.toml)"
+    )
+
+
+def errors_said_of(beam: Hardness) -> str:
+    """Say how far labelled parts are off their materials, if it is not as is assumed."""
+    if beam.errs_as_assumed:
+        return ""
+    so = "; deviations stay as they are: labels err here, or are of substances not in the library"
+    return (
+        f"for information: labelled parts lie {beam.error_scale:.2f} times as far off their "
+        "materials as is assumed"
+        + (", and deviations are the smaller for it" if beam.error_scale < 1 else so)
     )
 
 

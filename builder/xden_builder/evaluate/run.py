@@ -31,9 +31,13 @@ from xden_builder.evaluate.methods import (
 from xden_builder.evaluate.quality import SHOWN, QualityPair, quality_of
 from xden_builder.evaluate.truth import Errors, Truth, errors_of, read_truth
 from xden_builder.fit.spread import spread
+from xden_builder.poly.hardness import Hardness, join, pilots
 from xden_builder.poly.judgement import PolyFit
 from xden_builder.poly.settings import PolySettings
+from xden_builder.poly.survey import Clue
+from xden_builder.reconstruct.clues import find_clues
 from xden_builder.reconstruct.rigid import rigid_sd
+from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.reconstruct.space import Space, divide
 from xden_builder.registration.capture import registered
 from xden_builder.registration.placement import Registration
@@ -106,10 +110,14 @@ class Evaluation:
         By object id.
     failures
         Object id and reason of those that could not be evaluated.
+    shared
+        What the labelled parts say of filter and errors, by which objects are fitted whose labels
+        are told.
     """
 
     objects: dict[str, ObjectResult]
     failures: tuple[tuple[str, str], ...]
+    shared: Hardness
 
     def to_dict(self) -> dict[str, Any]:
         """Values for JSON."""
@@ -125,6 +133,7 @@ class Evaluation:
                 for object_id, result in self.objects.items()
             },
             "failures": [{"object_id": key, "message": why} for key, why in self.failures],
+            "shared": asdict(self.shared),
         }
 
 
@@ -155,9 +164,11 @@ def evaluate(
     """
     folder = CaptureFolder(captures)
     drawn = sorted(folder.object_ids, key=_draw)[:ablated]
-    task = partial(_evaluate_object, captures, frozenset(drawn))
+    asked = partial(_clues, captures)
+    shared = join(gather(asked, pilots(folder.object_ids), workers, lambda _: None)[0])
+    task = partial(_evaluate_object, captures, frozenset(drawn), shared)
     objects, failures = gather(task, folder.object_ids, workers, on_done)
-    return Evaluation(objects, tuple(failures))
+    return Evaluation(objects, tuple(failures), shared)
 
 
 def _draw(object_id: str) -> bytes:
@@ -165,14 +176,20 @@ def _draw(object_id: str) -> bytes:
     return hashlib.sha256(f"{DRAW}/{object_id}".encode()).digest()
 
 
-def _evaluate_object(captures: Path, drawn: frozenset[str], object_id: str) -> ObjectResult:
+def _clues(captures: Path, object_id: str) -> tuple[Clue, ...]:
+    return find_clues(CaptureFolder(captures).read(object_id), BuildSettings())
+
+
+def _evaluate_object(
+    captures: Path, drawn: frozenset[str], shared: Hardness, object_id: str
+) -> ObjectResult:
     there = registered(CaptureFolder(captures).read(object_id))
     capture = there.capture
     if capture.tube is None or capture.tube.kv is None:
         raise DataError(f"{object_id}: expected a tube, got another source")
     truth = read_truth(captures / object_id, capture.parts, there.placement)
     space = divide(capture.parts)
-    bench = _Bench(capture, space, truth, {}, {})
+    bench = _Bench(capture, space, truth, shared, {}, {})
     bench.paper()
     checks = {}
     for mode in MODES:
@@ -188,11 +205,12 @@ def _evaluate_object(captures: Path, drawn: frozenset[str], object_id: str) -> O
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Bench:
-    """One object that methods are tried on."""
+    """One object that methods are tried on, and what its folder's labels say of all objects."""
 
     capture: Capture
     space: Space
     truth: Truth
+    shared: Hardness
     errors: dict[Key, Errors]
     seconds: dict[str, float]
 
@@ -212,7 +230,8 @@ class _Bench:
         self._keep("labels alone + mass", mode, self._scaled(usual))
         begin = process_time()
         masses = (None, self.truth.mass_g)
-        fits = poly(capture, self.space, masses, PolySettings())
+        shared = self.shared if mode == "labels" else join({})
+        fits = poly(capture, self.space, masses, shared.applied(PolySettings()))
         self.seconds[f"poly, {mode}, with and without mass"] = process_time() - begin
         for name, fit in zip(("poly", "poly + mass"), fits, strict=True):
             self.errors[name, mode] = errors_of_fit(fit, self.space, self.truth)
@@ -221,7 +240,7 @@ class _Bench:
     def ablation(self, ablation: Ablation) -> Errors:
         """Try the fit without one of its parts."""
         capture = ablation.applied(self.capture)
-        (fit,) = poly(capture, self.space, [None], ablation.settings)
+        (fit,) = poly(capture, self.space, [None], self.shared.applied(ablation.settings))
         return errors_of_fit(fit, self.space, self.truth)
 
     def _scaled(self, density: Float64[np.ndarray, "k"]) -> Float64[np.ndarray, "k"]:

@@ -12,6 +12,7 @@ from xden_builder.evaluate.cells import HEADERS, error_cells, reprojection_cells
 from xden_builder.evaluate.methods import ABLATIONS, MODES
 from xden_builder.evaluate.quality import SHOWN, Quality, QualityPair
 from xden_builder.evaluate.run import Evaluation, ObjectResult, PartCheck
+from xden_builder.poly.hardness import Hardness
 
 __all__ = ["FAR_OFF", "calibration_rows", "flag_rows", "markdown"]
 
@@ -43,6 +44,7 @@ def markdown(evaluation: Evaluation) -> str:
     sections = [
         f"{len(objects)} simulated objects, {sum(len(o.parts['labels']) for o in objects)} parts. "
         "Means over objects, medians in brackets.",
+        _shared_line(evaluation.shared),
         _method_table(objects),
         "Standard deviations, polychromatic fit without a weighed mass: share of parts within one "
         "and two of them (a normal distribution has 68 and 95 %).",
@@ -62,6 +64,14 @@ def markdown(evaluation: Evaluation) -> str:
         ]
     sections += _quality_sections([each for each in objects if each.quality])
     return "\n\n".join(sections) + "\n"
+
+
+def _shared_line(shared: Hardness) -> str:
+    return (
+        f"By {shared.clues} labelled parts of {shared.objects} objects the beam has "
+        f"{shared.filter_mm_cu:+.3f} ± {shared.sd_mm_cu:.3f} mm Cu beside what is told, and errors "
+        f"are {shared.error_scale:.2f} of those assumed: fits that are told the labels go by it."
+    )
 
 
 def _method_table(objects: Sequence[ObjectResult]) -> str:

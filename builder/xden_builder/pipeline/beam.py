@@ -26,7 +26,7 @@ from xden_builder.pipeline.storage import (
     write_bytes,
 )
 from xden_builder.pipeline.version import OtherVersionError, refuse_other_code
-from xden_builder.poly.hardness import Hardness, join
+from xden_builder.poly.hardness import Hardness, join, pilots
 from xden_builder.poly.survey import FILTERS_MM_CU, Clue
 from xden_builder.reconstruct.clues import find_clues
 from xden_builder.reconstruct.settings import BuildSettings
@@ -36,10 +36,6 @@ __all__ = ["BEAM_NAME", "shared_beam", "with_beam"]
 
 BEAM_NAME: Final = "beam.json"
 SCHEMA: Final = "xden-beam/1"
-PILOTS: Final = 24
-"""Objects that are asked, at most: a hundred parts tell a filter to a hundredth of a millimetre."""
-
-
 MOST: Final = 0.5
 """What was found holds while more than this share of the objects asked is unchanged."""
 
@@ -100,7 +96,7 @@ def shared_beam(
         if same > MOST * len(kept.digests):
             return kept.found
     task = partial(_ask, settings, made_by, captures, parts)
-    said = sorted(_answers(run(task, [rows[name] for name in _pilots(rows)])))
+    said = sorted(_answers(run(task, [rows[name] for name in pilots(rows)])))
     clues = {each.object_id: each.clues for each in said}
     found = join(clues, calibrated=is_calibrated(captures))
     write_bytes(inside(work, BEAM_NAME), _text(found, said).encode())
@@ -109,16 +105,7 @@ def shared_beam(
 
 def with_beam(settings: BuildSettings, found: Hardness) -> BuildSettings:
     """Return the settings by which the objects of a folder are rebuilt."""
-    poly = replace(
-        settings.poly, extra_filter_mm_cu=found.filter_mm_cu, filter_sd_mm_cu=found.sd_mm_cu
-    )
-    return replace(settings, poly=poly)
-
-
-def _pilots(rows: Mapping[str, ObjectRow]) -> list[str]:
-    """Choose objects by the checksums of their ids: as good as at random, and ever the same."""
-    mixed = sorted(rows, key=lambda object_id: hashlib.sha256(object_id.encode()).digest())
-    return sorted(mixed[:PILOTS])
+    return replace(settings, poly=found.applied(settings.poly))
 
 
 def _answers(answers: Generator[Answer[ObjectRow, Any], None, None]) -> list[Any]:

@@ -1,17 +1,22 @@
-"""One extra filter for all objects of a folder, by the clues of some of them."""
+"""What all objects of a folder share, by clues of some of them: a filter, and how far all errs."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float64
 
+from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.survey import FILTERS_MM_CU, Clue
 
-__all__ = ["Hardness", "join"]
+__all__ = ["Hardness", "join", "pilots"]
+
+PILOTS: Final = 24
+"""Objects that are asked, at most: a hundred parts tell a filter to a hundredth of a millimetre."""
 
 STEP_MM: Final = 0.002
 GRID_MM: Final = np.arange(FILTERS_MM_CU[0], FILTERS_MM_CU[-1] + STEP_MM / 2, STEP_MM)
@@ -21,9 +26,17 @@ rounding and a few kV, and of those that leave a filter out."""
 ASTRAY_SHARE: Final = 0.25
 ASTRAY_SD: Final = 0.35
 """Share of clues that lead astray (labels that err, grades, pores), and how far."""
+SCALES: Final = np.geomspace(0.1, 10**0.5, 31)
+AS_ASSUMED: Final = 20
+"""What errors may be as multiples of those assumed, and which of these is 1."""
+SCALE_SD: Final = 0.5
+"""Standard deviation of the logarithm of that multiple before any image (assumed): two or three
+clues hardly move it, twenty do."""
 CLEARLY_SD: Final = 3.0
 CLEARLY_MM: Final = 0.02
 """A filter is said to be missing if it is this many deviations from none, and this thick."""
+USUAL: Final = (0.7, 1.5)
+"""Multiples of the errors assumed that are not worth a word."""
 TWO_TUBES: Final = 12.0
 """Logarithm of how much likelier two filters must make the clues than one."""
 APART_MM: Final = 0.05
@@ -44,6 +57,8 @@ class Hardness:
         How many it rests on, of how many objects.
     two_tubes_mm_cu
         Two filters that explain the images far better than one, if there are such.
+    error_scale
+        How far coefficients and images err, as a multiple of what is assumed.
     """
 
     filter_mm_cu: float
@@ -51,6 +66,24 @@ class Hardness:
     clues: int
     objects: int
     two_tubes_mm_cu: tuple[float, float] | None
+    error_scale: float
+
+    def applied(self, settings: PolySettings) -> PolySettings:
+        """Return the settings by which the objects of the folder are fitted.
+
+        Errors may become smaller than assumed, not larger: where labels lie farther off, it is the
+        labels and what they leave unsaid, and images that counted for less would believe them.
+        """
+        scale = min(self.error_scale, 1.0)
+        return replace(
+            settings,
+            extra_filter_mm_cu=self.filter_mm_cu,
+            filter_sd_mm_cu=self.sd_mm_cu,
+            composition=scale * settings.composition,
+            model_share=scale * settings.model_share,
+            stray_share=scale * settings.stray_share,
+            floor=scale * settings.floor,
+        )
 
     @property
     def contradicts(self) -> bool:
@@ -58,9 +91,20 @@ class Hardness:
         least = max(CLEARLY_SD * self.sd_mm_cu, CLEARLY_MM)
         return abs(self.filter_mm_cu) > least
 
+    @property
+    def errs_as_assumed(self) -> bool:
+        """Whether labelled parts lie about as far off their materials as is assumed."""
+        return USUAL[0] <= self.error_scale <= USUAL[1]
+
+
+def pilots(object_ids: Iterable[str]) -> list[str]:
+    """Choose objects by the checksums of their ids: as good as at random, and ever the same."""
+    mixed = sorted(object_ids, key=lambda object_id: hashlib.sha256(object_id.encode()).digest())
+    return sorted(mixed[:PILOTS])
+
 
 def join(clues: Mapping[str, Sequence[Clue]], *, calibrated: bool = False) -> Hardness:
-    """Weigh all clues together, by Bayes' rule on a grid.
+    """Weigh all clues together, by Bayes' rule on a grid of filters and multiples of the errors.
 
     Each clue is normally distributed about 0 at the right filter, or one of those that lead
     astray.
@@ -68,41 +112,48 @@ def join(clues: Mapping[str, Sequence[Clue]], *, calibrated: bool = False) -> Ha
     Parameters
     ----------
     clues
-        By object; without any, the told filter is believed.
+        By object; without any, the told filter is believed, and errors are as assumed.
     calibrated
         Whether the told filter was measured, so that none can have been left out.
     """
     count, used = sum(map(len, clues.values())), sum(map(bool, clues.values()))
     if not count:
-        return Hardness(0.0, TOLD_RIGHT[0][1], 0, 0, None)
+        return Hardness(0.0, TOLD_RIGHT[0][1], 0, 0, None, 1.0)
+    nothing = np.zeros((len(SCALES), len(GRID_MM)))
     curves = np.array(
-        [
-            np.sum([np.zeros(len(GRID_MM)), *map(_log_likelihood, mine)], axis=0)
-            for mine in clues.values()
-        ]
+        [np.sum([nothing, *map(_log_likelihood, mine)], axis=0) for mine in clues.values()]
     )
     log_posterior = curves.sum(axis=0) + _log_prior(TOLD_RIGHT[:1] if calibrated else TOLD_RIGHT)
+    log_posterior -= 0.5 * (np.log(SCALES)[:, None] / SCALE_SD) ** 2
     chance = np.exp(log_posterior - log_posterior.max())
-    chance /= chance.sum()
-    mean = float(chance @ GRID_MM)
-    sd = float(np.sqrt(chance @ (GRID_MM - mean) ** 2))
-    return Hardness(round(mean, 4), round(sd, 4), count, used, _two_tubes(curves))
+    scale = float(np.sqrt(_mean(SCALES**2, chance.sum(axis=1))))
+    filters = chance[: AS_ASSUMED + 1].sum(axis=0)  # as objects are fitted
+    mean = _mean(GRID_MM, filters)
+    sd = float(np.sqrt(_mean((GRID_MM - mean) ** 2, filters)))
+    two_tubes = _two_tubes(curves[:, AS_ASSUMED])
+    return Hardness(round(mean, 4), round(sd, 4), count, used, two_tubes, round(scale, 3))
 
 
-def _log_likelihood(clue: Clue) -> Float64[np.ndarray, "filters"]:
+def _mean(values: Float64[np.ndarray, "n"], chance: Float64[np.ndarray, "n"]) -> float:
+    return float(values @ chance / chance.sum())
+
+
+def _log_likelihood(clue: Clue) -> Float64[np.ndarray, "scales filters"]:
     off = np.interp(GRID_MM, FILTERS_MM_CU, clue.log_ratio)
-    right = (1 - ASTRAY_SHARE) * _normal(off, clue.sd)
-    return np.asarray(
-        np.log(right + ASTRAY_SHARE * _normal(off, float(np.hypot(clue.sd, ASTRAY_SD))))
-    )
+    errors = SCALES[:, None] ** 2 * (clue.sd**2 - clue.own_sd**2)
+    sd = np.sqrt(clue.own_sd**2 + errors)
+    right = (1 - ASTRAY_SHARE) * _normal(off, sd)
+    return np.asarray(np.log(right + ASTRAY_SHARE * _normal(off, np.hypot(sd, ASTRAY_SD))))
 
 
 def _log_prior(shares: Sequence[tuple[float, float]]) -> Float64[np.ndarray, "filters"]:
-    chance = sum(share * _normal(GRID_MM, sd) for share, sd in shares)
+    chance = sum(share * _normal(GRID_MM, np.float64(sd)) for share, sd in shares)
     return np.asarray(np.log(np.maximum(chance, np.finfo(float).tiny)))
 
 
-def _normal(off: Float64[np.ndarray, "n"], sd: float) -> Float64[np.ndarray, "n"]:
+def _normal(
+    off: Float64[np.ndarray, "n"], sd: Float64[np.ndarray, "*#m"] | np.float64
+) -> Float64[np.ndarray, "*m n"]:
     return np.asarray(np.exp(-0.5 * (off / sd) ** 2) / sd)
 
 

@@ -115,7 +115,7 @@ def set_scene(capture: Capture, order: Sequence[int], settings: PolySettings) ->
     order
         Which part owns space first.
     settings
-        What stands in the beam beside the told filters.
+        What stands in the beam beside the told filters, and how far compositions may differ.
 
     Raises
     ------
@@ -130,7 +130,8 @@ def set_scene(capture: Capture, order: Sequence[int], settings: PolySettings) ->
     beams = tuple(view_beam(capture, view, fine) for view in views)
     few_beams = tuple(beam.regrouped(few) for beam in beams)
     tables, few_tables = (
-        tuple(candidate_table(part, groups) for part in capture.parts) for groups in (fine, few)
+        tuple(candidate_table(part, groups, settings.composition) for part in capture.parts)
+        for groups in (fine, few)
     )
     limits = [capture.at_least.get(view.name) for view in views]
     whole = [completed(view, each) for view, each in zip(views, limits, strict=True)]

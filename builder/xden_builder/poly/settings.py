@@ -22,6 +22,9 @@ class PolySettings:
     blocks
         Whether outlines and thin parts are compared in blocks of several pixels, averaged over
         many rays. Without, they are compared pixel by pixel with the ray through its centre.
+    composition
+        How far what parts are made of may differ from the library's materials, as a multiple of
+        what is usual; 0 for not at all.
     edge_error_cm
         How far the image of a surface may be off, on the panel.
     model_share
@@ -36,8 +39,6 @@ class PolySettings:
         A further view adds as much as each of the two.
     size
         Whether the size of the object, beside that of its meshes, is sought along with its pose.
-    composition
-        Whether what parts are made of may differ from the library's materials.
     extra_filter_mm_cu, filter_sd_mm_cu
         Copper in the beam beside the told filters, negative where there is less than told, and its
         standard deviation: shared by all objects of a scanner (:mod:`xden_builder.poly.hardness`).
@@ -55,9 +56,9 @@ class PolySettings:
     stray: bool = True
     pose: bool = True
     size: bool = True
-    composition: bool = True
     edge_weights: bool = True
     blocks: bool = True
+    composition: float = 1.0
     edge_error_cm: float = 0.02
     model_share: float = 0.01
     stray_share: float = 0.15

@@ -59,12 +59,15 @@ class Clue:
     log_ratio
         Logarithm of fitted over expected, behind each of :data:`FILTERS_MM_CU`.
     sd
-        Its standard deviation.
+        Its standard deviation, if coefficients and images err as is assumed.
+    own_sd
+        What of it is the material's own, however little these err: its range of densities.
     """
 
     name: str
     log_ratio: tuple[float, ...]
     sd: float
+    own_sd: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,8 +163,9 @@ def _by_labels(capture: Capture, fits: Sequence[_Fit]) -> Iterator[Clue]:
             material = load_materials()[label]
             nominal = material.density_nominal_g_cm3
             log_ratio = np.log(found[:, mine] / nominal).mean(axis=1)
-            errors = material.density_sd_g_cm3 / nominal, _unsaid(label), float(sd[mine].min())
-            yield Clue(label, tuple(log_ratio.tolist()), math.hypot(*errors))
+            own_sd = material.density_sd_g_cm3 / nominal
+            errors = own_sd, _unsaid(label), float(sd[mine].min())
+            yield Clue(label, tuple(log_ratio.tolist()), math.hypot(*errors), own_sd)
 
 
 def _solid_parts(capture: Capture) -> Mapping[str, list[int]]:
@@ -183,7 +187,7 @@ def _unsaid(label: str) -> float:
 def _by_mass(
     capture: Capture, volumes_cm3: Float64[np.ndarray, "k"], fits: Sequence[_Fit]
 ) -> Iterator[Clue]:
-    """Yield a clue if images and labels tell the mass well."""
+    """Yield a clue if images and labels tell the mass well; of how far they err it says nothing."""
     told, weighed_g = fits[FILTERS_MM_CU.index(0.0)], capture.weighed_mass_g
     log_ratio = [float(np.log(volumes_cm3 @ fit.density_g_cm3 / weighed_g)) for fit in fits]
     masses_g = volumes_cm3 * told.density_g_cm3
@@ -195,4 +199,4 @@ def _by_mass(
     )
     sd = math.hypot(sd_g / float(masses_g.sum()), VOLUME_SD)
     if sd < SURE:
-        yield Clue("mass", tuple(log_ratio), sd)
+        yield Clue("mass", tuple(log_ratio), sd, sd)

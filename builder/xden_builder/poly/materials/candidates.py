@@ -115,13 +115,25 @@ class CandidateTable:
         )
 
 
-def candidate_table(part: CapturePart, groups: EnergyGroups) -> CandidateTable:
-    """Tabulate the candidates of a part; one table for all parts of the same label."""
-    return _table(part.material, part.hollow, groups)
+def candidate_table(
+    part: CapturePart, groups: EnergyGroups, composition: float = 1.0
+) -> CandidateTable:
+    """Tabulate the candidates of a part; one table for all parts of the same label.
+
+    Parameters
+    ----------
+    part
+        With its label.
+    groups
+        Of energy.
+    composition
+        How far compositions may be off, as a multiple of what is usual.
+    """
+    return _table(part.material, part.hollow, groups, composition)
 
 
 @lru_cache(maxsize=256)
-def _table(label: str, hollow: bool, groups: EnergyGroups) -> CandidateTable:
+def _table(label: str, hollow: bool, groups: EnergyGroups, composition: float) -> CandidateTable:
     found = candidates(label, hollow=hollow)
     materials = [load_materials()[each.material] for each in found]
     compositions = [each.composition for each in materials]
@@ -133,7 +145,7 @@ def _table(label: str, hollow: bool, groups: EnergyGroups) -> CandidateTable:
             [(each.mean_g_cm3, each.sd_g_cm3, each.low_g_cm3, each.high_g_cm3) for each in found]
         ),
         np.array([each.log_prior for each in found]),
-        np.array([composition_sd(each) for each in materials]),
+        composition * np.array([composition_sd(each) for each in materials]),
     )
 
 

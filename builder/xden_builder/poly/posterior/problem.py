@@ -119,18 +119,13 @@ class Problem:
         return slice(start, start + NUISANCES)
 
     @property
-    def composition_sd(self) -> Float64[np.ndarray, "k"]:
-        """Of each part's coefficients, as a share of them."""
-        return self.settings.composition * self.stand_ins.composition_sd
-
-    @property
     def off(self) -> slice:
         """Places of the batches' coefficients among the unknowns."""
         return slice(self.parts + len(self.views) * NUISANCES, None)
 
     def factors(self, unknowns: Float64[np.ndarray, "u"]) -> Float64[np.ndarray, "k"]:
         """Return what each part's attenuation coefficients are to be multiplied by."""
-        return np.asarray(1 + self.composition_sd * unknowns[self.off][self.batches])
+        return np.asarray(1 + self.stand_ins.composition_sd * unknowns[self.off][self.batches])
 
     def image(
         self, unknowns: Float64[np.ndarray, "u"], number: int
@@ -145,7 +140,7 @@ class Problem:
         jacobian[:, : self.parts] = gain * slopes * factors
         by_batch = np.eye(len(unknowns[self.off]))[self.batches]
         jacobian[:, self.off] = (
-            gain * slopes @ ((density * self.composition_sd)[:, None] * by_batch)
+            gain * slopes @ ((density * self.stand_ins.composition_sd)[:, None] * by_batch)
         )
         jacobian[:, mine] = np.column_stack([light, gain * self.strays[number]])
         return gain * light, jacobian
