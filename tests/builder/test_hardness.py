@@ -65,6 +65,17 @@ def test_two_tubes_in_one_folder_are_told():
     assert found.two_tubes_mm_cu == pytest.approx((0.0, 0.2), abs=0.02)
 
 
+def test_a_label_that_is_wrong_by_a_factor_invents_no_second_tube():
+    """Lead glass for soda-lime glass: a thicker filter would explain a tenth of it."""
+    rest = [clue(0.0) for _ in range(12)]
+    for slope in (-1.3, 1.3):
+        wrong = [clue(0.0, off=-3.7, sd=0.05, slope=slope), clue(0.0, off=-1.8, slope=slope)]
+        unsure = clue(0.2, sd=0.2, slope=0.2)
+        found = join(folder(*rest, *wrong, unsure))
+        assert found.two_tubes_mm_cu is None
+        assert abs(found.filter_mm_cu) < found.sd_mm_cu
+
+
 def test_a_filter_is_not_called_missing_within_three_deviations():
     assert not Hardness(0.05, 0.02, 4, 4, None, 1.0).contradicts
     assert Hardness(0.07, 0.02, 4, 4, None, 1.0).contradicts

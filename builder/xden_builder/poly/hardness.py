@@ -25,7 +25,8 @@ TOLD_RIGHT: Final = ((0.6, 0.01), (0.4, 0.15))
 rounding and a few kV, and of those that leave a filter out."""
 ASTRAY_SHARE: Final = 0.25
 ASTRAY_SD: Final = 0.35
-"""Share of clues that lead astray (labels that err, grades, pores), and how far."""
+"""Share of clues that lead astray (labels that err, grades, pores), and how far: half of them
+farther, by Cauchy's distribution, since a label may be off by any factor."""
 SCALES: Final = np.geomspace(0.1, 10**0.5, 31)
 AS_ASSUMED: Final = 20
 """What errors may be as multiples of those assumed, and which of these is 1."""
@@ -143,7 +144,7 @@ def _log_likelihood(clue: Clue) -> Float64[np.ndarray, "scales filters"]:
     errors = SCALES[:, None] ** 2 * (clue.sd**2 - clue.own_sd**2)
     sd = np.sqrt(clue.own_sd**2 + errors)
     right = (1 - ASTRAY_SHARE) * _normal(off, sd)
-    return np.asarray(np.log(right + ASTRAY_SHARE * _normal(off, np.hypot(sd, ASTRAY_SD))))
+    return np.asarray(np.log(right + ASTRAY_SHARE * _cauchy(off, np.hypot(sd, ASTRAY_SD))))
 
 
 def _log_prior(shares: Sequence[tuple[float, float]]) -> Float64[np.ndarray, "filters"]:
@@ -155,6 +156,13 @@ def _normal(
     off: Float64[np.ndarray, "n"], sd: Float64[np.ndarray, "*#m"] | np.float64
 ) -> Float64[np.ndarray, "*m n"]:
     return np.asarray(np.exp(-0.5 * (off / sd) ** 2) / sd)
+
+
+def _cauchy(
+    off: Float64[np.ndarray, "n"], half_width: Float64[np.ndarray, "m 1"]
+) -> Float64[np.ndarray, "m n"]:
+    """As high beside :func:`_normal` as it should be."""
+    return np.asarray(np.sqrt(2 / np.pi) / (half_width * (1 + (off / half_width) ** 2)))
 
 
 def _two_tubes(curves: Float64[np.ndarray, "objects filters"]) -> tuple[float, float] | None:
