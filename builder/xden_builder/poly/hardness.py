@@ -108,7 +108,8 @@ def join(clues: Mapping[str, Sequence[Clue]], *, calibrated: bool = False) -> Ha
     """Weigh all clues together, by Bayes' rule on a grid of filters and multiples of the errors.
 
     Each clue is normally distributed about 0 at the right filter, or one of those that lead
-    astray.
+    astray. The filter is sought as if errors were those assumed: clues of one object, which share
+    its pose and gain, say less of it than as many that do not.
 
     Parameters
     ----------
@@ -125,18 +126,18 @@ def join(clues: Mapping[str, Sequence[Clue]], *, calibrated: bool = False) -> Ha
         [np.sum([nothing, *map(_log_likelihood, mine)], axis=0) for mine in clues.values()]
     )
     log_posterior = curves.sum(axis=0) + _log_prior(TOLD_RIGHT[:1] if calibrated else TOLD_RIGHT)
-    log_posterior -= 0.5 * (np.log(SCALES)[:, None] / SCALE_SD) ** 2
-    chance = np.exp(log_posterior - log_posterior.max())
-    scale = float(np.sqrt(_mean(SCALES**2, chance.sum(axis=1))))
-    filters = chance[: AS_ASSUMED + 1].sum(axis=0)  # as objects are fitted
-    mean = _mean(GRID_MM, filters)
-    sd = float(np.sqrt(_mean((GRID_MM - mean) ** 2, filters)))
+    filters = _chance(log_posterior[AS_ASSUMED])
+    mean = float(filters @ GRID_MM)
+    sd = float(np.sqrt(filters @ (GRID_MM - mean) ** 2))
+    scales = _chance(log_posterior - 0.5 * (np.log(SCALES)[:, None] / SCALE_SD) ** 2).sum(axis=1)
+    scale = float(np.sqrt(scales @ SCALES**2))
     two_tubes = _two_tubes(curves[:, AS_ASSUMED])
     return Hardness(round(mean, 4), round(sd, 4), count, used, two_tubes, round(scale, 3))
 
 
-def _mean(values: Float64[np.ndarray, "n"], chance: Float64[np.ndarray, "n"]) -> float:
-    return float(values @ chance / chance.sum())
+def _chance(log_posterior: Float64[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n"]:
+    chance = np.exp(log_posterior - log_posterior.max())
+    return np.asarray(chance / chance.sum())
 
 
 def _log_likelihood(clue: Clue) -> Float64[np.ndarray, "scales filters"]:
