@@ -149,7 +149,8 @@ def test_parts_nearer_to_their_materials_than_assumed_make_errors_small(filter_m
     assert all(0.1 < each.error_scale < 0.4 for each in found)
     settings = found[0].applied(PolySettings())
     assert settings.composition == found[0].error_scale
-    assert settings.floor == pytest.approx(found[0].error_scale * PolySettings().floor)
+    assert settings.clear_floor == pytest.approx(found[0].error_scale * PolySettings().floor)
+    assert settings.floor == PolySettings().floor
     assert settings.edge_error_cm == PolySettings().edge_error_cm
 
 

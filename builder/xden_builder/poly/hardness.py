@@ -83,7 +83,7 @@ class Hardness:
             composition=scale * settings.composition,
             model_share=scale * settings.model_share,
             stray_share=scale * settings.stray_share,
-            floor=scale * settings.floor,
+            clear_floor=scale * settings.clear_floor,
         )
 
     @property

@@ -31,8 +31,8 @@ class PolySettings:
         Error of -ln T that composition, spectrum and scale leave, as a share of it.
     stray_share
         Error of the scatter's shape, as a share of it.
-    floor
-        Error of T that is left anywhere.
+    floor, clear_floor
+        Error of T that is left anywhere: where little light comes through, and where much does.
     worth_a_part
         Independent observations that the pixels of two views are worth, for each part: their errors
         hang together, so that thousands of pixels do not tell thousands of times as much as one.
@@ -63,6 +63,7 @@ class PolySettings:
     model_share: float = 0.01
     stray_share: float = 0.15
     floor: float = 0.003
+    clear_floor: float = 0.003
     worth_a_part: float = 30.0
     evidence_share: float = 0.1
     extra_filter_mm_cu: float = 0.0
@@ -73,5 +74,5 @@ class PolySettings:
             value = getattr(self, each.name)
             if not value >= 0 and each.name != "extra_filter_mm_cu":
                 raise DataError(f"{each.name} must not be negative, got {value:g}")
-        if not (self.floor and self.worth_a_part and self.evidence_share):
-            raise DataError("floor, worth_a_part and evidence_share must be above zero")
+        if not (self.floor and self.clear_floor and self.worth_a_part and self.evidence_share):
+            raise DataError("floors, worth_a_part and evidence_share must be above zero")

@@ -18,6 +18,9 @@ __all__ = ["USUAL_SCATTER", "sample_sd"]
 
 USUAL_SCATTER: Final = np.full(2, 0.08)
 """Amplitudes of near and far scatter that their error is reckoned with at least."""
+CLEAR: Final = 0.1
+"""Transmission above which much light comes through: labelled parts that say how far a folder errs
+are hardly seen in anything darker."""
 
 
 def sample_sd(
@@ -75,7 +78,8 @@ def sample_sd(
     edge = settings.edge_error_cm / reach_cm * step if settings.edge_weights else 0.0
     model = -settings.model_share * transmission * np.log(transmission.clip(min=1e-4))
     veil = settings.stray_share * (stray[:, :2] @ np.maximum(scatter, USUAL_SCATTER))
-    return np.asarray(np.sqrt(edge**2 + model**2 + veil**2 + settings.floor**2 + noise_sd**2))
+    floor = np.where(transmission > CLEAR, settings.clear_floor, settings.floor)
+    return np.asarray(np.sqrt(edge**2 + model**2 + veil**2 + floor**2 + noise_sd**2))
 
 
 def _beside(index: Int64[np.ndarray, "n"], shape: tuple[int, int]) -> Bool[np.ndarray, "pixels"]:
