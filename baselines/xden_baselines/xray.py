@@ -122,7 +122,9 @@ def mean_lac_per_cm(sample: SampleView, points_cm: Points) -> Float64[np.ndarray
     DataError
         If no ray of a view tells anything of the object.
     """
-    return np.mean([_filled_lac_per_cm(sample, view, points_cm) for view in sample.views], axis=0)
+    views = [_filled_lac_per_cm(sample, view, points_cm) for view in sample.views]
+    mean: Float64[np.ndarray, "points"] = np.mean(views, axis=0)
+    return mean
 
 
 def _filled_lac_per_cm(
