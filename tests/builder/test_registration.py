@@ -190,13 +190,21 @@ def test_ambiguous_poses_spread_the_densities_by_their_difference() -> None:
 
 
 def test_a_pose_is_as_good_by_its_deviance_where_the_whole_fit_told_it() -> None:
-    one, near, far, untold = (
+    one, near, far = (
         Found(at(Rotation.identity()), loss, np.ones(1), deviance)
-        for loss, deviance in ((1.0, 10.0), (1.9, 15.0), (0.9, 17.0), (1.0, None))
+        for loss, deviance in ((1.0, 10.0), (1.9, 15.0), (0.9, 17.0))
     )
     assert near.as_good_as(one)
     assert not far.as_good_as(one)
-    assert not untold.as_good_as(one)
+
+
+def test_a_pose_that_was_not_fitted_is_as_good_by_its_loss() -> None:
+    one, near, far = (
+        Found(at(Rotation.identity()), loss, np.ones(1), deviance)
+        for loss, deviance in ((1.0, 10.0), (1.1, None), (1.2, None))
+    )
+    assert near.as_good_as(one)
+    assert not far.as_good_as(one)
 
 
 def test_a_pose_after_another_is_both_in_turn() -> None:

@@ -119,9 +119,9 @@ class Found:
     deviance: float | None = None
 
     def as_good_as(self, best: Found) -> bool:
-        """Whether it explains the images about as well."""
+        """Whether it explains the images about as well: by the loss, unless both were fitted."""
         if best.deviance is None or self.deviance is None:
-            return self.loss <= AS_GOOD * best.loss and best.deviance == self.deviance
+            return self.loss <= AS_GOOD * best.loss
         times, more = AS_PROBABLE
         return self.deviance <= times * best.deviance + more
 
