@@ -162,6 +162,13 @@ def test_a_view_without_shadow_or_with_half_of_one_is_refused() -> None:
         shadow_of(radiograph("pa", panel(0), half))
 
 
+def test_a_faint_shadow_keeps_its_rim() -> None:
+    depth = np.zeros((64, 64))
+    depth[20:40, 10:54] = np.linspace(0.0, 0.06, 44)
+    shadow = shadow_of(XRayView("pa", np.exp(-depth), np.ones((64, 64), dtype=bool), panel(0, 64)))
+    assert shadow.size_px[0] >= 40
+
+
 def test_a_masked_table_is_no_shadow() -> None:
     view = radiograph("pa", panel(0), pear())
     table = np.zeros(view.valid.shape, dtype=np.bool_)

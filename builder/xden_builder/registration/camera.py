@@ -27,6 +27,8 @@ SOFTENING: Final = 0.02
 """-ln T below which its root grows as itself."""
 OUTLINE_DEPTH: Final = 0.06
 """-ln T at which half of the outline's weight is reached."""
+USUAL_DEPTH: Final = 0.2
+"""-ln T: where less is typical of a shadow, all depths are raised to it in proportion."""
 OUTLINE_WEIGHT: Final = 0.7
 """Of the outline, which does not depend on labels, beside the root of -ln T, which does."""
 
@@ -45,10 +47,13 @@ class Camera:
         Of the window's pixels.
     seen
         Shape (n,): features of the shadow.
+    contrast
+        By which -ln T is multiplied before features are taken of it; 1 but for faint shadows.
     """
 
     geometry: ViewGeometry
     seen: Float32[np.ndarray, "n"]
+    contrast: float
 
     @classmethod
     def of(cls, shadow: Shadow, wide_px: int) -> Camera:
@@ -67,7 +72,8 @@ class Camera:
         places = np.indices((rows, columns)) * pitch + start[::-1, None, None]
         blurred = gaussian_filter(shadow.opacity, BLUR_PX * pitch)
         opacity = map_coordinates(blurred, places, order=1)
-        return cls(geometry, _features(1 - opacity[None])[0])
+        contrast = max(1.0, USUAL_DEPTH / shadow.typical_depth)
+        return cls(geometry, _features(1 - opacity[None], contrast)[0], contrast)
 
     @property
     def pixel_cm(self) -> float:
@@ -91,7 +97,7 @@ class Camera:
             images,
         )
         depth = _blurred(images, BEFORE)
-        return _features(_blurred(np.exp(-depth), AFTER))
+        return _features(_blurred(np.exp(-depth), AFTER), self.contrast)
 
     @property
     def _pixel_area_cm2(self) -> float:
@@ -109,10 +115,10 @@ def _blurred(
     )
 
 
-def _features(transmission: Float[np.ndarray, "b rows columns"]) -> Features:
+def _features(transmission: Float[np.ndarray, "b rows columns"], contrast: float) -> Features:
     """Root of -ln T, which content and outline share, and the outline alone."""
     depth = -np.log(transmission.clip(min=OPAQUE)).reshape(len(transmission), -1)
-    depth = depth.clip(0, DEEPEST)
+    depth = (contrast * depth).clip(0, DEEPEST)
     root = np.sqrt(depth + SOFTENING) - SOFTENING**0.5
     outline = OUTLINE_WEIGHT * depth**2 / (depth**2 + OUTLINE_DEPTH**2)
     return np.concatenate([root, outline], axis=1, dtype=np.float32)

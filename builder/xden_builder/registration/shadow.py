@@ -17,8 +17,11 @@ __all__ = ["Shadow", "shadow_of"]
 
 RIM_PX: Final = 4
 """Along the image's edge: air, whose median is the open field."""
-FAINTEST: Final = 0.02
-"""-ln T of a shadow, averaged over a pixel and its neighbours."""
+FAINTEST, OF_TYPICAL = (0.005, 0.02), 0.15
+"""-ln T of a shadow, averaged over a pixel and its neighbours: least and most, and the share of
+what is typical of the object, so that thin wood loses no rim."""
+NOISE_SD: Final = 6.0
+"""Standard deviations of the air's noise that a shadow is above."""
 LEAST_SHARE: Final = 0.003
 """Of all shadow: a smaller piece of it is noise."""
 LEAST_PX: Final = 20
@@ -62,6 +65,11 @@ class Shadow:
         """Columns and rows of its box."""
         return np.asarray(self.box_px[2:] - self.box_px[:2])
 
+    @property
+    def typical_depth(self) -> float:
+        """-ln T of its middle pixel."""
+        return float(-np.log1p(-np.median(self.opacity[self.mask])))
+
 
 def shadow_of(view: XRayView, *, turned: bool = False) -> Shadow:
     """Find the shadow; what is not valid in an image, such as a masked table, is air.
@@ -83,14 +91,23 @@ def shadow_of(view: XRayView, *, turned: bool = False) -> Shadow:
     rim = np.ones(depth.shape, dtype=np.bool_)
     rim[RIM_PX:-RIM_PX, RIM_PX:-RIM_PX] = False
     depth = np.nan_to_num(depth - np.nanmedian(depth[rim]) if view.valid[rim].any() else depth)
-    mask = _large_pieces(gaussian_filter(depth, 1.0) > FAINTEST)
+    smooth = gaussian_filter(depth, 1.0)
+    mask = _large_pieces(smooth > _faintest(smooth, rim & view.valid))
     if mask.sum() < LEAST_PX:
         raise DataError(f"view {view.name}: no shadow of an object is in the image")
     rows, columns = find_objects(mask.astype(np.int8))[0]
     box = np.array([columns.start, rows.start, columns.stop, rows.stop]) - 0.5
     _refuse_cut(view.name, mask, box)
-    opacity = np.where(mask, 1 - np.exp(-depth), 0.0).clip(0, 1)
+    opacity = np.where(mask, 1 - np.exp(-depth), 0.0).clip(0, 1 - OPAQUE)
     return Shadow(view.geometry, opacity, mask, box, turned)
+
+
+def _faintest(depth: Float64[np.ndarray, "rows columns"], air: Mask) -> float:
+    """-ln T above which there is shadow."""
+    least, most = FAINTEST
+    typical = np.median(depth[depth > least]) if (depth > least).any() else most
+    noise = 1.48 * np.median(np.abs(depth[air])) if air.any() else most
+    return float(np.clip(OF_TYPICAL * typical, max(least, NOISE_SD * noise), most))
 
 
 def _large_pieces(mask: Mask) -> Mask:
