@@ -11,6 +11,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from tests.builder.poly_scenes import Solid, box, captured
 from xden1k.errors import DataError
 from xden1k.rays import ownership_order, path_lengths
 from xden1k.values.views import ViewGeometry, XRayView
@@ -23,12 +24,16 @@ from xden_builder.registration.body import Body
 from xden_builder.registration.camera import Camera
 from xden_builder.registration.contest import told_apart
 from xden_builder.registration.exact import Judge
+from xden_builder.registration.kinds import close_to_best, unlike_of
 from xden_builder.registration.likeness import Likeness, unlike
 from xden_builder.registration.middles import own_shifts, shifts_to_middles
 from xden_builder.registration.placement import Found, Registration, RigidPlacement
 from xden_builder.registration.rotations import spread_rotations
 from xden_builder.registration.search import register
 from xden_builder.registration.shadow import Shadow, shadow_of
+from xden_builder.registration.shortlist import Search
+from xden_builder.registration.steps import settled
+from xden_builder.registration.turns import least_turns
 
 LAC_PER_CM = 0.4
 SCANNER = Scanner(size_px=96, mesh_rotation_deg=0.0, mesh_shift_cm=0.0, mesh_scale_sd=0.0)
@@ -223,6 +228,70 @@ def test_a_pose_after_another_is_both_in_turn() -> None:
     assert np.allclose(first.followed_by(then).apply(points), both)
 
 
+def test_an_unlike_pose_is_kept_beside_many_like_the_best() -> None:
+    body = body_of(pear())
+    like = [
+        Found(at(Rotation.from_rotvec([0, 0, n * 1e-3])), 1 + n / 100, np.ones(2)) for n in range(9)
+    ]
+    half_turned = Found(at(Rotation.from_rotvec([np.pi, 0, 0])), 1.9, np.ones(2))
+    lost = Found(at(Rotation.from_rotvec([1.5, 0, 0])), 9.0, np.ones(2))
+    found = [*like, lost, half_turned]
+    assert unlike_of(found, Likeness(body), body, 2) == [like[0], half_turned]
+    assert lost not in close_to_best(found)
+    assert half_turned in close_to_best(found)
+
+
+@pytest.fixture(scope="module")
+def halves() -> tuple[Capture, Judge, Search]:
+    """A box of two parts where it stands, and what compares poses of it."""
+    capture = captured(
+        (
+            Solid("light", box((2.0, 1.2, 4.0), (0, 0, 1.0)), "pmma", 1.18),
+            Solid("denser", box((2.0, 1.2, 2.0), (0, 0, -2.0)), "ptfe", 2.16),
+        ),
+        size=96,
+    )
+    views = [shadow_of(view) for view in capture.fitted_views]
+    body = Body.of([part.mesh for part in capture.parts], [0, 1], np.full(2, 0.4))
+    there = at(Rotation.identity())
+    return capture, Judge.of(capture, views, body, 40, there), Search(views, body, 16, 36)
+
+
+def test_a_box_of_unlike_ends_turned_by_half_is_turned_back(
+    halves: tuple[Capture, Judge, Search],
+) -> None:
+    _, judge, search = halves
+    middle, axes = judge.body.spin
+    half = Rotation.from_rotvec(np.pi * axes[0])
+    about = judge.body.middle_cm + middle
+    start = judge.fixed(at(half, about - half.apply(about)))
+    best = least_turns(judge, start, search, judge.body, 30.0)[0]
+    assert best.loss < 0.1 * start.loss
+    assert (
+        Likeness(judge.body).distance_cm(
+            judge.body.placed(best.placement), judge.body.placed(at(Rotation.identity()))
+        )
+        < 0.1
+    )
+
+
+def test_a_pose_some_degrees_off_goes_down_to_where_it_should(
+    halves: tuple[Capture, Judge, Search],
+) -> None:
+    _, judge, _ = halves
+    off = at(Rotation.from_rotvec([0.1, -0.08, 0.09]), (0.05, -0.05, 0.08))
+    rotation = settled(judge, judge.fixed(off)).placement.rotation
+    assert np.degrees(Rotation.from_matrix(rotation).magnitude()) < 1.0
+
+
+def test_a_small_shadow_is_compared_on_its_own_pixels(
+    halves: tuple[Capture, Judge, Search],
+) -> None:
+    capture, judge, _ = halves
+    fine = Judge.of(capture, judge.shadows, judge.body, 240, at(Rotation.identity()))
+    assert (fine.side, judge.side) == (1, 2)
+
+
 @pytest.fixture(scope="module")
 def hammer(tmp_path_factory: pytest.TempPathFactory) -> Capture:
     """A hammer whose meshes lie in the scanner's frame."""
@@ -291,7 +360,7 @@ def test_an_exposure_that_is_off_leaves_the_loss_of_a_pose_as_it_is(hammer: Capt
 
 def test_lines_aside_lead_where_the_loss_grows_least(hammer: Capture) -> None:
     judge = judge_of(hammer)
-    here = judge.refined(at(Rotation.identity()), 2)
+    here = judge.refined(judge.fixed(at(Rotation.identity())), 2)
     rim_cm = here.placement.apply(judge.body.rim_cm + judge.body.middle_cm)
     softly = judge.lines_aside(here)[0][0]
     reach_cm = np.abs(softly.apply(here.placement.undone(rim_cm)) - rim_cm).max()
@@ -315,6 +384,19 @@ def test_the_whole_fit_tells_poses_apart_whose_losses_are_close(hammer: Capture)
     assert first.deviance < second.deviance
     untold = replace(hammer, tube=None)
     assert told_apart(untold, order, views, [rolled, right]) == [rolled, right]
+
+
+@pytest.mark.slow
+def test_halves_of_one_shape_are_told_by_their_labels() -> None:
+    solids = (
+        Solid("light", box((2.0, 1.2, 3.0), (0, 0, 1.5)), "pmma", 1.18),
+        Solid("denser", box((2.0, 1.2, 3.0), (0, 0, -1.5)), "ptfe", 2.16),
+    )
+    capture = captured(solids, size=96)
+    turned = replace(capture, parts=at(Rotation.from_rotvec([np.pi, 0, 0])).of_parts(capture.parts))
+    registration = found(replace(turned, pose="unknown"))
+    light = registration.moved([turned.parts[0].mesh])[0]
+    assert np.linalg.norm(light.centroid - capture.parts[0].mesh.centroid) < 0.1
 
 
 @pytest.mark.slow

@@ -147,6 +147,8 @@ class Level:
     at_least: Sequence[Bool[np.ndarray, "_p"]]
     weights: Sequence[Float64[np.ndarray, "_p groups"]]
     """Shares of the energy groups in the open field of the compared pixels."""
+    step_cm: float = STEPS_CM
+    """Of a central difference, for each pixel that is averaged along a side."""
     latest: dict[tuple[int, bytes], PathLengths] = field(default_factory=dict, init=False)
     """Path lengths of the views in the poses asked for last: a descent comes back to them."""
 
@@ -319,7 +321,7 @@ class Level:
         direction: Float64[np.ndarray, "q"],
     ) -> Float64[np.ndarray, "_p"]:
         """Central difference of a view's image along a direction of the unknowns of the poses."""
-        step = STEPS_CM * self.binning
+        step = self.step_cm * self.binning
         if not direction[self.poses.shifts(number)].any():
             step /= self.target.radius_cm
         ahead, behind = (

@@ -24,9 +24,9 @@ __all__ = ["told_apart"]
 
 WIDE_PX: Final = 240
 """Width of the shadow, in averaged pixels."""
-CLOSE: Final = (1.4, 0.06)
+CLOSE: Final = (1.3, 0.05)
 """A pose whose loss is at most so many times the least, and so much more, may be right too."""
-MOST: Final = 4
+MOST: Final = 3
 SETTINGS: Final = PolySettings(size=False)
 """An object gets its size where it stands."""
 

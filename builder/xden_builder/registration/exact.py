@@ -35,22 +35,29 @@ from xden_builder.registration.aside import moves_aside
 from xden_builder.registration.body import Body
 from xden_builder.registration.middles import own_shifts
 from xden_builder.registration.placement import Found, RigidPlacement
-from xden_builder.registration.reduced import reduced
+from xden_builder.registration.reduced import reduced, widest_px
 from xden_builder.registration.shadow import Shadow
 
 __all__ = ["Judge"]
 
-BINNING: Final = 2
-"""Of the pixels that the images are averaged to; a model's pixel has as many rays each way."""
+BINNING, RAYS = 2, 2
+"""Of the pixels that the images are averaged to, but for small shadows; and rays of a model's
+pixel each way."""
+STEP_PX: Final = 0.6
+"""Of a central difference, in compared pixels: a tenth feels how few rays a pixel has, and leads
+into the next of many small troughs."""
 PIXEL_SD: Final = 0.05
 DENSITY_STEPS: Final = 2
+SHARES: Final = (0.04, 10.0)
+"""Least and most density in shares of the expected: a label may call aluminium copper."""
 DAMPING: Final = 1e-2
-LIT: Final = 0.96
-"""Transmission of what is no shadow: stray light and gain are not modelled."""
+UNLIT, OF_TYPICAL = 0.04, 0.5
+"""Opacity of a shadow, since stray light and gain are not modelled; less, as a share of what is
+typical of the object, where that is faint."""
 AIR: Final = 0.95
 """Quantile of the transmission that is taken for the open field."""
 OUTLINE_PX: Final = 2
-"""By which outlines may differ."""
+"""By which outlines may differ, of the pixels of a large shadow."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,6 +78,10 @@ class Judge:
         Of each view: rows and columns of the shadow's box among the pixels that are compared.
     shadow_px
         How many of these are in shadow, in all views.
+    binning
+        Of the scene's images to those that are compared.
+    side
+        Of the radiographs' pixels to those that are compared.
     """
 
     scene: Scene
@@ -81,6 +92,8 @@ class Judge:
     images: tuple[Averaged, ...]
     around: tuple[Window, ...]
     shadow_px: int
+    binning: int
+    side: int
 
     @classmethod
     def of(
@@ -96,7 +109,9 @@ class Judge:
         What the labels do not tell of the parts is taken from a likely pose.
         """
         small, binning = reduced(capture, shadows, wide_px)
-        scene, side = set_scene(small, body.order, PolySettings()), binning * BINNING
+        scene = set_scene(small, body.order, PolySettings())
+        again = 1 if widest_px(shadows) <= wide_px / BINNING else BINNING
+        side = binning * again
         guess = first_guess(replace(scene, parts=likely.of_parts(scene.parts)))
         return cls(
             scene,
@@ -105,11 +120,13 @@ class Judge:
             body,
             tuple(shadows),
             tuple(
-                Averaged.of(view, saturated, BINNING)
+                Averaged.of(view, saturated, again)
                 for view, saturated in zip(scene.views, scene.saturated, strict=True)
             ),
             tuple(_around(shadow, side) for shadow in shadows),
             max(round(sum(int(shadow.mask.sum()) for shadow in shadows) / side**2), 1),
+            again,
+            side,
         )
 
     def fixed(self, placement: RigidPlacement) -> Found:
@@ -117,11 +134,11 @@ class Judge:
         level, density = self._level(placement)
         pose = self._start(level.poses, placement)
         lengths = [
-            path_lengths(level.target.meshes, level.target.order, geometry, BINNING)
+            path_lengths(level.target.meshes, level.target.order, geometry, RAYS)
             for geometry in self._geometries(level, pose)
         ]
         unknowns = level.target.start(density, np.empty(0))
-        low, high = density_bounds(density, len(unknowns))
+        low, high = density_bounds(density, len(unknowns), SHARES)
         best = Found(placement, np.inf, density)
         for _ in range(DENSITY_STEPS + 1):
             loss, gradient, curvature = self._evaluated(level, lengths, unknowns)
@@ -131,12 +148,13 @@ class Judge:
             unknowns = (unknowns - np.linalg.solve(damped, gradient)).clip(low, high)
         return best
 
-    def refined(self, placement: RigidPlacement, derivatives: int) -> Found:
-        """Move a pose, and change the densities, along so many derivatives at most."""
+    def refined(self, found: Found, derivatives: int) -> Found:
+        """Move a pose, and change its densities, along so many derivatives at most."""
+        placement = found.placement
         level, density = self._level(placement)
         target, poses = level.target, level.poses
-        start = target.start(density, self._start(poses, placement))
-        bounds = density_bounds(density, len(start))
+        start = target.start(found.density_g_cm3, self._start(poses, placement))
+        bounds = density_bounds(density, len(start), SHARES)
         unknowns, _, _, residuals = descend(level, start, derivatives, *bounds)
         there = poses.of(self._untold(poses), unknowns[-poses.count :])
         loss = self._loss(residuals, level)
@@ -162,11 +180,13 @@ class Judge:
         level, density = self._level(self.fixed(placement).placement)
         pose = self._start(level.poses, placement)
         images = level.images(level.target.start(density, pose))
+        px = OUTLINE_PX * BINNING // self.binning
+        each = zip(
+            level.target.views, self.shadows, level.masks, images, level.measured, strict=True
+        )
         return {
-            view.name: _apart_share(mask, model, seen)
-            for view, mask, model, seen in zip(
-                level.target.views, level.masks, images, level.measured, strict=True
-            )
+            view.name: _apart_share(mask, model, seen, _lit(shadow), px)
+            for view, shadow, mask, model, seen in each
         }
 
     def _start(self, poses: Poses, placement: RigidPlacement) -> Float64[np.ndarray, "p"]:
@@ -183,7 +203,7 @@ class Judge:
     def _geometries(self, level: Level, pose: Float64[np.ndarray, "p"]) -> Iterator[ViewGeometry]:
         """Yield the views' coarse panels, moved as the object is."""
         for number, beam in enumerate(level.target.beams):
-            yield coarse(level.poses.geometry(number, beam.geometry, pose), BINNING)
+            yield coarse(level.poses.geometry(number, beam.geometry, pose), self.binning)
 
     def _untold(self, poses: Poses) -> int:
         """Find a view that is not turned."""
@@ -204,10 +224,12 @@ class Judge:
         x, y, z = target.centre_cm.tolist()
         poses = Poses(scene.turned, Pose(centre_cm=(x, y, z)))
         windows = [
-            _joined(window(view.geometry, target.points_cm, BINNING), around)
+            _joined(window(view.geometry, target.points_cm, self.binning), around)
             for view, around in zip(scene.views, self.around, strict=True)
         ]
-        return Level.of(target, poses, windows, BINNING, self.images), self.density_g_cm3
+        level = Level.of(target, poses, windows, self.binning, self.images)
+        pitch_cm = min(float(np.linalg.norm(view.geometry.column_step_cm)) for view in scene.views)
+        return replace(level, step_cm=STEP_PX * pitch_cm), self.density_g_cm3
 
     def _evaluated(
         self, level: Level, lengths: Sequence[PathLengths], unknowns: Float64[np.ndarray, "u"]
@@ -231,7 +253,7 @@ class Judge:
         target, parts, mask = level.target, level.parts, level.masks[number]
         seen, seen_slopes = transmissions_and_slopes(
             lengths.lengths_cm,
-            target.beams[number].weights(lengths.pixels, BINNING),
+            target.beams[number].weights(lengths.pixels, self.binning),
             target.mac_cm2_g,
             unknowns[:parts],
         )
@@ -252,13 +274,22 @@ class Judge:
         return sum(float(huber.tempered(off)) for off in counted) / self.shadow_px
 
 
+def _lit(shadow: Shadow) -> float:
+    """Transmission of what is no shadow."""
+    return 1 - min(UNLIT, OF_TYPICAL * -float(np.expm1(-shadow.typical_depth)))
+
+
 def _apart_share(
-    mask: Mask, model: Float64[np.ndarray, "n"], seen: Float64[np.ndarray, "n"]
+    mask: Mask,
+    model: Float64[np.ndarray, "n"],
+    seen: Float64[np.ndarray, "n"],
+    lit: float,
+    px: int,
 ) -> float:
     """Share of the pixels in either outline that lie more than a few pixels outside the other."""
     outlines = np.zeros((2, *mask.shape), dtype=np.bool_)
-    outlines[:, mask] = np.stack([model, seen / np.quantile(seen, AIR)]) < LIT
-    grown = [binary_dilation(each, iterations=OUTLINE_PX) for each in outlines]
+    outlines[:, mask] = np.stack([model, seen / np.quantile(seen, AIR)]) < lit
+    grown = [binary_dilation(each, iterations=px) for each in outlines]
     apart = (outlines[0] & ~grown[1]) | (outlines[1] & ~grown[0])
     return float(apart.sum() / max(outlines.any(axis=0).sum(), 1))
 

@@ -16,12 +16,12 @@ from xden_builder.physics.source import Tube
 from xden_builder.poly.model.frames import binned, coarse
 from xden_builder.registration.shadow import Shadow
 
-__all__ = ["USUAL_KEV", "reduced"]
+__all__ = ["USUAL_KEV", "reduced", "widest_px"]
 
 USUAL_KEV: Final = 60.0
 """Taken where the source is not told."""
-TOLERANCE_PX: Final = 0.25
-"""By which surfaces may be off."""
+TOLERANCES_PX: Final = (0.25, 0.12, 0.06, 0.03)
+"""By which surfaces may be off; less where that would make a part much smaller or larger."""
 
 
 def reduced(capture: Capture, shadows: Sequence[Shadow], wide_px: int) -> tuple[Capture, int]:
@@ -35,8 +35,7 @@ def reduced(capture: Capture, shadows: Sequence[Shadow], wide_px: int) -> tuple[
     binning
         Pixels that were averaged along each side.
     """
-    widest = max(float(shadow.size_px.max()) for shadow in shadows)
-    binning = max(round(widest / wide_px), 1)
+    binning = max(round(widest_px(shadows) / wide_px), 1)
     views = [_averaged(capture, view, binning) for view in capture.fitted_views]
     small = replace(
         capture,
@@ -50,12 +49,19 @@ def reduced(capture: Capture, shadows: Sequence[Shadow], wide_px: int) -> tuple[
     return small, binning
 
 
+def widest_px(shadows: Sequence[Shadow]) -> float:
+    """Longest side of the boxes around shadows."""
+    return max(float(shadow.size_px.max()) for shadow in shadows)
+
+
 def _of_fewer_faces(parts: Sequence[CapturePart], wide_px: int) -> Iterator[CapturePart]:
     """Leave out what is finer than a share of a pixel."""
     points = np.concatenate([np.asarray(part.mesh.vertices) for part in parts])
-    tolerance_cm = TOLERANCE_PX * float(np.ptp(points, axis=0).max()) / wide_px
+    pixel_cm = float(np.ptp(points, axis=0).max()) / wide_px
     for part in parts:
-        yield replace(part, mesh=simplified(part.mesh, tolerance_cm))
+        tries = (simplified(part.mesh, pixel_cm * share) for share in TOLERANCES_PX)
+        fewer = (mesh for mesh in tries if len(mesh.faces) < len(part.mesh.faces))
+        yield replace(part, mesh=next(fewer, part.mesh))
 
 
 def _averaged(capture: Capture, view: XRayView, binning: int) -> XRayView:

@@ -61,7 +61,7 @@ class Breadth:
     last: int
 
 
-USUAL: Final = Breadth(4608, 480, 60, 16)
+USUAL: Final = Breadth(4608, 320, 50, 14)
 """Begins with rotations about ten degrees from any there is."""
 WIDE: Final = Breadth(9000, 1000, 120, 30)
 """For an object that was hardly found."""

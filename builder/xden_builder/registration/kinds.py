@@ -1,0 +1,66 @@
+"""Found poses as one list: which are unlike, the best first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from xden_builder.registration.body import Body
+from xden_builder.registration.likeness import Likeness, unlike
+from xden_builder.registration.placement import Found, RigidPlacement
+
+__all__ = [
+    "APART_SHARE",
+    "CLOSE",
+    "close_to_best",
+    "distance_cm",
+    "first_of_like",
+    "loss_of",
+    "unlike_of",
+]
+
+APART_SHARE: Final = 0.01
+"""Of the radius: poses that are nearer are one."""
+CLOSE: Final = 3.0
+"""A pose whose loss is more times the least is no longer looked at."""
+
+
+def distance_cm(
+    one: RigidPlacement, other: RigidPlacement, likeness: Likeness, body: Body
+) -> float:
+    """How far two poses of the files' frame put the object apart."""
+    return likeness.distance_cm(body.placed(one), body.placed(other))
+
+
+def loss_of(found: Found) -> float:
+    """Give what poses are sorted by."""
+    return found.loss
+
+
+def unlike_of(
+    found: Sequence[Found],
+    likeness: Likeness,
+    body: Body,
+    most: int,
+    apart_share: float = APART_SHARE,
+) -> list[Found]:
+    """Keep the best of poses that are unlike by a share of the radius, the best first."""
+    return first_of_like(sorted(found, key=loss_of), likeness, body, most, apart_share)
+
+
+def first_of_like(
+    found: Sequence[Found],
+    likeness: Likeness,
+    body: Body,
+    most: int,
+    apart_share: float = APART_SHARE,
+) -> list[Found]:
+    """Keep the first of poses that are unlike by a share of the radius, in their order."""
+    own = [body.placed(each.placement) for each in found]
+    return [found[k] for k in unlike(own, likeness, apart_share * body.radius_cm, most)]
+
+
+def close_to_best(found: Sequence[Found], times: float = CLOSE) -> list[Found]:
+    """Leave out hopeless poses; the least loss first."""
+    ordered = sorted(found, key=loss_of)
+    return [each for each in ordered if each.loss <= times * ordered[0].loss]

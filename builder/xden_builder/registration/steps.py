@@ -1,0 +1,104 @@
+"""Moves of single poses on exact images: down, and over to the next trough."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Final
+
+from xden_builder.registration.body import Body
+from xden_builder.registration.exact import Judge
+from xden_builder.registration.kinds import APART_SHARE, distance_cm, loss_of
+from xden_builder.registration.likeness import Likeness
+from xden_builder.registration.placement import Found, RigidPlacement
+
+__all__ = ["DERIVATIVES", "all_settled", "hopped", "rescaled", "settled"]
+
+CLOSE: Final = 2.0
+"""A pose whose loss is more times that of a settled one is not moved."""
+HOPS: Final = 2
+"""Poses beside a converged one that are refined."""
+SOFT_LOSS: Final = 1.6
+"""Where the loss is less times that of the pose, which lies farther than where it should double,
+there may be another least one."""
+WALL: Final = 5.0
+"""Where the loss is more times that of the pose, a line that leads away is not followed on."""
+DERIVATIVES, MOST_ROUNDS, SETTLED = 2, 4, 0.97
+"""Taken before it is asked whether a pose gains, how often, and what is little to gain."""
+
+
+def settled(judge: Judge, found: Found) -> Found:
+    """Move a pose until that gains little."""
+    for _ in range(MOST_ROUNDS):
+        ahead = judge.refined(found, DERIVATIVES)
+        if ahead.loss > SETTLED * found.loss:
+            return min(ahead, found, key=loss_of)
+        found = ahead
+    return found
+
+
+def all_settled(judge: Judge, found: Sequence[Found]) -> list[Found]:
+    """Move poses, the best first, but not those that are hopeless beside another."""
+    there: list[Found] = []
+    for each in found:
+        if not there or each.loss <= CLOSE * min(there, key=loss_of).loss:
+            there.append(settled(judge, each))
+    return sorted(there, key=loss_of)
+
+
+def hopped(judge: Judge, found: Found, likeness: Likeness, body: Body) -> list[Found]:
+    """Give a converged pose, and those that are reached from beside it, the least loss first.
+
+    Followed are lines along which the images tell the pose least.
+    """
+    lines = [
+        list(_promising(judge, found, _elsewhere(line, found, likeness, body)))
+        for line in judge.lines_aside(found)
+    ]
+    best = sorted((min(line, key=loss_of) for line in lines if line), key=loss_of)[:HOPS]
+    return sorted([found, *(settled(judge, each) for each in best)], key=loss_of)
+
+
+def _elsewhere(
+    line: Sequence[RigidPlacement], found: Found, likeness: Likeness, body: Body
+) -> list[RigidPlacement]:
+    """Leave out what puts the object where a pose does, because it is symmetric."""
+    apart_cm = APART_SHARE * body.radius_cm
+    here = found.placement
+    return [each for each in line if distance_cm(here, each, likeness, body) >= apart_cm]
+
+
+def _promising(judge: Judge, found: Found, line: Sequence[RigidPlacement]) -> Iterator[Found]:
+    """Yield poses on a line from a pose where the loss falls again, or has hardly grown."""
+    before = found
+    for placement in line:
+        here = judge.fixed(placement)
+        if here.loss < max(before.loss, SOFT_LOSS * found.loss):
+            yield here
+        if here.loss > WALL * found.loss:
+            return
+        before = here
+
+
+def rescaled(judge: Judge, found: Found, body: Body, shares: Sequence[float]) -> Found:
+    """Stretch and shrink about the object's middle, by less and less, while that gains."""
+    for share in shares:
+        for _ in range(MOST_ROUNDS):
+            tries = [
+                judge.refined(
+                    replace(found, placement=_stretched(found.placement, 1 + step, body)),
+                    DERIVATIVES,
+                )
+                for step in (-share, share)
+            ]
+            ahead = min(tries, key=loss_of)
+            if ahead.loss >= found.loss:
+                break
+            found = ahead
+    return found
+
+
+def _stretched(placement: RigidPlacement, factor: float, body: Body) -> RigidPlacement:
+    """Change the scale, the object's middle staying where it is."""
+    own = body.placed(placement)
+    return body.of_files(replace(own, scale=factor * own.scale))
