@@ -35,6 +35,7 @@ from xden_builder.registration.shortlist import (
     WIDE,
     Breadth,
     Poses,
+    Search,
     shortlist,
     turned_about,
 )
@@ -45,7 +46,7 @@ from xden_builder.registration.steps import (
     rescaled,
     settled,
 )
-from xden_builder.registration.turns import least_turns
+from xden_builder.registration.turns import half_turned, least_turns
 
 __all__ = ["register"]
 
@@ -53,10 +54,16 @@ TINY_PX, COARSE_PX, FINE_PX = 40, 80, 240
 """Width of the shadow, in averaged pixels, for many poses, for some and for few."""
 SOME, COMPARED, FINAL = 8, 5, 4
 """Poses that are refined on each of them."""
-ROUGH_DEG, FINE_DEG = 15, 7.5
-"""Between turns about an axis, on the first two."""
+ROUGH_DEG, FINE_DEG = 15, 5
+"""Between turns about an axis, on tiny images and on fine ones."""
 TURNS, TURNS_CLOSE = 4, 5.0
 """Turns of the best that are followed, itself counted; none whose loss is more times its own."""
+MOVED: Final = 6
+"""Turns and half turns that are moved, the pose itself counted."""
+TURNS_APART: Final = 0.004
+"""Of the radius: what turns of a long object about itself differ by at least."""
+WORTH_SETTLING: Final = 2.0
+"""A turn that has moved a little goes on if its loss is at most so many times the least."""
 FINAL_APART: Final = 0.02
 """Of the radius: by how much poses differ that are moved on fine images."""
 BESIDE: Final = 2
@@ -126,10 +133,11 @@ def _searched(
     capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness, breadth: Breadth
 ) -> tuple[list[Found], Judge]:
     """Find unlike poses, the best first, and what compared them on the finest images."""
-    found, coarse = _coarsely(capture, shadows, body, likeness, breadth)
+    found, coarse, search = _coarsely(capture, shadows, body, likeness, breadth)
     fine = Judge.of(capture, shadows, body, FINE_PX, found[0].placement)
     near = found if fine.side == coarse.side else [fine.fixed(each.placement) for each in found]
     best = all_settled(fine, unlike_of(near, likeness, body, FINAL, FINAL_APART))
+    best = sorted([*best, *_turned(fine, best[0], search, likeness, body)], key=loss_of)
     if capture.mesh_scale == "unknown":
         best[0] = rescaled(fine, best[0], body, LAST_SCALE_SHARES)
     beside = unlike_of(hopped(fine, best[0], likeness, body), likeness, body, BESIDE)
@@ -140,7 +148,7 @@ def _searched(
 
 def _coarsely(
     capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness, breadth: Breadth
-) -> tuple[list[Found], Judge]:
+) -> tuple[list[Found], Judge, Search]:
     """Find a few poses on coarse images, the best first, and what compared them."""
     scaled = capture.mesh_scale == "unknown"
     told = _told_rotations(capture, body)
@@ -158,11 +166,20 @@ def _coarsely(
     found = sorted((judge.refined(each, DERIVATIVES) for each in found), key=loss_of)
     if scaled:
         found = sorted((rescaled(judge, each, body, SCALE_SHARES) for each in found), key=loss_of)
-    best = settled(judge, found[0])
+    return found, judge, search
+
+
+def _turned(
+    judge: Judge, best: Found, search: Search, likeness: Likeness, body: Body
+) -> list[Found]:
+    """Turn a settled pose about its axes, and go down from where the loss is less than beside."""
     turns = close_to_best([best, *least_turns(judge, best, search, body, FINE_DEG)], TURNS_CLOSE)
-    turns = unlike_of(turns, likeness, body, TURNS)
-    turns = [judge.refined(each, DERIVATIVES) for each in turns if each is not best]
-    return sorted([best, *turns, *found[1:]], key=loss_of), judge
+    turns = unlike_of(turns, likeness, body, TURNS, TURNS_APART)
+    turns = unlike_of(
+        [*turns, *half_turned(judge, best, likeness, body)], likeness, body, MOVED, TURNS_APART
+    )
+    moved = [judge.refined(each, DERIVATIVES) for each in turns if each is not best]
+    return [settled(judge, each) for each in moved if each.loss <= WORTH_SETTLING * best.loss]
 
 
 def _judged(

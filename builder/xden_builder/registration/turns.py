@@ -9,16 +9,21 @@ from jaxtyping import Bool, Float64
 
 from xden_builder.registration.body import Body
 from xden_builder.registration.exact import Judge
-from xden_builder.registration.kinds import loss_of
-from xden_builder.registration.placement import Found
+from xden_builder.registration.kinds import close_to_best, distance_cm, loss_of
+from xden_builder.registration.likeness import Likeness
+from xden_builder.registration.placement import Found, RigidPlacement
 from xden_builder.registration.shortlist import Poses, Search, turned_about
 
-__all__ = ["least_turns"]
+__all__ = ["half_turned", "least_turns"]
 
 SOFT: Final = (2.0, 0.004)
 """A turn about an axis whose cost is at most so many times that of the pose, and so much more, may
 be right too: few points on few pixels do not tell."""
-MOST_JUDGED: Final = 45
+SYMMETRIC: Final = 0.004
+"""Of the radius: a half turn that moves surfaces less leaves the object where it is."""
+HALVES_CLOSE: Final = 8.0
+"""A half turn whose loss is more times that of the pose is not given."""
+MOST_JUDGED: Final = 72
 MOST: Final = 5
 """Turns that are looked at, and that are given."""
 
@@ -59,7 +64,7 @@ def least_turns(
     least: list[Found] = []
     for ring, soft in zip(rings, costs <= highest, strict=True):
         numbers = np.flatnonzero(soft)
-        turned = [judge.fixed(body.of_files(each)) for each in ring.picked(numbers).placements()]
+        turned = [judge.fixed(each) for each in _of_files(ring.picked(numbers), body)]
         losses = np.full(len(angles), np.inf)
         losses[numbers] = [each.loss for each in turned]
         lowest = _lowest(losses, found.loss)[numbers]
@@ -77,3 +82,28 @@ def _lowest(losses: Float64[np.ndarray, "n"], at_rest: float) -> Bool[np.ndarray
     """
     around = np.concatenate([[at_rest], losses, [at_rest]])
     return np.asarray((losses <= around[:-2]) & (losses <= around[2:]))
+
+
+def half_turned(judge: Judge, found: Found, likeness: Likeness, body: Body) -> list[Found]:
+    """Turn a settled pose by half about each axis of its box, where that puts it elsewhere.
+
+    A telephone turned by half leaves about what the telephone does. It must be turned about the
+    middle of its box: about that of its volume, where the battery is, its outlines would be off.
+
+    Returns
+    -------
+    list of Found
+        Those that may be right too, the least loss first.
+    """
+    here = Poses.of([body.placed(found.placement)])
+    halves = [
+        judge.fixed(there)
+        for axis in range(3)
+        for there in _of_files(turned_about(here, body, axis, [np.pi], boxed=True), body)
+        if distance_cm(found.placement, there, likeness, body) > SYMMETRIC * body.radius_cm
+    ]
+    return [each for each in close_to_best([found, *halves], HALVES_CLOSE) if each is not found]
+
+
+def _of_files(poses: Poses, body: Body) -> list[RigidPlacement]:
+    return [body.of_files(each) for each in poses.placements()]
