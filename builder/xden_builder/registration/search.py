@@ -83,9 +83,9 @@ SCALE_SHARES, LAST_SCALE_SHARES = (0.08, 0.03, 0.01), (0.01, 0.004, 0.0015)
 SCALES: Final = (0.49, 2.05)
 """Between 0.5 and 2, and a little for meshes that err themselves."""
 WORST_LOSS: Final = 2.4
-"""Of a pose that is believed: of 384 right ones of simulated objects six are worse."""
+"""Of a pose that is believed: of 184 right ones of simulated objects none is worse."""
 DOUBTED_LOSS: Final = 1.5
-"""Of a pose that is looked for again, wider: one right pose of twenty is worse."""
+"""Of a pose that is looked for again, wider: of the same two are worse."""
 MOST_OUTLINE: Final = 0.12
 """Of a shape that is believed: share of the outline's pixels."""
 
