@@ -145,7 +145,7 @@ def test_bare_air_errs_by_the_floor_and_nothing_by_less(capture):
     samples = chosen(view)
     sd = trusted(view, samples)
     air = ~samples.meets.any(axis=1)
-    np.testing.assert_allclose(sd[air], PolySettings().floor, rtol=1e-9)
+    np.testing.assert_allclose(sd[air], PolySettings().clear_floor, rtol=1e-9)
     assert sd.min() >= PolySettings().floor
 
 
@@ -167,7 +167,8 @@ def test_each_error_adds_to_the_others(capture):
     least = trusted(view, samples)
     assert (trusted(view, samples, noise_sd=0.01) > least).all()
     assert (trusted(view, samples, stray=0.5) > least).all()
-    assert (trusted(view, samples, floor=0.02) > least).all()
+    dark, clear = trusted(view, samples, floor=0.02), trusted(view, samples, clear_floor=0.02)
+    assert ((dark > least) ^ (clear > least)).all()
     met = samples.meets.any(axis=1)
     assert (trusted(view, samples, model_share=0.1) >= least).all()
     assert (trusted(view, samples, model_share=0.1) > least)[met].mean() > 0.95
