@@ -19,6 +19,7 @@ from scipy.ndimage import (
 
 from xden1k.values.arrays import Image, Mask
 from xden1k.values.views import ViewGeometry, XRayView
+from xden_builder.fit.crops import Crop
 
 __all__ = ["MOST_CONTENT", "MOST_SHADOW", "Unexplained", "unexplained"]
 
@@ -138,13 +139,9 @@ def unexplained(
 
 def _around(mask: Mask, margin_px: int) -> tuple[slice, slice]:
     """Rows and columns of the marked pixels, with so many on either side; none where none is."""
-    rows, columns = (
-        slice(max(int(places[0]) - margin_px, 0), int(places[-1]) + 1 + margin_px)
-        if len(places)
-        else slice(0)
-        for places in (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
-    )
-    return rows, columns
+    if not mask.any():
+        return slice(0), slice(0)
+    return Crop.around(np.flatnonzero(mask), mask.shape, margin_px).box
 
 
 def _darkening(view: XRayView, model: Image, mask: Mask) -> float:

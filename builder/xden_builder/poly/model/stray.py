@@ -93,8 +93,9 @@ def stray_light(
     reaches_cm
         Standard deviations of the Gaussians that spread scatter: a shape for each.
     """
-    scatter = _scatter(view, beam, lengths, mac_cm2_g, scattering_cm2_g, density_g_cm3, reaches_cm)
-    shapes = (*scatter, glare_of(view, lengths.shape) if glare is None else glare)
+    shapes = _shapes(
+        view, beam, lengths, mac_cm2_g, scattering_cm2_g, density_g_cm3, glare, reaches_cm
+    )
     binning = view.transmission.shape[0] // lengths.shape[0]
     index = np.stack(np.divmod(pixels, view.transmission.shape[1]))
     places = (index - (binning - 1) / 2) / binning
@@ -121,8 +122,7 @@ def stray_image(
     amplitudes
         Of near scatter, far scatter and glare.
     """
-    scatter = _scatter(view, beam, lengths, mac_cm2_g, scattering_cm2_g, density_g_cm3)
-    shapes = (*scatter, glare_of(view, lengths.shape) if glare is None else glare)
+    shapes = _shapes(view, beam, lengths, mac_cm2_g, scattering_cm2_g, density_g_cm3, glare)
     whole = sum(share * shape for share, shape in zip(amplitudes.tolist(), shapes, strict=True))
     binning = view.transmission.shape[0] // lengths.shape[0]
     smooth = whole
@@ -131,16 +131,17 @@ def stray_image(
     return np.asarray(smooth - amplitudes[2] * np.where(view.valid, view.transmission, 1.0))
 
 
-def _scatter(
+def _shapes(
     view: XRayView,
     beam: ViewBeam,
     lengths: PathLengths,
     mac_cm2_g: Float64[np.ndarray, "k groups"],
     scattering_cm2_g: Float64[np.ndarray, "k groups"],
     density_g_cm3: Float64[np.ndarray, "k"],
+    glare: Values | None,
     reaches_cm: Sequence[float] = (NEAR_CM, FAR_CM),
 ) -> list[Values]:
-    """Shapes of scatter on the coarse panel."""
+    """Shapes of scatter, one for each reach, and of glare, on the coarse panel."""
     binning = view.transmission.shape[0] // lengths.shape[0]
     source = np.empty(len(lengths.pixels))
     kernels.scattered(
@@ -153,10 +154,11 @@ def _scatter(
     )
     scattered = np.zeros(lengths.shape)
     scattered.flat[lengths.pixels] = source
-    return [
+    scatter = [
         gaussian_filter(scattered, reach_cm / _pixel_cm(view, binning), mode="constant")
         for reach_cm in reaches_cm
     ]
+    return [*scatter, glare_of(view, lengths.shape) if glare is None else glare]
 
 
 def _pixel_cm(view: XRayView, binning: int) -> float:
