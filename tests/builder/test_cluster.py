@@ -17,6 +17,8 @@ from tests.waiting import until
 from xden1k.errors import DataError
 from xden_builder.capture import CaptureFolder
 from xden_builder.phantoms import write_captures
+from xden_builder.phantoms.scanner import Scanner
+from xden_builder.pipeline.beam import BEAM_NAME
 from xden_builder.pipeline.cluster import RETRIES, run_on_cluster
 from xden_builder.pipeline.run import build, work_folder
 from xden_builder.reconstruct.settings import BuildSettings
@@ -138,6 +140,31 @@ def test_a_rebuild_that_loses_a_node_gives_the_local_builds_bytes(
     assert contents(out) == contents(built)
     names = {path.name for path in work_folder(out).glob("*.h5")}
     assert names == {f"{object_id}.h5" for object_id in CaptureFolder(captures).object_ids}
+
+
+@pytest.mark.slow
+def test_a_node_lost_while_the_filter_of_the_folder_is_sought_changes_no_byte(
+    cluster, second_node, tmp_path
+):
+    captures, local, out = (tmp_path / name for name in ("captures", "local", "dataset"))
+    write_captures(captures, 6, 3, size=64, scanner=Scanner.realistic())
+    build(captures, local, BuildSettings(), workers=2)
+    command = [Path(sys.executable).with_name("xden-build"), "run", captures, "--out", out]
+    with subprocess.Popen(  # noqa: S603
+        [*command, "--cluster", cluster.address],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as driver:
+        until(lambda: driver.poll() is not None or work_folder(out).is_dir())
+        sought = not (work_folder(out) / BEAM_NAME).exists()
+        cluster.remove_node(second_node, allow_graceful=False)
+        _, stderr = driver.communicate()
+    assert driver.returncode == 0, stderr
+    assert sought
+    found, wanted = (work_folder(each) / BEAM_NAME for each in (out, local))
+    assert found.read_bytes() == wanted.read_bytes()
+    assert contents(out) == contents(local)
 
 
 def test_an_address_where_nobody_listens_is_one_line():
