@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from scipy.stats import t as student_t
 
-from xden_bench.entries.merging import merged_rows, seed_spread
+from xden_bench.entries.merging import NEAR, merged_rows, seed_spread
 from xden_bench.entries.ranking import (
     critical_distance,
     dense_ranks,
@@ -21,9 +21,10 @@ from xden_bench.entries.ranking import (
     worse_beyond_doubt,
 )
 from xden_bench.scoring.clusters import category_sums
-from xden_bench.scoring.protocol import load_protocol
+from xden_bench.scoring.protocol import load_protocol, load_segment_protocol
 
 RULES = load_protocol()
+SEGMENTS = load_segment_protocol()
 METRIC = RULES.rank_by
 OBJECTS, SIZE = 40, 2
 CATEGORIES = [f"kind-{i // SIZE:02}" for i in range(OBJECTS)]
@@ -156,6 +157,51 @@ def test_methods_that_differ_as_networks_of_one_design_do_are_no_copies() -> Non
     rng = np.random.default_rng(3)
     near = HARD * np.exp(0.15 * rng.normal(size=OBJECTS))
     assert None not in ranks(merged_rows([row("a", HARD), row("b", near)]))
+
+
+def test_a_copy_of_one_seed_of_a_method_is_a_copy_though_its_mean_is_far() -> None:
+    seeds = [row("net", one, seed=i) for i, one in enumerate(honest(3))]
+    rng = np.random.default_rng(2)
+    noised = np.array(seeds[1]["object_scores"][METRIC]) * (1 + 1e-3 * rng.normal(size=OBJECTS))
+    found = merged_rows([*seeds, row("thief", noised, date="2026-01-02")])
+    assert unranked_because(found[1]) == "a copy of net, which came first"
+
+
+def test_networks_of_two_designs_are_no_copies_though_their_means_over_seeds_are_near() -> None:
+    rng = np.random.default_rng(3)
+    first, second = (
+        [row(name, HARD * np.exp(0.16 * rng.normal(size=OBJECTS)), seed=i) for i in range(16)]
+        for name in ("a", "b")
+    )
+    rows = merged_rows([*first, *second])
+    means = [np.array(one["object_scores"][METRIC]) for one in rows]
+    assert np.median(np.abs(means[0] / means[1] - 1)) < NEAR[METRIC]
+    assert None not in ranks(rows)
+
+
+def segmented(name: str, iou: np.ndarray, **changes: Any) -> dict[str, Any]:
+    """An entry of the board of segments."""
+    made = row(name, iou, **changes)
+    scores = made["object_scores"] | dict.fromkeys(SEGMENTS.metrics, iou.tolist())
+    means = {key: {"mean": float(iou.mean()), "ci95": None} for key in SEGMENTS.metrics}
+    board = {"protocol": SEGMENTS.name, "target": "segments"}
+    return made | board | {"object_scores": scores, "metrics": means}
+
+
+def test_copies_of_segments_are_found_and_seeds_of_another_network_are_not_taken_for_them() -> None:
+    rng = np.random.default_rng(4)
+    iou = rng.uniform(20, 80, OBJECTS)
+    sibling = iou + rng.normal(0, 3, OBJECTS)  # the nearest two of the board: 1.7 in the median
+    relabelled = iou - rng.uniform(0.2, 0.9, OBJECTS)  # one point in a hundred
+    first, other, copy = (
+        segmented("net", iou),
+        segmented("net without", sibling, date="2026-01-02"),
+        segmented("thief", relabelled, date="2026-01-03"),
+    )
+    found = {
+        one["method"]["name"]: unranked_because(one) for one in merged_rows([copy, other, first])
+    }
+    assert found == {"net": None, "net without": None, "thief": "a copy of net, which came first"}
 
 
 def test_seeds_of_a_method_are_one_row_with_their_mean_and_spread() -> None:
