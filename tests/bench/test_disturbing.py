@@ -23,17 +23,17 @@ from xden1k.format.schema import RADIOGRAPH_COLUMNS
 from xden1k.values.types import DensityObject
 from xden1k.values.views import XRayView
 from xden_bench.cli import cli
-from xden_bench.datasets import disturbances
+from xden_bench.datasets import exchange
 from xden_bench.datasets.disturbances import (
     Averaged,
     Disturbance,
     Enlarged,
-    Exchanged,
     Misplaced,
     Noisier,
     Shifted,
     noise_sd,
 )
+from xden_bench.datasets.exchange import Exchanged
 
 NOISE = 0.004
 
@@ -151,20 +151,34 @@ def test_a_mean_keeps_the_shadow_its_mean_and_all_beside_it(bar: DensityObject) 
         assert new.transmission[changed][0] == pytest.approx(old.transmission[changed].mean())
 
 
-def test_an_exchange_is_a_derangement_within_each_split(root: Path) -> None:
-    folder, ids = open_folder(root), open_folder(root).ids("test")
-    drawn = [Exchanged.drawn(folder, ["test"], seed).givers for seed in range(20)]
+def test_an_exchange_is_a_derangement_within_each_split(root: Path, tmp_path: Path) -> None:
+    objects = [noisy(f"{name}-000{i}", boxes) for name, boxes in KINDS for i in (1, 2)]
+    write_folder(objects, tmp_path / "dataset", version="0.1.0", builder="tests")
+    folder = open_folder(tmp_path / "dataset")
+    drawn = [Exchanged.drawn(folder, ["test"], seed).givers for seed in range(12)]
     for givers in drawn:
-        assert sorted(givers) == sorted(givers.values()) == sorted(ids)
+        assert sorted(givers) == sorted(givers.values()) == sorted(folder.ids("test"))
         assert not [one for one, giver in givers.items() if one == giver]
     assert len({tuple(sorted(givers.items())) for givers in drawn}) > 3
     with pytest.raises(DataError, match="the split train has nobody to exchange with"):
-        Exchanged.drawn(folder, ["train"], 0)
+        Exchanged.drawn(open_folder(root), ["train"], 0)
 
 
-APART = (Box("left", (-4, -1, -1), (-3, 1, 1), 1.0), Box("right", (3, -1, -1), (4, 1, 1), 1.0))
+def test_what_fills_its_cube_shows_nothing_of_others_and_another_gives_twice(root: Path) -> None:
+    folder = open_folder(root)
+    assert not exchange._is_shown(folder, "bar-0002", "cube-0001")
+    for seed in range(3):
+        found = Exchanged.drawn(folder, ["test"], seed)
+        assert sorted(found.givers) == sorted(folder.ids("test"))
+        assert "cube-0001" not in found.givers.values()
+        assert found.left_out == ()
+
+
+APART = (Box("left", (-4, -1, -1), (-3, 1, 1), 1.0), Box("right", (3, -1, -1), (4, 1, 1), 2.0))
 """Nothing where a rod in the middle would be."""
 ROD = (Box("rod", (-0.3, -0.3, -4), (0.3, 0.3, 4), 1.0),)
+KINDS = (("bar", BAR), ("filled", FILLED))
+"""Each shows something of each other."""
 
 
 def test_nobody_gets_radiographs_that_show_nothing_of_it(tmp_path: Path) -> None:
@@ -175,11 +189,33 @@ def test_nobody_gets_radiographs_that_show_nothing_of_it(tmp_path: Path) -> None
     ]
     write_folder(objects, tmp_path / "dataset", version="0.1.0", builder="tests")
     folder = open_folder(tmp_path / "dataset")
-    assert not disturbances._is_shown(folder, "rod-0001", "pair-0001")
+    assert not exchange._is_shown(folder, "rod-0001", "pair-0001")
     for seed in range(3):
         givers = Exchanged.drawn(folder, ["test"], seed).givers
         assert sorted(givers) == sorted(givers.values())
-        assert all(disturbances._is_shown(folder, *pair) for pair in givers.items())
+        assert all(exchange._is_shown(folder, *pair) for pair in givers.items())
+
+
+def test_who_is_shown_nothing_by_anybody_is_left_out_and_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    objects = [noisy("pair-0001", APART), noisy("pair-0002", APART), noisy("rod-0001", ROD)]
+    write_folder(objects, tmp_path / "dataset", version="0.1.0", builder="tests")
+    done = run("disturb", "dataset", "--out", "copy", "--swap")
+    assert done.exit_code == 0, done.output
+    named = "(left out, for want of any that show something of them: rod-0001)"
+    assert done.stdout.startswith("copy: 2 objects")
+    assert named in done.stdout
+    copy = open_folder(tmp_path / "copy")
+    assert copy.ids() == ("pair-0001", "pair-0002")
+    assert copy.manifest.disturbed is not None
+    assert named in copy.manifest.disturbed.radiographs
+    assert verify_folder(copy.root) == []
+    asked = ("one-region", "--task", "segments", "--root", "copy", "--out", "segments.npz")
+    assert run("baseline", *asked).exit_code == 0
+    scored = run("segment", "score", "segments.npz", "--root", "copy")
+    assert "2 objects (phantom)" in scored.stdout
 
 
 def test_exchanged_images_are_the_givers_to_the_bit_where_sizes_agree(root: Path) -> None:

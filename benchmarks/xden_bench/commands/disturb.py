@@ -77,11 +77,11 @@ def _disturbance(
     from xden_bench.datasets.disturbances import (
         Averaged,
         Enlarged,
-        Exchanged,
         Misplaced,
         Noisier,
         Shifted,
     )
+    from xden_bench.datasets.exchange import Exchanged
 
     make: Mapping[str, Callable[[Any], Disturbance]] = {
         "swap": lambda _: Exchanged.drawn(folder, splits, seed),

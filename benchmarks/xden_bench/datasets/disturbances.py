@@ -6,7 +6,7 @@ transmissions, never their logarithms. Needs the extra ``build``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Final, Protocol
@@ -17,7 +17,6 @@ from scipy.ndimage import affine_transform, binary_dilation, gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from xden1k.errors import DataError
-from xden1k.folder import DatasetFolder
 from xden1k.rays import path_lengths
 from xden1k.values.arrays import Image, Mask, Vec3
 from xden1k.values.types import FIELD_SIZE, DensityObject
@@ -27,11 +26,13 @@ __all__ = [
     "Averaged",
     "Disturbance",
     "Enlarged",
-    "Exchanged",
     "Misplaced",
     "Noisier",
     "Shifted",
     "noise_sd",
+    "resampled",
+    "shadow_of",
+    "square_around",
 ]
 
 BESIDE_PX: Final = 5
@@ -40,8 +41,6 @@ FEWEST: Final = 200
 """Pixels beside an object, of which noise can be told."""
 CLIPPED_SD: Final = 4.0
 """What is farther out is no noise: an edge of something, a dead line."""
-SHOWN: Final = 0.005
-"""Transmission by which an object is darker than what is beside it, if it is shown."""
 STEPS: Final = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 Views = tuple[XRayView, ...]
@@ -54,6 +53,11 @@ class Disturbance(Protocol):
     def words(self) -> str:
         """Clause of which radiographs are the subject."""
         ...
+
+    @property
+    def left_out(self) -> Collection[str]:
+        """Ids of objects that cannot be disturbed so, which the copy lacks."""
+        return ()
 
     def __call__(self, obj: DensityObject, rng: np.random.Generator) -> Views:
         """Return the radiographs of an object as they are in the copy.
@@ -74,7 +78,7 @@ class Disturbance(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Shifted:
+class Shifted(Disturbance):
     """Shifted as a whole along rows or columns, either way, drawn for each view.
 
     What comes in at an edge repeats it.
@@ -106,7 +110,7 @@ class Shifted:
 
 
 @dataclass(frozen=True, slots=True)
-class Enlarged:
+class Enlarged(Disturbance):
     """Enlarged about the image's centre.
 
     Parameters
@@ -129,11 +133,11 @@ class Enlarged:
     def _enlarged(self, view: XRayView) -> XRayView:
         centre = (np.array(view.geometry.shape) - 1) / 2
         scale = np.full(2, 1 / self.factor)
-        return _resampled(view, scale, centre - scale * centre, view)
+        return resampled(view, scale, centre - scale * centre, view)
 
 
 @dataclass(frozen=True, slots=True)
-class Noisier:
+class Noisier(Disturbance):
     """With more noise: white, its variance in proportion to the transmission, as counting has it.
 
     How much there is, is measured beside the object; electronic noise is not told from quanta.
@@ -162,7 +166,7 @@ class Noisier:
         return tuple(self._noisier(obj, view, rng) for view in obj.views)
 
     def _noisier(self, obj: DensityObject, view: XRayView, rng: np.random.Generator) -> XRayView:
-        beside = view.valid & ~binary_dilation(_shadow(obj, view.geometry), iterations=BESIDE_PX)
+        beside = view.valid & ~binary_dilation(shadow_of(obj, view.geometry), iterations=BESIDE_PX)
         where = f"{obj.object_id}, view {view.name}"
         if not (sd := noise_sd(view.transmission, beside, where)):
             raise DataError(f"{where}: no noise beside the object, so none to be made more of")
@@ -173,7 +177,7 @@ class Noisier:
 
 
 @dataclass(frozen=True, slots=True)
-class Averaged:
+class Averaged(Disturbance):
     """Replaced within the object's own shadow by their mean transmission there."""
 
     @property
@@ -192,7 +196,7 @@ class Averaged:
         return tuple(self._averaged(obj, view) for view in obj.views)
 
     def _averaged(self, obj: DensityObject, view: XRayView) -> XRayView:
-        inside = view.valid & _shadow(obj, view.geometry)
+        inside = view.valid & shadow_of(obj, view.geometry)
         if not inside.any():
             raise DataError(f"{obj.object_id}, view {view.name}: no valid pixel shows the object")
         mean = np.float32(view.transmission[inside].mean(dtype=np.float64))
@@ -200,63 +204,7 @@ class Averaged:
 
 
 @dataclass(frozen=True, slots=True)
-class Exchanged:
-    """Replaced by another object's, at the receiver's scale.
-
-    The square that encloses the giver's cube in its image comes to lie where the receiver's is, so
-    that sizes do not give the exchange away; what is beyond the giver's image repeats its edge.
-
-    Parameters
-    ----------
-    folder
-        The dataset.
-    givers
-        Whose radiographs each object gets.
-    """
-
-    folder: DatasetFolder
-    givers: Mapping[str, str]
-
-    @classmethod
-    def drawn(cls, folder: DatasetFolder, splits: Sequence[str], seed: int) -> Exchanged:
-        """Draw who gets whose, within each split: each gives once, none to itself.
-
-        Two objects exchange givers where one would be shown nothing: a radiograph that is hardly
-        darker on it than beside it, of which no method could say anything.
-
-        Raises
-        ------
-        DataError
-            If a split has a single object, or an object is shown nothing by any other.
-        """
-        rng, givers = np.random.default_rng(seed), dict[str, str]()
-        for split in splits:
-            ids = sorted(folder.ids(split))
-            if len(ids) < 2:
-                raise DataError(f"{folder.root}: the split {split} has nobody to exchange with")
-            order = [ids[place] for place in rng.permutation(len(ids))]
-            drawn = dict(zip(order, [*order[1:], order[0]], strict=True))
-            for one in ids:
-                if not _is_shown(folder, one, drawn[one]):
-                    others = [ids[place] for place in rng.permutation(len(ids))]
-                    _exchange(folder, drawn, one, others)
-            givers |= drawn
-        return cls(folder, givers)
-
-    @property
-    def words(self) -> str:
-        """Clause of which radiographs are the subject."""
-        return "are those of another object of the split, at the scale of its own"
-
-    def __call__(self, obj: DensityObject, rng: np.random.Generator) -> Views:
-        """Return the radiographs of the giver, as if they were of the receiver's size."""
-        giver = self.folder.object(self.givers[obj.object_id])
-        pairs = zip(giver.views, obj.views, strict=True)
-        return tuple(_in_place_of(giver, theirs, obj, own) for theirs, own in pairs)
-
-
-@dataclass(frozen=True, slots=True)
-class Misplaced:
+class Misplaced(Disturbance):
     """Unchanged, while meshes and grids are turned and moved against them: mesh errors.
 
     About the centre of the object's cube, axis and direction drawn for each object. The geometry
@@ -328,7 +276,7 @@ def noise_sd(transmission: Image, beside: Mask, where: str = "image") -> float:
     return float(np.sqrt(np.mean(bends**2) / 6))  # 1 + 4 + 1
 
 
-def _shadow(obj: DensityObject, geometry: ViewGeometry) -> Mask:
+def shadow_of(obj: DensityObject, geometry: ViewGeometry) -> Mask:
     """Pixels whose ray meets the object."""
     meshes = [part.mesh for part in obj.parts]
     shadow = np.zeros(geometry.shape, dtype=np.bool_)
@@ -342,48 +290,7 @@ def _cube(obj: DensityObject) -> tuple[Vec3, float]:
     return obj.origin_cm + half_cm - obj.voxel_size_cm / 2, half_cm
 
 
-def _in_place_of(
-    giver: DensityObject, theirs: XRayView, receiver: DensityObject, own: XRayView
-) -> XRayView:
-    """Show the giver where, and as large as, the receiver is."""
-    centre, side = _square(giver, theirs.geometry)
-    own_centre, own_side = _square(receiver, own.geometry)
-    scale = side / own_side
-    return _resampled(theirs, scale, centre - scale * own_centre, own)
-
-
-def _is_shown(folder: DatasetFolder, receiver_id: str, giver_id: str) -> bool:
-    """Whether a giver's radiographs are darker on the receiver than beside it."""
-    receiver, giver = folder.object(receiver_id), folder.object(giver_id)
-    for theirs, own in zip(giver.views, receiver.views, strict=True):
-        new, shadow = _in_place_of(giver, theirs, receiver, own), _shadow(receiver, own.geometry)
-        on, beside = (new.transmission[new.valid & where] for where in (shadow, ~shadow))
-        if on.size and beside.size and not on.mean() < np.median(beside) - SHOWN:
-            return False
-    return True
-
-
-def _exchange(
-    folder: DatasetFolder, givers: dict[str, str], blind: str, others: Sequence[str]
-) -> None:
-    """Let an object that is shown nothing take the giver of the first other with which that helps.
-
-    Raises
-    ------
-    DataError
-        If there is none.
-    """
-    for other in others:
-        theirs, own = givers[other], givers[blind]
-        if blind in (other, theirs) or other == own:
-            continue
-        if _is_shown(folder, blind, theirs) and _is_shown(folder, other, own):
-            givers[blind], givers[other] = theirs, own
-            return
-    raise DataError(f"{blind}: no other object's radiographs show anything where it is")
-
-
-def _square(
+def square_around(
     obj: DensityObject, geometry: ViewGeometry
 ) -> tuple[Float64[np.ndarray, "2"], Float64[np.ndarray, "2"]]:
     """Centre and sides, in rows and columns, of the square in cm around the projected cube."""
@@ -395,7 +302,7 @@ def _square(
     return (lowest + highest) / 2, float(((highest - lowest) * steps).max()) / steps
 
 
-def _resampled(
+def resampled(
     view: XRayView,
     scale: Float64[np.ndarray, "2"],
     first: Float64[np.ndarray, "2"],

@@ -93,7 +93,7 @@ def disturb(
     if out.exists():
         raise DataError(f"{out} exists: remove it yourself, or choose another")
     manifest = folder.manifest
-    ids = sorted(object_id for split in splits for object_id in folder.ids(split))
+    ids = sorted({each for split in splits for each in folder.ids(split)} - {*disturbance.left_out})
     return write_rows(
         (_row(folder, object_id, disturbance, seed) for object_id in progress(ids)),
         out,
