@@ -130,6 +130,37 @@ def test_a_ball_is_alike_however_turned_and_a_pear_is_not() -> None:
     assert pears.distance_cm(turns[0], turns[0]) < 0.02
 
 
+def test_a_round_body_turned_about_its_axis_stays_where_it_is() -> None:
+    can = body_of([trimesh.creation.cylinder(3.0, 10.0, sections=64)])
+    here, turned, tilted = (
+        at(Rotation.from_rotvec(each)) for each in ([0, 0, 0], [0, 0, 0.3], [0.02, 0, 0])
+    )
+    likeness = Likeness(can)
+    assert not likeness.apart(here, turned, 0.004 * can.radius_cm)
+    assert likeness.apart(here, tilted, 0.004 * can.radius_cm)
+
+
+def test_poses_are_apart_by_their_distance() -> None:
+    likeness = Likeness(body_of(pear()))
+    here = at(Rotation.identity())
+    for angle in (0.05, 0.4, 2.0):
+        there = at(Rotation.from_rotvec([angle, 0, 0]), (0.1, 0, 0))
+        distance_cm = likeness.distance_cm(here, there)
+        assert likeness.apart(here, there, 0.95 * distance_cm)
+        assert not likeness.apart(here, there, 1.05 * distance_cm)
+
+
+def test_points_that_believe_no_label_find_what_wrong_labels_hide() -> None:
+    ends = [box((2.0, 1.2, 2.0), (0, 0, z)) for z in (-1.0, 1.0)]
+    views = shadows(ends)
+    wrong = Body.of(ends, [0, 1], np.array([10.0, 0.1]) * LAC_PER_CM)
+    here = np.eye(3)[None], wrong.middle_cm[None]
+    believed, even = (
+        Search(views, wrong.evened(share), 16, 36).judged(*here).costs[0] for share in (0.0, 1.0)
+    )
+    assert even < 0.1 * believed
+
+
 def test_parts_that_attenuate_otherwise_tell_a_half_turn() -> None:
     halves = [
         trimesh.creation.box((1, 1, 3)).apply_translation([0, 0, side]) for side in (-1.5, 1.5)
@@ -266,11 +297,42 @@ def test_a_box_of_unlike_ends_turned_by_half_is_turned_back(
     half = Rotation.from_rotvec(np.pi * body.axes[1])
     start = judge.fixed(at(half, body.middle_cm - half.apply(body.middle_cm)))
     for turns in (
-        least_turns(judge, start, search, body, 30.0),
+        least_turns(judge, start, search, likeness, body, 30.0),
         half_turned(judge, start, likeness, body),
     ):
         assert turns[0].loss < 0.1 * start.loss
         assert likeness.distance_cm(body.placed(turns[0].placement), right) < 0.1
+
+
+def test_turns_that_put_a_square_box_where_another_does_are_judged_once(
+    halves: tuple[Capture, Judge, Search], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, judge, search = halves
+    square = body_of([box((2.0, 2.0, 4.0), (0, 0, 0))])
+    there = judge.fixed(at(Rotation.identity()))
+    judged: list[RigidPlacement] = []
+    fixed = Judge.fixed
+
+    def counted(self: Judge, placement: RigidPlacement) -> Found:
+        judged.append(placement)
+        return fixed(self, placement)
+
+    monkeypatch.setattr(Judge, "fixed", counted)
+    least_turns(judge, there, search, Likeness(square), square, 30.0)
+    assert judged
+    turned = [square.placed(each).rotation.T @ there.placement.rotation for each in judged]
+    about_long = [each for each in turned if abs(each[2, 2]) > 0.999]
+    assert len(about_long) <= 2  # 30 and 60 degrees: the others are those again
+
+
+def test_a_pose_without_hope_is_not_moved_on(halves: tuple[Capture, Judge, Search]) -> None:
+    _, judge, _ = halves
+    off = judge.fixed(at(Rotation.from_rotvec([0.4, -0.3, 0.2])))
+    best = replace(off, loss=1e-6)
+    once = judge.refined(off, 2)
+    given_up = settled(judge, off, replace(best, loss=-1e9))
+    assert given_up.loss == once.loss
+    assert settled(judge, off).loss < once.loss
 
 
 def test_a_pose_some_degrees_off_goes_down_to_where_it_should(

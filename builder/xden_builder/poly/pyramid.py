@@ -273,7 +273,7 @@ class Level:
         """Give the image of a view, and its derivatives."""
         density, gains, pose = self._split(unknowns)
         gain, seen = gains[number], self._kept(number, pose)
-        model, slopes = self._image_and_slopes(number, density, seen)
+        model, slopes = self.image_and_slopes(number, density, seen)
         gradient = self._gradient(number, density, seen)
         jacobian = np.zeros((len(model), len(unknowns)))
         jacobian[:, : self.parts] = gain * slopes
@@ -333,7 +333,7 @@ class Level:
         self, number: int, density: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "q"]
     ) -> Float64[np.ndarray, "_p"]:
         """Transmission of the compared pixels of a view."""
-        return self._light(number, density, self._seen(number, pose))
+        return self._light(number, density, self.seen(number, pose))
 
     def _light(
         self, number: int, density: Float64[np.ndarray, "k"], seen: PathLengths
@@ -344,10 +344,13 @@ class Level:
         image[places] = transmissions(lengths_cm, weights, self.target.mac_cm2_g, density)
         return image
 
-    def _image_and_slopes(
+    def image_and_slopes(
         self, number: int, density: Float64[np.ndarray, "k"], seen: PathLengths
     ) -> tuple[Float64[np.ndarray, "_p"], Float64[np.ndarray, "_p k"]]:
-        """Give the same, and its derivatives by density."""
+        """Give transmission of a view's compared pixels behind path lengths, without gain.
+
+        And its derivatives by density.
+        """
         places, lengths_cm, weights = self._compared(number, seen)
         count = len(self.measured[number])
         image, slopes = np.ones(count), np.zeros((count, self.parts))
@@ -357,15 +360,15 @@ class Level:
         return image, slopes
 
     def _kept(self, number: int, pose: Float64[np.ndarray, "q"]) -> PathLengths:
-        """Path lengths as of :meth:`_seen`, anew only if the pose was not asked for just before."""
+        """Path lengths as of :meth:`seen`, anew only if the pose was not asked for just before."""
         key = number, pose.tobytes()
-        seen = self.latest.pop(key, None) or self._seen(number, pose)
+        seen = self.latest.pop(key, None) or self.seen(number, pose)
         self.latest[key] = seen
         while len(self.latest) > KEPT_POSES * len(self.target.beams):
             del self.latest[next(iter(self.latest))]
         return seen
 
-    def _seen(self, number: int, pose: Float64[np.ndarray, "q"]) -> PathLengths:
+    def seen(self, number: int, pose: Float64[np.ndarray, "q"]) -> PathLengths:
         """Path lengths of a view with the object in a pose."""
         geometry = self.poses.geometry(number, self.panels[number], pose)
         return path_lengths(

@@ -16,6 +16,7 @@ from xden_builder.poly.estimate import estimate
 from xden_builder.poly.line import sampled
 from xden_builder.poly.pyramid import PIXEL_SD, WORTH
 from xden_builder.poly.settings import PolySettings
+from xden_builder.registration.kinds import most_of_rivals
 from xden_builder.registration.placement import Found
 from xden_builder.registration.reduced import reduced
 from xden_builder.registration.shadow import Shadow
@@ -24,8 +25,6 @@ __all__ = ["told_apart"]
 
 WIDE_PX: Final = 240
 """Width of the shadow, in averaged pixels."""
-CLOSE: Final = (1.3, 0.05)
-"""A pose whose loss is at most so many times the least, and so much more, may be right too."""
 MOST: Final = 3
 SETTINGS: Final = PolySettings(size=False)
 """An object gets its size where it stands."""
@@ -53,8 +52,7 @@ def told_apart(
         The most probable first; after them those that were not fitted, the least loss first. As
         they came where there is one alone, or where the source is not told.
     """
-    times, more = CLOSE
-    rivals = [each for each in found if each.loss <= times * found[0].loss + more][:MOST]
+    rivals = [each for each in found if each.loss <= most_of_rivals(found[0])][:MOST]
     if len(rivals) < 2 or capture.tube is None:
         return list(found)
     small, _ = reduced(capture, shadows, WIDE_PX)

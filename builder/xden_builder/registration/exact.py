@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -10,14 +10,12 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.ndimage import binary_dilation
 
-from xden1k.rays import PathLengths, path_lengths
+from xden1k.rays import PathLengths
 from xden1k.values.arrays import Mask
-from xden1k.values.views import ViewGeometry
 from xden_builder.capture import Capture
 from xden_builder.fit import huber
 from xden_builder.poly.descent import descend
-from xden_builder.poly.model.direct import transmissions_and_slopes
-from xden_builder.poly.model.frames import Pose, coarse
+from xden_builder.poly.model.frames import Pose
 from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.pyramid import (
@@ -40,16 +38,15 @@ from xden_builder.registration.shadow import Shadow
 
 __all__ = ["Judge"]
 
-BINNING, RAYS = 2, 2
-"""Of the pixels that the images are averaged to, but for small shadows; and rays of a model's
-pixel each way."""
+BINNING: Final = 2
+"""Of the pixels that the images are averaged to, but for small shadows."""
 STEP_PX: Final = 0.6
 """Of a central difference, in compared pixels: a tenth feels how few rays a pixel has, and leads
 into the next of many small troughs."""
 PIXEL_SD: Final = 0.05
 DENSITY_STEPS: Final = 2
-SHARES: Final = (0.04, 10.0)
-"""Least and most density in shares of the expected: a label may call aluminium copper."""
+SHARES: Final = (0.01, 30.0)
+"""Least and most density in shares of the expected: a label may call aluminium lead."""
 DAMPING: Final = 1e-2
 UNLIT, OF_TYPICAL = 0.04, 0.5
 """Opacity of a shadow, since stray light and gain are not modelled; less, as a share of what is
@@ -133,10 +130,7 @@ class Judge:
         """Find densities and gains in a pose, and what they leave."""
         level, density = self._level(placement)
         pose = self._start(level.poses, placement)
-        lengths = [
-            path_lengths(level.target.meshes, level.target.order, geometry, RAYS)
-            for geometry in self._geometries(level, pose)
-        ]
+        lengths = [level.seen(number, pose) for number in range(len(level.target.beams))]
         unknowns = level.target.start(density, np.empty(0))
         low, high = density_bounds(density, len(unknowns), SHARES)
         best = Found(placement, np.inf, density)
@@ -200,11 +194,6 @@ class Judge:
                 start[poses.places(number)[-3:]] = more
         return start
 
-    def _geometries(self, level: Level, pose: Float64[np.ndarray, "p"]) -> Iterator[ViewGeometry]:
-        """Yield the views' coarse panels, moved as the object is."""
-        for number, beam in enumerate(level.target.beams):
-            yield coarse(level.poses.geometry(number, beam.geometry, pose), self.binning)
-
     def _untold(self, poses: Poses) -> int:
         """Find a view that is not turned."""
         return poses.turned.index(False)
@@ -235,35 +224,21 @@ class Judge:
         self, level: Level, lengths: Sequence[PathLengths], unknowns: Float64[np.ndarray, "u"]
     ) -> tuple[float, Float64[np.ndarray, "u"], Float64[np.ndarray, "u u"]]:
         """Loss, and half its derivatives by the densities and the gains."""
+        parts = level.parts
         gradient, curvature = np.zeros(len(unknowns)), np.zeros((len(unknowns),) * 2)
         residuals = []
         for number, each in enumerate(lengths):
-            off, slopes = self._residuals(level, number, each, unknowns)
+            model, by_density = level.image_and_slopes(number, unknowns[:parts], each)
+            gain = unknowns[parts + number]
+            off = (gain * model - level.measured[number]) / PIXEL_SD
             residuals.append(off)
             mine = np.where(huber.one_sided(off, level.at_least[number]), off, 0.0)
+            slopes = np.column_stack([gain * by_density, model]) / PIXEL_SD
             weighted = slopes * huber.weights(mine)[:, None]
-            gradient += weighted.T @ mine
-            curvature += weighted.T @ slopes
+            own = [*range(parts), parts + number]
+            gradient[own] += weighted.T @ mine
+            curvature[np.ix_(own, own)] += weighted.T @ slopes
         return self._loss(residuals, level), gradient, curvature
-
-    def _residuals(
-        self, level: Level, number: int, lengths: PathLengths, unknowns: Float64[np.ndarray, "u"]
-    ) -> tuple[Float64[np.ndarray, "n"], Float64[np.ndarray, "n u"]]:
-        """Model less measurement of a view's compared pixels, and its derivatives."""
-        target, parts, mask = level.target, level.parts, level.masks[number]
-        seen, seen_slopes = transmissions_and_slopes(
-            lengths.lengths_cm,
-            target.beams[number].weights(lengths.pixels, self.binning),
-            target.mac_cm2_g,
-            unknowns[:parts],
-        )
-        image, slopes = np.ones(mask.shape), np.zeros((mask.size, len(unknowns)))
-        image.flat[lengths.pixels] = seen
-        gain = unknowns[parts + number]
-        slopes[lengths.pixels, :parts] = gain * seen_slopes
-        slopes[:, parts + number] = image.ravel()
-        off = gain * image[mask] - level.measured[number]
-        return off / PIXEL_SD, slopes[mask.ravel()] / PIXEL_SD
 
     def _loss(self, residuals: Sequence[Float64[np.ndarray, "_n"]], level: Level) -> float:
         """Mean over the pixels of the shadows, whatever was compared beside them."""

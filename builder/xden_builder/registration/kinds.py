@@ -12,29 +12,42 @@ from xden_builder.registration.placement import Found, RigidPlacement
 __all__ = [
     "APART_SHARE",
     "CLOSE",
+    "apart",
     "close_to_best",
-    "distance_cm",
     "first_of_like",
     "loss_of",
+    "most_of_rivals",
     "unlike_of",
 ]
 
 APART_SHARE: Final = 0.01
 """Of the radius: poses that are nearer are one."""
+RIVAL: Final = (1.3, 0.05)
+"""A pose whose loss is at most so many times the least, and so much more, may be right too."""
 CLOSE: Final = 3.0
 """A pose whose loss is more times the least is no longer looked at."""
 
 
-def distance_cm(
-    one: RigidPlacement, other: RigidPlacement, likeness: Likeness, body: Body
-) -> float:
-    """How far two poses of the files' frame put the object apart."""
-    return likeness.distance_cm(body.placed(one), body.placed(other))
+def apart(
+    one: RigidPlacement,
+    other: RigidPlacement,
+    likeness: Likeness,
+    body: Body,
+    share: float = APART_SHARE,
+) -> bool:
+    """Whether two poses of the files' frame put the object apart by a share of its radius."""
+    return likeness.apart(body.placed(one), body.placed(other), share * body.radius_cm)
 
 
 def loss_of(found: Found) -> float:
     """Give what poses are sorted by."""
     return found.loss
+
+
+def most_of_rivals(best: Found) -> float:
+    """Loss up to which a pose may be right as well as the best."""
+    times, more = RIVAL
+    return times * best.loss + more
 
 
 def unlike_of(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
@@ -20,8 +20,9 @@ from xden_builder.registration.body import Body
 from xden_builder.registration.contest import told_apart
 from xden_builder.registration.exact import Judge
 from xden_builder.registration.kinds import (
+    CLOSE,
+    apart,
     close_to_best,
-    distance_cm,
     first_of_like,
     loss_of,
     unlike_of,
@@ -46,24 +47,22 @@ from xden_builder.registration.steps import (
     rescaled,
     settled,
 )
-from xden_builder.registration.turns import half_turned, least_turns
+from xden_builder.registration.turns import half_turned, least_turns, same_share
 
 __all__ = ["register"]
 
-TINY_PX, COARSE_PX, FINE_PX = 40, 80, 240
+TINY_PX, COARSE_PX, MIDDLE_PX, FINE_PX = 40, 80, 140, 240
 """Width of the shadow, in averaged pixels, for many poses, for some and for few."""
 SOME, COMPARED, FINAL = 8, 5, 4
-"""Poses that are refined on each of them."""
+"""Poses that are refined on the first, on the next two, and on the last of them."""
+EVENED: Final = 0.5
+"""How far clouds of points distrust labels: share of what is usual among the parts."""
 ROUGH_DEG, FINE_DEG = 15, 5
 """Between turns about an axis, on tiny images and on fine ones."""
 TURNS, TURNS_CLOSE = 4, 5.0
 """Turns of the best that are followed, itself counted; none whose loss is more times its own."""
 MOVED: Final = 6
 """Turns and half turns that are moved, the pose itself counted."""
-TURNS_APART: Final = 0.004
-"""Of the radius: what turns of a long object about itself differ by at least."""
-WORTH_SETTLING: Final = 2.0
-"""A turn that has moved a little goes on if its loss is at most so many times the least."""
 FINAL_APART: Final = 0.02
 """Of the radius: by how much poses differ that are moved on fine images."""
 BESIDE: Final = 2
@@ -84,8 +83,9 @@ SCALES: Final = (0.49, 2.05)
 """Between 0.5 and 2, and a little for meshes that err themselves."""
 WORST_LOSS: Final = 2.4
 """Of a pose that is believed: of 184 right ones of simulated objects none is worse."""
-DOUBTED_LOSS: Final = 1.5
-"""Of a pose that is looked for again, wider: of the same two are worse."""
+DOUBTED_LOSS, HOPELESS_LOSS = 1.5, 4.0
+"""Of a pose that is looked for again: of the same two are worse; and of one on coarse images that
+is not moved on before."""
 MOST_OUTLINE: Final = 0.12
 """Of a shape that is believed: share of the outline's pixels."""
 
@@ -121,23 +121,47 @@ def register(capture: Capture, order: Sequence[int]) -> Registration:
     meshes = [part.mesh for part in capture.parts]
     body = Body.of(meshes, order, _usual_lac_per_cm(capture))
     likeness = Likeness(body)
-    candidates, fine = _searched(capture, shadows, body, likeness, USUAL)
-    if candidates[0].loss > DOUBTED_LOSS and not isinstance(capture.pose, CoarsePose):
-        wider = _searched(capture, shadows, body, likeness, WIDE)
-        if wider[0][0].loss < candidates[0].loss:
-            candidates, fine = wider
+    candidates, fine = _searched(capture, shadows, body, likeness)
     return _judged(capture, candidates, likeness, body, fine)
 
 
 def _searched(
-    capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness, breadth: Breadth
+    capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness
 ) -> tuple[list[Found], Judge]:
-    """Find unlike poses, the best first, and what compared them on the finest images."""
-    found, coarse, search = _coarsely(capture, shadows, body, likeness, breadth)
+    """Find unlike poses, the best first, and what compared them on the finest images.
+
+    Where that leaves much, they are looked for once more, among more poses, by clouds of points
+    that do not believe any label.
+    """
+
+    def coarsely(evened: float, breadth: Breadth) -> _Coarse:
+        return _coarsely(capture, shadows, body.evened(evened), likeness, breadth)
+
+    coarse = coarsely(EVENED, USUAL)
+    told = isinstance(capture.pose, CoarsePose)
+    hopeless = coarse.found[0].loss > HOPELESS_LOSS
+    if hopeless and not told:
+        coarse = min(coarse, coarsely(1.0, WIDE), key=lambda each: each.found[0].loss)
+    candidates, fine = _finely(capture, shadows, body, likeness, coarse)
+    if candidates[0].loss > DOUBTED_LOSS and not hopeless and not told:
+        wider = coarsely(1.0, WIDE)
+        if wider.found[0].loss < CLOSE * candidates[0].loss:
+            again = _finely(capture, shadows, body, likeness, wider)
+            return min((candidates, fine), again, key=lambda each: each[0][0].loss)
+    return candidates, fine
+
+
+def _finely(
+    capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness, coarse: _Coarse
+) -> tuple[list[Found], Judge]:
+    """Move poses on the finest images, and tell them apart."""
+    found = coarse.found
     fine = Judge.of(capture, shadows, body, FINE_PX, found[0].placement)
-    near = found if fine.side == coarse.side else [fine.fixed(each.placement) for each in found]
+    near = found
+    if fine.side != coarse.judge.side:
+        near = [fine.fixed(each.placement) for each in found]
     best = all_settled(fine, unlike_of(near, likeness, body, FINAL, FINAL_APART))
-    best = sorted([*best, *_turned(fine, best[0], search, likeness, body)], key=loss_of)
+    best = sorted([*best, *_turned(fine, best[0], coarse.search, likeness, body)], key=loss_of)
     if capture.mesh_scale == "unknown":
         best[0] = rescaled(fine, best[0], body, LAST_SCALE_SHARES)
     beside = unlike_of(hopped(fine, best[0], likeness, body), likeness, body, BESIDE)
@@ -146,40 +170,52 @@ def _searched(
     return first_of_like([*told, *sorted(near, key=loss_of)], likeness, body, LISTED), fine
 
 
+class _Coarse(NamedTuple):
+    """Few poses, the best first, what compared them, and what found them by points."""
+
+    found: list[Found]
+    judge: Judge
+    search: Search
+
+
 def _coarsely(
     capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness, breadth: Breadth
-) -> tuple[list[Found], Judge, Search]:
-    """Find a few poses on coarse images, the best first, and what compared them."""
+) -> _Coarse:
+    """Find a few poses on coarse images."""
     scaled = capture.mesh_scale == "unknown"
     told = _told_rotations(capture, body)
     poses, search = shortlist(shadows, body, likeness, told, scaled=scaled, breadth=breadth)
     there = [body.of_files(each) for each in poses.placements()]
     tiny = Judge.of(capture, shadows, body, TINY_PX, there[0])
     found = sorted((tiny.refined(tiny.fixed(each), 1) for each in there), key=loss_of)
-    found = [*found, *least_turns(tiny, found[0], search, body, ROUGH_DEG)]
+    found = [*found, *least_turns(tiny, found[0], search, likeness, body, ROUGH_DEG)]
     found = close_to_best(unlike_of(found, likeness, body, SOME))
     found = sorted((tiny.refined(each, DERIVATIVES) for each in found), key=loss_of)
-    judge = Judge.of(capture, shadows, body, COARSE_PX, found[0].placement)
-    if judge.side != tiny.side:
-        found = [judge.fixed(each.placement) for each in found]
-    found = close_to_best(unlike_of(found, likeness, body, COMPARED))
-    found = sorted((judge.refined(each, DERIVATIVES) for each in found), key=loss_of)
+    judge = tiny
+    for wide_px in (COARSE_PX, MIDDLE_PX):
+        finer = Judge.of(capture, shadows, body, wide_px, found[0].placement)
+        if finer.side == judge.side and judge is not tiny:
+            break
+        if finer.side != judge.side:
+            found = [finer.fixed(each.placement) for each in found]
+        judge = finer
+        found = close_to_best(unlike_of(found, likeness, body, COMPARED))
+        found = sorted((judge.refined(each, DERIVATIVES) for each in found), key=loss_of)
     if scaled:
         found = sorted((rescaled(judge, each, body, SCALE_SHARES) for each in found), key=loss_of)
-    return found, judge, search
+    return _Coarse(found, judge, search)
 
 
 def _turned(
     judge: Judge, best: Found, search: Search, likeness: Likeness, body: Body
 ) -> list[Found]:
     """Turn a settled pose about its axes, and go down from where the loss is less than beside."""
-    turns = close_to_best([best, *least_turns(judge, best, search, body, FINE_DEG)], TURNS_CLOSE)
-    turns = unlike_of(turns, likeness, body, TURNS, TURNS_APART)
-    turns = unlike_of(
-        [*turns, *half_turned(judge, best, likeness, body)], likeness, body, MOVED, TURNS_APART
-    )
-    moved = [judge.refined(each, DERIVATIVES) for each in turns if each is not best]
-    return [settled(judge, each) for each in moved if each.loss <= WORTH_SETTLING * best.loss]
+    turns = least_turns(judge, best, search, likeness, body, FINE_DEG)
+    turns = close_to_best([best, *turns], TURNS_CLOSE)
+    turns = unlike_of(turns, likeness, body, TURNS, same_share(body))
+    turns = [*turns, *half_turned(judge, best, likeness, body)]
+    turns = unlike_of(turns, likeness, body, MOVED, same_share(body))
+    return [settled(judge, each, best) for each in turns if each is not best]
 
 
 def _judged(
@@ -194,7 +230,7 @@ def _judged(
         "pose_ambiguous": not told
         and any(
             each.as_good_as(candidates[0])
-            and distance_cm(best, each.placement, likeness, body) > ELSEWHERE * body.radius_cm
+            and apart(best, each.placement, likeness, body, ELSEWHERE)
             for each in candidates[1:]
         ),
         "pose_not_found": not told and candidates[0].loss > WORST_LOSS,
@@ -217,8 +253,8 @@ def _symmetries(placement: RigidPlacement, likeness: Likeness, body: Body) -> in
     turns = [
         turn for axis in range(3) for turn in turned_about(here, body, axis, angles).placements()
     ]
-    apart_cm = SYMMETRIC * body.radius_cm
-    return sum(likeness.distance_cm(here.placements()[0], turn) < apart_cm for turn in turns)
+    least_cm = SYMMETRIC * body.radius_cm
+    return sum(not likeness.apart(here.placements()[0], turn, least_cm) for turn in turns)
 
 
 def _chosen(capture: Capture, count: int) -> int:

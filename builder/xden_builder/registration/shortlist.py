@@ -34,7 +34,7 @@ COARSE_STEPS, FINE_STEPS = 3, 4
 DISTINCT_RAD: Final = np.radians(6.0)
 LEADING: Final = 6
 """How many are half turned too."""
-APART_SHARE: Final = 0.03
+APART_SHARE: Final = 0.015
 """Of the radius: poses that are nearer are one."""
 STEP_PX: Final = 0.5
 """Of derivatives, and by how much more the first damping is than none."""
@@ -63,7 +63,7 @@ class Breadth:
 
 USUAL: Final = Breadth(4608, 320, 50, 14)
 """Begins with rotations about ten degrees from any there is."""
-WIDE: Final = Breadth(9000, 1000, 120, 30)
+WIDE: Final = Breadth(4608, 640, 100, 20)
 """For an object that was hardly found."""
 
 

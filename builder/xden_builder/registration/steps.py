@@ -8,7 +8,7 @@ from typing import Final
 
 from xden_builder.registration.body import Body
 from xden_builder.registration.exact import Judge
-from xden_builder.registration.kinds import APART_SHARE, distance_cm, loss_of
+from xden_builder.registration.kinds import apart, loss_of, most_of_rivals
 from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.placement import Found, RigidPlacement
 
@@ -16,6 +16,9 @@ __all__ = ["DERIVATIVES", "all_settled", "hopped", "rescaled", "settled"]
 
 CLOSE: Final = 2.0
 """A pose whose loss is more times that of a settled one is not moved."""
+HOPE: Final = 2.0
+"""A pose is not moved on that would be no rival if it gained so many times as much as it just did.
+"""
 HOPS: Final = 2
 """Poses beside a converged one that are refined."""
 SOFT_LOSS: Final = 1.6
@@ -27,23 +30,27 @@ DERIVATIVES, MOST_ROUNDS, SETTLED = 2, 4, 0.97
 """Taken before it is asked whether a pose gains, how often, and what is little to gain."""
 
 
-def settled(judge: Judge, found: Found) -> Found:
-    """Move a pose until that gains little."""
+def settled(judge: Judge, found: Found, best: Found | None = None) -> Found:
+    """Move a pose until that gains little, or it will be no rival to a better one."""
     for _ in range(MOST_ROUNDS):
         ahead = judge.refined(found, DERIVATIVES)
+        gained = found.loss - ahead.loss
         if ahead.loss > SETTLED * found.loss:
             return min(ahead, found, key=loss_of)
+        if best is not None and ahead.loss - HOPE * gained > most_of_rivals(best):
+            return ahead
         found = ahead
     return found
 
 
-def all_settled(judge: Judge, found: Sequence[Found]) -> list[Found]:
-    """Move poses, the best first, but not those that are hopeless beside another."""
-    there: list[Found] = []
+def all_settled(judge: Judge, found: Sequence[Found], best: Found | None = None) -> list[Found]:
+    """Move poses, the best first, but not those that are hopeless beside another or a given one."""
+    there = [] if best is None else [best]
     for each in found:
-        if not there or each.loss <= CLOSE * min(there, key=loss_of).loss:
-            there.append(settled(judge, each))
-    return sorted(there, key=loss_of)
+        ahead = min(there, key=loss_of, default=None)
+        if ahead is None or each.loss <= CLOSE * ahead.loss:
+            there.append(settled(judge, each, ahead))
+    return sorted((each for each in there if each is not best), key=loss_of)
 
 
 def hopped(judge: Judge, found: Found, likeness: Likeness, body: Body) -> list[Found]:
@@ -56,16 +63,14 @@ def hopped(judge: Judge, found: Found, likeness: Likeness, body: Body) -> list[F
         for line in judge.lines_aside(found)
     ]
     best = sorted((min(line, key=loss_of) for line in lines if line), key=loss_of)[:HOPS]
-    return sorted([found, *(settled(judge, each) for each in best)], key=loss_of)
+    return sorted([found, *(settled(judge, each, found) for each in best)], key=loss_of)
 
 
 def _elsewhere(
     line: Sequence[RigidPlacement], found: Found, likeness: Likeness, body: Body
 ) -> list[RigidPlacement]:
     """Leave out what puts the object where a pose does, because it is symmetric."""
-    apart_cm = APART_SHARE * body.radius_cm
-    here = found.placement
-    return [each for each in line if distance_cm(here, each, likeness, body) >= apart_cm]
+    return [each for each in line if apart(found.placement, each, likeness, body)]
 
 
 def _promising(judge: Judge, found: Found, line: Sequence[RigidPlacement]) -> Iterator[Found]:

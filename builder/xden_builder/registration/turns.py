@@ -9,18 +9,18 @@ from jaxtyping import Bool, Float64
 
 from xden_builder.registration.body import Body
 from xden_builder.registration.exact import Judge
-from xden_builder.registration.kinds import close_to_best, distance_cm, loss_of
+from xden_builder.registration.kinds import apart, close_to_best, loss_of
 from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.placement import Found, RigidPlacement
 from xden_builder.registration.shortlist import Poses, Search, turned_about
 
-__all__ = ["half_turned", "least_turns"]
+__all__ = ["half_turned", "least_turns", "same_share"]
 
 SOFT: Final = (2.0, 0.004)
 """A turn about an axis whose cost is at most so many times that of the pose, and so much more, may
 be right too: few points on few pixels do not tell."""
-SYMMETRIC: Final = 0.004
-"""Of the radius: a half turn that moves surfaces less leaves the object where it is."""
+SAME, SAME_CM = 0.004, 0.03
+"""Of the radius, and at least in cm: turns that put surfaces nearer to each other are one."""
 HALVES_CLOSE: Final = 8.0
 """A half turn whose loss is more times that of the pose is not given."""
 MOST_JUDGED: Final = 72
@@ -29,7 +29,12 @@ MOST: Final = 5
 
 
 def least_turns(
-    judge: Judge, found: Found, search: Search, body: Body, every_deg: float
+    judge: Judge,
+    found: Found,
+    search: Search,
+    likeness: Likeness,
+    body: Body,
+    every_deg: float,
 ) -> list[Found]:
     """Turn a pose about the principal axes, all around, and give where the loss is least.
 
@@ -44,8 +49,8 @@ def least_turns(
         Is turned.
     search
         Says which turns few points on few pixels leave possible.
-    body
-        Whose axes they are.
+    likeness, body
+        Whose axes they are, and which turns about them leave it where it is.
     every_deg
         Between turns.
 
@@ -63,25 +68,55 @@ def least_turns(
     highest = min(times * cost + more, np.sort(costs, axis=None)[:MOST_JUDGED][-1])
     least: list[Found] = []
     for ring, soft in zip(rings, costs <= highest, strict=True):
-        numbers = np.flatnonzero(soft)
-        turned = [judge.fixed(each) for each in _of_files(ring.picked(numbers), body)]
-        losses = np.full(len(angles), np.inf)
-        losses[numbers] = [each.loss for each in turned]
-        lowest = _lowest(losses, found.loss)[numbers]
-        least += [each for each, is_lowest in zip(turned, lowest, strict=True) if is_lowest]
+        if soft.any():
+            least += _least_of_ring(judge, found, ring, soft, likeness, body)
     return sorted(least, key=loss_of)[:MOST]
 
 
-def _lowest(losses: Float64[np.ndarray, "n"], at_rest: float) -> Bool[np.ndarray, "n"]:
-    """Which losses around a circle, on which the pose itself lies too, are below their neighbours.
+def _least_of_ring(
+    judge: Judge,
+    found: Found,
+    ring: Poses,
+    soft: Bool[np.ndarray, "n"],
+    likeness: Likeness,
+    body: Body,
+) -> list[Found]:
+    """Judge turns about one axis; one alone of those that are the same object at the same place."""
+    same = _same_turns(found, ring, likeness, body)
+    judged: dict[int, Found] = {0: found}
+    losses = np.full(len(ring) + 1, np.inf)
+    losses[0] = found.loss
+    there = _of_files(ring, body)
+    for number in (np.flatnonzero(soft) + 1).tolist():
+        like = next((k for k in judged if same[number - k]), number)
+        if like == number:
+            judged[number] = judge.fixed(there[number - 1])
+        losses[number] = judged[like].loss
+    lowest = _lowest(losses)
+    return [each for number, each in judged.items() if number and lowest[number]]
+
+
+def _same_turns(found: Found, ring: Poses, likeness: Likeness, body: Body) -> Bool[np.ndarray, "m"]:
+    """Say of no turn, and of each around a ring, whether it leaves the object where it is."""
+    here, least_cm = body.placed(found.placement), same_share(body) * body.radius_cm
+    apart_there = [likeness.apart(here, turn, least_cm) for turn in ring.placements()]
+    return ~np.array([False, *apart_there])
+
+
+def _lowest(losses: Float64[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
+    """Which losses around a circle are below their neighbours.
 
     Examples
     --------
-    >>> _lowest(np.array([2.0, 3.0, 1.0, 4.0]), 1.5).tolist()
-    [False, False, True, False]
+    >>> _lowest(np.array([1.5, 2.0, 3.0, 1.0, 4.0])).tolist()
+    [True, False, False, True, False]
     """
-    around = np.concatenate([[at_rest], losses, [at_rest]])
-    return np.asarray((losses <= around[:-2]) & (losses <= around[2:]))
+    return np.asarray((losses <= np.roll(losses, 1)) & (losses <= np.roll(losses, -1)))
+
+
+def same_share(body: Body) -> float:
+    """Share of the radius by which turns differ at least."""
+    return max(SAME, SAME_CM / body.radius_cm)
 
 
 def half_turned(judge: Judge, found: Found, likeness: Likeness, body: Body) -> list[Found]:
@@ -100,7 +135,7 @@ def half_turned(judge: Judge, found: Found, likeness: Likeness, body: Body) -> l
         judge.fixed(there)
         for axis in range(3)
         for there in _of_files(turned_about(here, body, axis, [np.pi], boxed=True), body)
-        if distance_cm(found.placement, there, likeness, body) > SYMMETRIC * body.radius_cm
+        if apart(found.placement, there, likeness, body, same_share(body))
     ]
     return [each for each in close_to_best([found, *halves], HALVES_CLOSE) if each is not found]
 
