@@ -329,7 +329,7 @@ def test_a_pose_without_hope_is_not_moved_on(halves: tuple[Capture, Judge, Searc
     _, judge, _ = halves
     off = judge.fixed(at(Rotation.from_rotvec([0.4, -0.3, 0.2])))
     best = replace(off, loss=1e-6)
-    once = judge.refined(off, 2)
+    once = judge.refined(off, 1)
     given_up = settled(judge, off, replace(best, loss=-1e9))
     assert given_up.loss == once.loss
     assert settled(judge, off).loss < once.loss

@@ -33,10 +33,10 @@ from xden_builder.registration.aside import moves_aside
 from xden_builder.registration.body import Body
 from xden_builder.registration.middles import own_shifts
 from xden_builder.registration.placement import Found, RigidPlacement
-from xden_builder.registration.reduced import reduced, widest_px
+from xden_builder.registration.reduced import binning_of, reduced, widest_px
 from xden_builder.registration.shadow import Shadow
 
-__all__ = ["Judge"]
+__all__ = ["Judge", "side_of"]
 
 BINNING: Final = 2
 """Of the pixels that the images are averaged to, but for small shadows."""
@@ -107,8 +107,8 @@ class Judge:
         """
         small, binning = reduced(capture, shadows, wide_px)
         scene = set_scene(small, body.order, PolySettings())
-        again = 1 if widest_px(shadows) <= wide_px / BINNING else BINNING
-        side = binning * again
+        side = side_of(shadows, wide_px)
+        again = side // binning
         guess = first_guess(replace(scene, parts=likely.of_parts(scene.parts)))
         return cls(
             scene,
@@ -247,6 +247,12 @@ class Judge:
             for off, least in zip(residuals, level.at_least, strict=True)
         )
         return sum(float(huber.tempered(off)) for off in counted) / self.shadow_px
+
+
+def side_of(shadows: Sequence[Shadow], wide_px: int) -> int:
+    """How many of the radiographs' pixels are a compared one's side, see :meth:`Judge.of`."""
+    again = 1 if widest_px(shadows) <= wide_px / BINNING else BINNING
+    return again * binning_of(shadows, wide_px)
 
 
 def _lit(shadow: Shadow) -> float:

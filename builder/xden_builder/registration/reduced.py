@@ -16,7 +16,7 @@ from xden_builder.physics.source import Tube
 from xden_builder.poly.model.frames import binned, coarse
 from xden_builder.registration.shadow import Shadow
 
-__all__ = ["USUAL_KEV", "reduced", "widest_px"]
+__all__ = ["USUAL_KEV", "binning_of", "reduced", "widest_px"]
 
 USUAL_KEV: Final = 60.0
 """Taken where the source is not told."""
@@ -35,7 +35,7 @@ def reduced(capture: Capture, shadows: Sequence[Shadow], wide_px: int) -> tuple[
     binning
         Pixels that were averaged along each side.
     """
-    binning = max(round(widest_px(shadows) / wide_px), 1)
+    binning = binning_of(shadows, wide_px)
     views = [_averaged(capture, view, binning) for view in capture.fitted_views]
     small = replace(
         capture,
@@ -47,6 +47,11 @@ def reduced(capture: Capture, shadows: Sequence[Shadow], wide_px: int) -> tuple[
         parts=tuple(_of_fewer_faces(capture.parts, wide_px)),
     )
     return small, binning
+
+
+def binning_of(shadows: Sequence[Shadow], wide_px: int) -> int:
+    """How many pixels are averaged along each side until the longest shadow has about so many."""
+    return max(round(widest_px(shadows) / wide_px), 1)
 
 
 def widest_px(shadows: Sequence[Shadow]) -> float:

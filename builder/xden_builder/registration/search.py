@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from xden_builder.physics.source import Tube
 from xden_builder.poly.materials.candidates import candidate_table
 from xden_builder.registration.body import Body
 from xden_builder.registration.contest import told_apart
-from xden_builder.registration.exact import Judge
+from xden_builder.registration.exact import Judge, side_of
 from xden_builder.registration.kinds import (
     CLOSE,
     apart,
@@ -53,6 +53,8 @@ __all__ = ["register"]
 
 TINY_PX, COARSE_PX, MIDDLE_PX, FINE_PX = 40, 80, 140, 240
 """Width of the shadow, in averaged pixels, for many poses, for some and for few."""
+LONG_STEP: Final = 3
+"""From coarse pixels to fine ones: images between are used where it would be longer."""
 SOME, COMPARED, FINAL = 8, 5, 4
 """Poses that are refined on the first, on the next two, and on the last of them."""
 EVENED: Final = 0.5
@@ -192,18 +194,22 @@ def _coarsely(
     found = close_to_best(unlike_of(found, likeness, body, SOME))
     found = sorted((tiny.refined(each, DERIVATIVES) for each in found), key=loss_of)
     judge = tiny
-    for wide_px in (COARSE_PX, MIDDLE_PX):
-        finer = Judge.of(capture, shadows, body, wide_px, found[0].placement)
-        if finer.side == judge.side and judge is not tiny:
-            break
-        if finer.side != judge.side:
-            found = [finer.fixed(each.placement) for each in found]
-        judge = finer
+    for wide_px in _coarse_widths(shadows):
+        if side_of(shadows, wide_px) != judge.side:
+            judge = Judge.of(capture, shadows, body, wide_px, found[0].placement)
+            found = [judge.fixed(each.placement) for each in found]
         found = close_to_best(unlike_of(found, likeness, body, COMPARED))
         found = sorted((judge.refined(each, DERIVATIVES) for each in found), key=loss_of)
     if scaled:
         found = sorted((rescaled(judge, each, body, SCALE_SHARES) for each in found), key=loss_of)
     return _Coarse(found, judge, search)
+
+
+def _coarse_widths(shadows: Sequence[Shadow]) -> Iterator[int]:
+    """Yield widths of the shadow for some poses; a middle one before a long step to fine ones."""
+    yield COARSE_PX
+    if side_of(shadows, COARSE_PX) > LONG_STEP * side_of(shadows, FINE_PX):
+        yield MIDDLE_PX
 
 
 def _turned(
@@ -215,7 +221,11 @@ def _turned(
     turns = unlike_of(turns, likeness, body, TURNS, same_share(body))
     turns = [*turns, *half_turned(judge, best, likeness, body)]
     turns = unlike_of(turns, likeness, body, MOVED, same_share(body))
-    return [settled(judge, each, best) for each in turns if each is not best]
+    there = [best]
+    for each in turns:
+        if each is not best:
+            there.append(settled(judge, each, min(there, key=loss_of)))
+    return there[1:]
 
 
 def _judged(

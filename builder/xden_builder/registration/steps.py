@@ -26,14 +26,16 @@ SOFT_LOSS: Final = 1.6
 there may be another least one."""
 WALL: Final = 5.0
 """Where the loss is more times that of the pose, a line that leads away is not followed on."""
-DERIVATIVES, MOST_ROUNDS, SETTLED = 2, 4, 0.97
-"""Taken before it is asked whether a pose gains, how often, and what is little to gain."""
+DERIVATIVES, MOST_MOVES, SETTLED = 2, 8, 0.97
+"""Taken on coarse images, at most on fine ones, and what is little to gain by one."""
+MOST_ROUNDS: Final = 4
+"""Changes of a scale by one share."""
 
 
 def settled(judge: Judge, found: Found, best: Found | None = None) -> Found:
     """Move a pose until that gains little, or it will be no rival to a better one."""
-    for _ in range(MOST_ROUNDS):
-        ahead = judge.refined(found, DERIVATIVES)
+    for _ in range(MOST_MOVES):
+        ahead = judge.refined(found, 1)
         gained = found.loss - ahead.loss
         if ahead.loss > SETTLED * found.loss:
             return min(ahead, found, key=loss_of)
