@@ -148,11 +148,14 @@ class Judge:
         level, density = self._level(placement)
         target, poses = level.target, level.poses
         start = target.start(found.density_g_cm3, self._start(poses, placement))
+        pose_at = len(start) - poses.count
+        if found.gains is not None:
+            start[level.parts : pose_at] = found.gains
         bounds = density_bounds(density, len(start), SHARES)
         unknowns, _, _, residuals = descend(level, start, derivatives, *bounds)
-        there = poses.of(self._untold(poses), unknowns[-poses.count :])
-        loss = self._loss(residuals, level)
-        return Found(placement.followed_by(there), loss, unknowns[: level.parts])
+        density, gains, pose = np.split(unknowns, [level.parts, pose_at])
+        there = placement.followed_by(poses.of(self._untold(poses), pose))
+        return Found(there, self._loss(residuals, level), density, gains=gains)
 
     def lines_aside(self, found: Found) -> list[list[RigidPlacement]]:
         """Poses on lines that lead away from a converged one, the nearest of each line first.

@@ -111,12 +111,15 @@ class Found:
     deviance
         Twice minus the logarithm of the posterior of the whole fit, and the squares that the search
         for the pose left; None where the loss alone tells the pose from all others.
+    gains
+        Of the views, where the pose has been moved with them.
     """
 
     placement: RigidPlacement
     loss: float
     density_g_cm3: Float64[np.ndarray, "k"]
     deviance: float | None = None
+    gains: Float64[np.ndarray, "v"] | None = None
 
     def as_good_as(self, best: Found) -> bool:
         """Whether it explains the images about as well: by the loss, unless both were fitted."""

@@ -85,7 +85,7 @@ SCALES: Final = (0.49, 2.05)
 """Between 0.5 and 2, and a little for meshes that err themselves."""
 WORST_LOSS: Final = 2.4
 """Of a pose that is believed: of 184 right ones of simulated objects none is worse."""
-DOUBTED_LOSS, HOPELESS_LOSS = 1.5, 4.0
+DOUBTED_LOSS, HOPELESS_LOSS = 1.5, 6.0
 """Of a pose that is looked for again: of the same two are worse; and of one on coarse images that
 is not moved on before."""
 MOST_OUTLINE: Final = 0.12

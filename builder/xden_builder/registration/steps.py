@@ -14,8 +14,8 @@ from xden_builder.registration.placement import Found, RigidPlacement
 
 __all__ = ["DERIVATIVES", "all_settled", "hopped", "rescaled", "settled"]
 
-CLOSE: Final = 2.0
-"""A pose whose loss is more times that of a settled one is not moved."""
+CLOSE, CLOSE_UNMOVED = 2.0, 1.5
+"""A pose whose loss is more times that of a settled one, and than that was before, is not moved."""
 HOPE: Final = 2.0
 """A pose is not moved on that would be no rival if it gained so many times as much as it just did.
 """
@@ -45,14 +45,14 @@ def settled(judge: Judge, found: Found, best: Found | None = None) -> Found:
     return found
 
 
-def all_settled(judge: Judge, found: Sequence[Found], best: Found | None = None) -> list[Found]:
-    """Move poses, the best first, but not those that are hopeless beside another or a given one."""
-    there = [] if best is None else [best]
-    for each in found:
-        ahead = min(there, key=loss_of, default=None)
-        if ahead is None or each.loss <= CLOSE * ahead.loss:
-            there.append(settled(judge, each, ahead))
-    return sorted((each for each in there if each is not best), key=loss_of)
+def all_settled(judge: Judge, found: Sequence[Found]) -> list[Found]:
+    """Move poses, the best first, but not those that are hopeless beside another."""
+    there = [settled(judge, found[0])]
+    for each in found[1:]:
+        best = min(there, key=loss_of)
+        if each.loss <= max(CLOSE * best.loss, CLOSE_UNMOVED * found[0].loss):
+            there.append(settled(judge, each, best))
+    return sorted(there, key=loss_of)
 
 
 def hopped(judge: Judge, found: Found, likeness: Likeness, body: Body) -> list[Found]:
