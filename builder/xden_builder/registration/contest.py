@@ -16,7 +16,7 @@ from xden_builder.poly.estimate import estimate
 from xden_builder.poly.line import sampled
 from xden_builder.poly.pyramid import PIXEL_SD, WORTH
 from xden_builder.poly.settings import PolySettings
-from xden_builder.registration.kinds import most_of_rivals
+from xden_builder.registration.kinds import loss_of, most_of_rivals
 from xden_builder.registration.placement import Found
 from xden_builder.registration.reduced import reduced
 from xden_builder.registration.shadow import Shadow
@@ -26,6 +26,10 @@ __all__ = ["told_apart"]
 WIDE_PX: Final = 240
 """Width of the shadow, in averaged pixels."""
 MOST: Final = 3
+FITS_A_PART: Final = 120.0
+"""Deviance for each part, of a fit that tells poses apart: four times what its pixels are worth.
+More is left where something is missing, a part perhaps; large residuals count least in the loss.
+"""
 SETTINGS: Final = PolySettings(size=False)
 """An object gets its size where it stands."""
 
@@ -49,15 +53,16 @@ def told_apart(
     Returns
     -------
     list of Found
-        The most probable first; after them those that were not fitted, the least loss first. As
-        they came where there is one alone, or where the source is not told.
+        The most probable first, or where none fits the least loss first; after them those that
+        were not fitted. As they came where there is one alone, or the source is not told.
     """
     rivals = [each for each in found if each.loss <= most_of_rivals(found[0])][:MOST]
     if len(rivals) < 2 or capture.tube is None:
         return list(found)
     small, _ = reduced(capture, shadows, WIDE_PX)
     fitted = [_fitted(small, order, each) for each in rivals]
-    return [*sorted(fitted, key=_deviance), *found[len(rivals) :]]
+    fits = min(map(_deviance, fitted)) <= FITS_A_PART * len(small.parts)
+    return [*sorted(fitted, key=_deviance if fits else loss_of), *found[len(rivals) :]]
 
 
 def _fitted(capture: Capture, order: Sequence[int], found: Found) -> Found:
