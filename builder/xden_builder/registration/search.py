@@ -61,8 +61,9 @@ EVENED: Final = 0.5
 """How far clouds of points distrust labels: share of what is usual among the parts."""
 ROUGH_DEG, FINE_DEG = 15, 5
 """Between turns about an axis, on tiny images and on fine ones."""
-TURNS, TURNS_CLOSE = 4, 5.0
-"""Turns of the best that are followed, itself counted; none whose loss is more times its own."""
+TURNS, HARDLY_CLOSE = 4, 5.0
+"""Turns of the best that are followed, itself counted; neither of these nor of poses that have
+hardly moved one whose loss is more times the least."""
 MOVED: Final = 6
 """Turns and half turns that are moved, the pose itself counted."""
 FINAL_APART: Final = 0.02
@@ -191,7 +192,7 @@ def _coarsely(
     tiny = Judge.of(capture, shadows, body, TINY_PX, there[0])
     found = sorted((tiny.refined(tiny.fixed(each), 1) for each in there), key=loss_of)
     found = [*found, *least_turns(tiny, found[0], search, likeness, body, ROUGH_DEG)]
-    found = close_to_best(unlike_of(found, likeness, body, SOME))
+    found = close_to_best(unlike_of(found, likeness, body, SOME), HARDLY_CLOSE)
     found = sorted((tiny.refined(each, DERIVATIVES) for each in found), key=loss_of)
     judge = tiny
     for wide_px in _coarse_widths(shadows):
@@ -217,7 +218,7 @@ def _turned(
 ) -> list[Found]:
     """Turn a settled pose about its axes, and go down from where the loss is less than beside."""
     turns = least_turns(judge, best, search, likeness, body, FINE_DEG)
-    turns = close_to_best([best, *turns], TURNS_CLOSE)
+    turns = close_to_best([best, *turns], HARDLY_CLOSE)
     turns = unlike_of(turns, likeness, body, TURNS, same_share(body))
     turns = [*turns, *half_turned(judge, best, likeness, body)]
     turns = unlike_of(turns, likeness, body, MOVED, same_share(body))

@@ -19,7 +19,7 @@ __all__ = ["half_turned", "least_turns", "same_share"]
 SOFT: Final = (2.0, 0.004)
 """A turn about an axis whose cost is at most so many times that of the pose, and so much more, may
 be right too: few points on few pixels do not tell."""
-SAME, SAME_CM = 0.004, 0.03
+SAME, SAME_CM = 0.002, 0.02
 """Of the radius, and at least in cm: turns that put surfaces nearer to each other are one."""
 HALVES_CLOSE: Final = 8.0
 """A half turn whose loss is more times that of the pose is not given."""
