@@ -84,11 +84,10 @@ SCALE_SHARES, LAST_SCALE_SHARES = (0.08, 0.03, 0.01), (0.01, 0.004, 0.0015)
 """By which a scale that is sought is changed, on coarse images and on fine ones."""
 SCALES: Final = (0.49, 2.05)
 """Between 0.5 and 2, and a little for meshes that err themselves."""
-WORST_LOSS: Final = 2.4
-"""Of a pose that is believed: of 184 right ones of simulated objects none is worse."""
 DOUBTED_LOSS, HOPELESS_LOSS = 1.5, 6.0
-"""Of a pose that is looked for again: of the same two are worse; and of one on coarse images that
-is not moved on before."""
+"""Of a pose that is looked for again, and is not believed if that finds nothing better: two of 262
+right ones of simulated objects are worse; and of one on coarse images that is not moved on before.
+"""
 MOST_OUTLINE: Final = 0.12
 """Of a shape that is believed: share of the outline's pixels."""
 
@@ -244,7 +243,7 @@ def _judged(
             and apart(best, each.placement, likeness, body, ELSEWHERE)
             for each in candidates[1:]
         ),
-        "pose_not_found": not told and candidates[0].loss > WORST_LOSS,
+        "pose_not_found": not told and candidates[0].loss > DOUBTED_LOSS,
         "shape_differs": max(outlines.values()) > MOST_OUTLINE,
     }
     _check_scale(candidates[chosen].placement.scale)
