@@ -446,6 +446,24 @@ def test_the_whole_fit_tells_poses_apart_whose_losses_are_close(hammer: Capture)
     assert told_apart(untold, order, views, [rolled, right]) == [rolled, right]
 
 
+@pytest.mark.parametrize(("deviances", "first"), [((150.0, 100.0), 1), ((5000.0, 4000.0), 0)])
+def test_the_loss_chooses_where_no_fit_explains_the_images(
+    hammer: Capture,
+    monkeypatch: pytest.MonkeyPatch,
+    deviances: tuple[float, float],
+    first: int,
+) -> None:
+    rivals = [Found(at(Rotation.identity()), loss, np.ones(3)) for loss in (1.0, 1.1)]
+    given = dict(zip((1.0, 1.1), deviances, strict=True))
+    monkeypatch.setattr(
+        "xden_builder.registration.contest._fitted",
+        lambda _capture, _order, each: replace(each, deviance=given[each.loss]),
+    )
+    shadows = [shadow_of(view) for view in hammer.fitted_views]
+    told = told_apart(hammer, [0, 1, 2], shadows, rivals)
+    assert told[0].loss == rivals[first].loss
+
+
 @pytest.mark.slow
 def test_halves_of_one_shape_are_told_by_their_labels() -> None:
     solids = (
