@@ -66,10 +66,17 @@ def test_a_list_is_read_with_thousands_commas_single_values_and_any_spelling_of_
         ("(oak: approx. 600\u2212900 kg/m^3)", (0.6, 0.9)),
         ("(oak: 600 kg/m^3 - 900 kg/m^3)", (0.6, 0.9)),
         ("(oak: 0.6 g/cm\u00b3 to 0.9 g/cm\u00b3)", (0.6, 0.9)),
+        ("The final answer is: (oak: 600-900 kg/m^3)", (0.6, 0.9)),
+        ("- Oak (600-900 kg/m^3)", (0.6, 0.9)),
+        ("oak: (600-900 kg/m^3)", (0.6, 0.9)),
     ],
 )
 def test_units_dashes_and_ends_are_forgiven(text: str, g_cm3: tuple[float, float]) -> None:
     assert parse_densities(text) == {"oak": g_cm3}
+
+
+def test_a_figure_in_brackets_of_a_name_is_no_range() -> None:
+    assert parse_densities("Nylon (6): 1120-1140 kg/m^3") == {"nylon (6)": (1.12, 1.14)}
 
 
 @pytest.mark.parametrize("between", [";", "; ", ", ", "\n", ",\n"])

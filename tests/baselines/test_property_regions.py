@@ -178,6 +178,9 @@ def test_centroids_that_are_none_are_refused(changed: dict) -> None:
         ("a handle, wood, 0.6", Answer(1, 0.6)),
         ("a blade, steel (0.9)", Answer(0, 0.9)),
         ("a blade, metal (steel), 0.9", Answer(0, 0.9)),
+        ("Answer: (a blade, steel, 0.9)", Answer(0, 0.9)),
+        ("a blade; steel; ~0.9", Answer(0, 0.9)),
+        ("Caption: a blade\nMaterial: steel\nConfidence: 90 %", Answer(0, 0.9)),
     ],
 )
 def test_an_answer_is_read_from_the_right(text: str, expected: Answer) -> None:
@@ -194,6 +197,8 @@ def test_an_answer_is_read_from_the_right(text: str, expected: Answer) -> None:
         ("a blade, steel, 0.9\nbecause it shines, steel, 0.9", "expected one line 'caption"),
         ("a blade, steel, 90", "expected a confidence from 0 to 1, got 90"),
         ("a blade, unobtainium, 0.9", "expected a material of .*, got 'unobtainium'"),
+        ("Material: steel", "expected one line 'caption, material, confidence'"),
+        ("Material: steel\nMaterial: oak\nConfidence: 0.9", "expected one line 'caption"),
         ("a blade, , 0.9", "expected a material of .*, got ''"),
         ("<think>a blade, steel, 0.9", "ends within a thought"),
     ],

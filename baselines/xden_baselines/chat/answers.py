@@ -35,6 +35,8 @@ _BETWEEN = re.compile(r";|(?<=\))\s*,\s*(?=\()")
 """What divides items: commas too, between brackets."""
 _TEMPLATE = re.compile(r"material(\s*\d*)|name|[<\[{.].*", re.IGNORECASE)
 """Names a model leaves in when it repeats the template."""
+_IN_BRACKETS = re.compile(r"([^:;]*[^:;\s])\s*:?\s*\(([^a-z()]*\d[^()]*)\)", re.IGNORECASE)
+"""An item whose range is in brackets behind its name."""
 _REMARK = re.compile(r"[^:;()]*:?|[^:;()\d]*:[^:;()\d]*", re.IGNORECASE)
 """A line that is no item: a lead-in or a remark after the list."""
 _REFUSAL = re.compile(
@@ -152,6 +154,8 @@ def _parse_list(text: str, units: Mapping[str, float]) -> dict[str, Range]:
     found: dict[str, Range] = {}
     for item in items:
         inner = bare(item)
+        if bracketed := _IN_BRACKETS.fullmatch(inner):
+            inner = ": ".join(bracketed.groups())
         if inner.count(":") != 1 or inner.startswith("("):
             raise DataError(f"expected '(name: low-high unit)', got {item[:60]!r}")
         name, _, value = inner.partition(":")

@@ -13,6 +13,11 @@ _THOUGHT = re.compile(r"<(think|thinking|reasoning)>.*?</\1>", re.DOTALL | re.IG
 _OPEN_THOUGHT = re.compile(r"<(think|thinking|reasoning)>", re.IGNORECASE)
 _FENCE = re.compile(r"```[\w-]*\n(.*?)\n?```", re.DOTALL)
 _BULLET = re.compile(r"^\s*(?:[-*\u2022]\s+|\d{1,2}[.)]\s+)")
+_LEAD_IN = re.compile(
+    r"(?:(?:the|my|final)\s+)*(?:answer|output|response|result|list)(?:\s+is)?\s*:\s*(?=\S)",
+    re.IGNORECASE,
+)
+"""What stands before an answer on its own line."""
 _EMPHASIS = re.compile(r"\*+|`+|(?<!\w)_+|_+(?!\w)")
 _PAIRS = {"(": ")", "[": "]", "<": ">", '"': '"', "'": "'"}
 
@@ -38,16 +43,17 @@ def said(text: str) -> str:
 
 
 def answer_lines(text: str) -> Iterator[str]:
-    r"""Give the lines of an answer that are not empty, without bullets and numbers.
+    r"""Give the lines of an answer that are not empty, without bullets, numbers and ``Answer:``.
 
     Examples
     --------
-    >>> list(answer_lines("1. steel\n\n- oak"))
-    ['steel', 'oak']
+    >>> list(answer_lines("1. steel\n\n- oak\nAnswer: pine"))
+    ['steel', 'oak', 'pine']
     """
     for line in said(text).splitlines():
         if plain := _BULLET.sub("", line).strip():
-            yield plain
+            found = _LEAD_IN.match(plain)
+            yield plain[found.end() :] if found else plain
 
 
 def bare(text: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -30,9 +30,13 @@ A program reads your answer: give nothing but one line in this form, without bra
 figure from 0 to 1:
 short caption of the part, material, how sure you are"""
 
-_CONFIDENCE = re.compile(r"(?:confidence:?\s*)?(\d+(?:\.\d+)?|\.\d+)\s*(%?)", re.IGNORECASE)
+_CONFIDENCE = re.compile(
+    r"(?:confidence:?\s*)?[~\u2248]?\s*(\d+(?:\.\d+)?|\.\d+)\s*(%?)", re.IGNORECASE
+)
 _BRACKETED = re.compile(r"\s*\(([\d.]+\s*%?)\)$")
 """A confidence in brackets behind the material."""
+_LABELLED = re.compile(r"(material|confidence)\s*:\s*(\S.*)", re.IGNORECASE)
+"""A line of an answer that gives each of its fields one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +187,8 @@ class ChatVoter:
 def parse_answer(text: str, materials: ClosedList) -> Answer:
     """Read ``a wooden handle, with a hole, wood oak, 0.8``: from the right, captions hold commas.
 
-    The line may stand amid others, in brackets or a code fence, after thoughts. The words of a name
+    The line may stand amid others, in brackets or a code fence, after thoughts; or material and
+    confidence have a line each, ``Material: wood oak``. The words of a name
     may come in another order or be a part of it (``stainless steel``: the first of the list that
     has both), and it may be one that the material library also knows it by. It may say more than
     the only name of the list in it (``stainless steel`` where there is but ``steel``).
@@ -198,7 +203,8 @@ def parse_answer(text: str, materials: ClosedList) -> Answer:
     >>> parse_answer("(a blade, shiny, **Steel**, 90%)", ClosedList(("wood_oak", "steel"), (1, 1)))
     Answer(material=1, confidence=0.9, fallback=False, silent=False)
     """
-    found = [fields for line in answer_lines(text) if (fields := _fields(bare(line)))]
+    lines = [bare(line) for line in answer_lines(text)]
+    found = [fields for line in (*lines, _joined(lines)) if (fields := _fields(line))]
     if len(found) != 1:
         raise DataError(
             f"expected one line 'caption, material, confidence', got {text.strip()[:60]!r}"
@@ -210,9 +216,17 @@ def parse_answer(text: str, materials: ClosedList) -> Answer:
     return Answer(_place(bare(name), materials), confidence)
 
 
+def _joined(lines: Sequence[str]) -> str:
+    """Give what lines of their own say of material and confidence in one; else nothing."""
+    said = [found.groups() for line in lines if (found := _LABELLED.fullmatch(line))]
+    labels = [label.lower() for label, _ in said]
+    return f"a part, {said[0][1]}, {said[1][1]}" if labels == ["material", "confidence"] else ""
+
+
 def _fields(line: str) -> tuple[str, str, str] | None:
     """Material, figure and percent sign of a line that answers."""
-    fields = [field.strip() for field in _BRACKETED.sub(r", \1", line).rsplit(",", 2)]
+    even = _BRACKETED.sub(r", \1", line.replace(";", ","))
+    fields = [field.strip() for field in even.rsplit(",", 2)]
     figure = _CONFIDENCE.fullmatch(fields[-1])
     return None if len(fields) < 3 or figure is None else (fields[1], figure[1], figure[2])
 
