@@ -156,7 +156,7 @@ def _training_patches(
         if not len(pixels):
             continue
         pixels = pixels[rng.choice(len(pixels), size=min(wanted, len(pixels)), replace=False)]
-        rays = camera.rays()[pixels[:, 0], pixels[:, 1]]
+        rays = camera.rays_through(pixels[:, 0], pixels[:, 1])
         faces, _ = surface.first_hits(camera.position_cm, rays)
         known, names = _named(parts, part_of_face, faces)
         if names:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from xden1k.errors import DataError
 from xden1k.values.arrays import Points, Vec3
@@ -99,10 +99,16 @@ class Camera:
 
     def rays(self) -> Float[np.ndarray, "rows columns 3"]:
         """Return unit vectors in the object frame through the centres of the pixels."""
-        across = (np.arange(self.shape[1]) + 0.5 - self.centre_px[0]) / self.focal_px[0]
-        down = (np.arange(self.shape[0]) + 0.5 - self.centre_px[1]) / self.focal_px[1]
+        return self.rays_through(*np.ogrid[: self.shape[0], : self.shape[1]])
+
+    def rays_through(
+        self, rows: Int[np.ndarray, "*n"], columns: Int[np.ndarray, "*n"]
+    ) -> Float[np.ndarray, "*n 3"]:
+        """Return unit vectors in the object frame through the centres of some pixels."""
+        across = (columns + 0.5 - self.centre_px[0]) / self.focal_px[0]
+        down = (rows + 0.5 - self.centre_px[1]) / self.focal_px[1]
         right, up, backward = self.rotation.T
-        rays = across[:, None] * right - down[:, None, None] * up - backward
+        rays = across[..., None] * right - down[..., None] * up - backward
         rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
         return np.asarray(rays)
 

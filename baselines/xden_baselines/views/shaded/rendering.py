@@ -78,10 +78,11 @@ def render_shaded(
 
 def _seen(scene: Scene, camera: Camera, mask: Bool[np.ndarray, "rows columns"]) -> Light:
     """Mean light of the samples of each pixel that meet the object; the first always does."""
-    total, count = np.zeros((int(mask.sum()), 3)), np.zeros(int(mask.sum()))
+    pixels = np.nonzero(mask)
+    total, count = np.zeros((len(pixels[0]), 3)), np.zeros(len(pixels[0]))
     for number, (right, down) in enumerate(SAMPLES_PX):
         centre = (camera.centre_px[0] - right, camera.centre_px[1] - down)
-        rays = replace(camera, centre_px=centre).rays()[mask]
+        rays = replace(camera, centre_px=centre).rays_through(*pixels)
         hit, hits = scene.body.cast(camera.position_cm, rays)
         total[hit] += _light(scene, hits, number)
         count[hit] += 1

@@ -70,6 +70,12 @@ def _tilts(places: Places) -> Places:
     return np.stack([noise(places + apart) for apart in _APART], axis=1)
 
 
+def _tilts_across(places: Places) -> Places:
+    """Return tilts that do not go along the part."""
+    across = (noise(places + apart) for apart in _APART[1:])
+    return np.stack([np.zeros(len(places)), *across], axis=1)
+
+
 def _bounded(values: Values) -> Values:
     """Noise of standard deviation 1, squeezed into -1 to 1."""
     return np.asarray(np.tanh(0.7 * values))
@@ -96,8 +102,7 @@ def _streaks(places: Places, normals: Places) -> Grain:
     """Scratches along the part, as a brush or a belt leaves them."""
     drawn = places * np.array([0.02, 1.0, 1.0])
     streak = _layered(drawn, octaves=4)
-    tilt = _tilts(drawn) + _tilts(drawn / 4)
-    tilt[:, 0] = 0.0
+    tilt = _tilts_across(drawn) + _tilts_across(drawn / 4)
     return Grain(_bounded(streak), 0.5 * _bounded(noise(drawn / 6)), tilt)
 
 
@@ -132,13 +137,12 @@ def _cells(places: Places, normals: Places) -> Grain:
 def _rings(places: Places, normals: Places) -> Grain:
     """Wood: growth rings about an axis beside the part, fibres and pores along it."""
     along = places * np.array([0.06, 1.0, 1.0])
-    bent = places[:, 1:] + np.array([6.0, 2.5]) + 1.1 * _tilts(along / 5)[:, 1:]
+    bent = places[:, 1:] + np.array([6.0, 2.5]) + 1.1 * _tilts_across(along / 5)[:, 1:]
     phase = np.hypot(bent[:, 0], bent[:, 1]) % 1.0
     late = phase**3 * (1 - np.exp((phase - 1) * 14))
     fibre = _layered(along * np.array([1.0, 9.0, 9.0]), octaves=3)
     tone = 0.45 - 1.9 * late + 0.28 * _bounded(fibre) + 0.25 * _bounded(noise(along / 8))
-    tilt = _tilts(along * np.array([1.0, 9.0, 9.0]))
-    tilt[:, 0] = 0.0
+    tilt = _tilts_across(along * np.array([1.0, 9.0, 9.0]))
     return Grain(tone, 0.6 * late, tilt)
 
 
