@@ -188,10 +188,10 @@ def parse_answer(text: str, materials: ClosedList) -> Answer:
     """Read ``a wooden handle, with a hole, wood oak, 0.8``: from the right, captions hold commas.
 
     The line may stand amid others, in brackets or a code fence, after thoughts; or material and
-    confidence have a line each, ``Material: wood oak``. The words of a name
-    may come in another order or be a part of it (``stainless steel``: the first of the list that
-    has both), and it may be one that the material library also knows it by. It may say more than
-    the only name of the list in it (``stainless steel`` where there is but ``steel``).
+    confidence have a line each, ``Material: wood oak``. The words of a name may come in another
+    order or be a part of it (``stainless steel``: the first of the list that has both), and it may
+    be one that the material library also knows it by. It may say more than the only name of the
+    list in it (``stainless steel`` where there is but ``steel``).
 
     Raises
     ------
