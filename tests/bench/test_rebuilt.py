@@ -1,6 +1,7 @@
 """A dataset folder of the builder's as a submission."""
 
 import hashlib
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -126,3 +127,65 @@ def test_the_name_root_and_the_option_from_go_together(dataset, words):
     ran = CliRunner().invoke(cli, ["baseline", *words, "--root", str(dataset)])
     assert ran.exit_code == 2
     assert "go together" in ran.stderr
+
+
+def reported(folder, **changed):
+    """Write what the builder says of its objects beside a folder, one of them changed."""
+    objects = [
+        {"object_id": one, "status": "built", "seconds": 3.0, "processor_s": 2.0}
+        | {"peak_memory_gb": 0.5}
+        for one in folder.ids()
+    ]
+    objects[0] |= {"seconds": 5.0, "processor_s": 4.0, "peak_memory_gb": 0.7} | changed
+    report = {"shared_processor_s": 3.0 * len(objects), "objects": objects}
+    path = folder.root.with_name(f"{folder.root.name}.work") / "build_report.json"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(json.dumps(report))
+    return path
+
+
+def two_bars(root):
+    bars = [box_object(name, BAR, split="test") for name in ("bar-0001", "bar-0002")]
+    write_folder(bars, root, version="0.1.0", builder="tests")
+    return open_folder(root)
+
+
+def cost_of(built, truth, out):
+    meta = run_predictor(Rebuilt(built, "density"), truth, "test", out).meta
+    return meta.seconds_per_object, meta.processor_seconds_per_object, meta.peak_memory_gb
+
+
+def test_a_row_costs_what_the_builder_took_with_its_share_of_the_beam(tmp_path):
+    built = two_bars(tmp_path / "built")
+    reported(built)
+    assert cost_of(built, built, tmp_path / "row.npz") == (4.0, 3.0 + 3.0, 0.7)
+
+
+@pytest.mark.parametrize("changed", [{"status": "kept"}, {"status": "failed"}, {"object_id": "b"}])
+def test_a_run_that_did_not_make_every_object_tells_no_cost(tmp_path, changed):
+    built = two_bars(tmp_path / "built")
+    reported(built, **changed)
+    assert cost_of(built, built, tmp_path / "row.npz") == (None, None, None)
+
+
+def test_a_folder_without_its_report_or_with_an_older_one_tells_no_cost(tmp_path):
+    built = two_bars(tmp_path / "built")
+    assert Rebuilt(built, "density").cost() is None
+    path = reported(built)
+    report = json.loads(path.read_text())
+    path.write_text(json.dumps(report | {"shared_processor_s": None}))
+    assert Rebuilt(built, "density").cost() is None
+    del report["objects"][0]["processor_s"]
+    path.write_text(json.dumps(report))
+    assert Rebuilt(built, "density").cost() is None
+
+
+@pytest.mark.parametrize(
+    "text", ["{", "[]", '{"objects": 3}', '{"objects": [{"status": "built"}]}']
+)
+def test_a_damaged_report_is_named(tmp_path, text):
+    built = two_bars(tmp_path / "built")
+    path = reported(built)
+    path.write_text(text)
+    with pytest.raises(DataError, match=rf"{path}: not a report of xden-build"):
+        Rebuilt(built, "density").cost()

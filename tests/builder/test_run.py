@@ -100,6 +100,9 @@ def test_a_rerun_makes_only_what_is_missing_or_changed(captures, half_built):
     table.write_text(table.read_text() + "\n")
     report = build(captures, half_built, SETTINGS, workers=2)
     assert statuses(report) == {gone: "built", changed: "built", kept: "kept"}
+    spent = {one.object_id: one.cost.processor_s for one in report.outcomes}
+    assert spent[kept] < min(spent[gone], spent[changed])
+    assert report.shared_processor_s is None  # the beam is kept too
 
 
 @pytest.mark.slow
@@ -127,8 +130,12 @@ def test_a_damaged_record_of_the_beam_is_made_again(captures, half_built):
     beam = work_folder(half_built) / "beam.json"
     before = beam.read_bytes()
     beam.write_bytes(before[: len(before) // 2])
-    assert set(statuses(build(captures, half_built, SETTINGS, workers=1)).values()) == {"kept"}
+    report = build(captures, half_built, SETTINGS, workers=1)
+    assert set(statuses(report).values()) == {"kept"}
     assert beam.read_bytes() == before
+    told = json.loads((work_folder(half_built) / "build_report.json").read_text())
+    assert told["shared_processor_s"] == report.shared_processor_s > 0
+    assert all(one["seconds"] > 0 and one["processor_s"] > 0 for one in told["objects"])
 
 
 @pytest.mark.slow

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar, runtime_checkable
 
@@ -15,8 +14,8 @@ from xden1k.predictions import MethodMeta, PredictionsWriter, SubmissionMeta, Ta
 from xden1k.predictions.writer import SubmissionWriter
 from xden1k.predictor import Method, Prediction, Predictor, SampleView, Segmenter
 from xden1k.segmentation import SegmentsMeta, SegmentsWriter
+from xden1k.values.cost import Meter
 from xden1k.values.modality import Modality
-from xden_bench.methods.cost import peak_memory_gb, processor_s
 from xden_bench.methods.partial import Facts, Kept
 
 __all__ = ["Answering", "answering"]
@@ -143,14 +142,9 @@ class _Segments:
 
 def _measured(ask: Callable[[], Answer]) -> tuple[Answer, Facts]:
     """Return an answer, and what it cost."""
-    start, processor_start_s = time.perf_counter(), processor_s()
+    meter = Meter()
     found = ask()
-    facts = Facts(
-        time.perf_counter() - start,
-        processor_s=processor_s() - processor_start_s,
-        peak_memory_gb=peak_memory_gb(),
-    )
-    return found, facts
+    return found, Facts(**asdict(meter.read()))
 
 
 def _check_parts(sample: SampleView, values: object, reads: Modality) -> None:

@@ -11,7 +11,11 @@ and has no rank.
 from __future__ import annotations
 
 import json
-from typing import Final
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from statistics import fmean
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
@@ -21,6 +25,7 @@ from xden1k.folder import DatasetFolder
 from xden1k.format.records import decode_array
 from xden1k.predictions import Target
 from xden1k.predictor import Examples, Prediction, SampleView
+from xden1k.values.cost import Cost
 from xden1k.values.modality import Modality
 
 __all__ = ["NAMES", "Rebuilt"]
@@ -72,6 +77,41 @@ class Rebuilt:
         ]
         return ", ".join(facts)
 
+    def cost(self) -> Cost | None:
+        """Return what an object took the builder's workers, in the mean; of memory the most.
+
+        With it goes an equal share of what finding the beam took, which objects share. None where
+        the builder's report does not lie beside the folder, in ``BUILT.work``, or tells it of some
+        objects only: of those kept from an interrupted run it knows no more.
+
+        Raises
+        ------
+        DataError
+            If the report is damaged.
+        """
+        root = self._built.root
+        if not isinstance(root, Path):
+            return None
+        path = root.with_name(f"{root.name}.work") / "build_report.json"
+        if not path.is_file():
+            return None
+        try:
+            report = json.loads(path.read_bytes())
+            shared_s = report.get("shared_processor_s")
+            built = [one for one in report["objects"] if one["status"] == "built"]
+            told = {one["object_id"]: _cost(one) for one in built}
+        except (ValueError, KeyError, TypeError, AttributeError) as err:
+            raise DataError(f"{path}: not a report of xden-build: {err!r}") from err
+        costs = [one for one in told.values() if one is not None]
+        if shared_s is None or len(costs) < len(built) or set(told) != set(self._built.ids()):
+            return None
+        memory = [one.peak_memory_gb for one in costs if one.peak_memory_gb is not None]
+        return Cost(
+            fmean(one.seconds for one in costs),
+            fmean(one.processor_s for one in costs) + shared_s / len(costs),
+            max(memory, default=None),
+        )
+
     @property
     def fingerprint(self) -> str:
         """Checksum of the manifest of what was built."""
@@ -116,6 +156,12 @@ class Rebuilt:
                 f"parts: {sorted(known)}, expected {sorted(names)}"
             )
         return np.array([0.0, *(known[name] for name in names)], dtype=np.float32)
+
+
+def _cost(told: Mapping[str, Any]) -> Cost | None:
+    """Return what the builder says that an object took; older ones did not say it."""
+    names = [field.name for field in fields(Cost)]
+    return Cost(*(told[name] for name in names)) if told.keys() >= set(names) else None
 
 
 def _is_blind(built: DatasetFolder) -> bool:

@@ -21,6 +21,7 @@ from xden1k.predictor import (
     SampleView,
     Storable,
 )
+from xden1k.values.cost import Cost
 from xden1k.values.modality import Modality
 from xden_bench.methods.answering import Answering, answering
 from xden_bench.methods.fits import Fit, fit_or_take_up, load_fit
@@ -328,12 +329,14 @@ class _Run:
 
     def _cost(self, facts: Sequence[Facts]) -> tuple[float | None, float | None, float | None]:
         """Wall and processor seconds of an object, and memory; a rebuild's were spent elsewhere."""
+        told: Sequence[Facts | Cost] = facts
         if isinstance(self.predictor, Rebuilt):
-            return None, None, None
+            cost = self.predictor.cost()
+            told = [] if cost is None else [cost]
         return (
-            _rounded(fmean, [one.seconds for one in facts]),
-            _rounded(fmean, [one.processor_s for one in facts]),
-            _rounded(max, [one.peak_memory_gb for one in facts]),
+            _rounded(fmean, [one.seconds for one in told]),
+            _rounded(fmean, [one.processor_s for one in told]),
+            _rounded(max, [one.peak_memory_gb for one in told]),
         )
 
     def _notes(self, fit: Fit | None, facts: Sequence[Facts]) -> Iterator[str]:
@@ -365,9 +368,9 @@ def _row_name(method: str, fit: Fit | None) -> str:
 def _rounded(
     of: Callable[[Sequence[float]], float], values: Sequence[float | None]
 ) -> float | None:
-    """Two digits of a figure of all objects; None if one of them does not tell it."""
+    """Two digits of a figure of all objects; None if one of them, or nobody, tells it."""
     told = [one for one in values if one is not None]
-    return float(f"{of(told):.2g}") if len(told) == len(values) else None
+    return float(f"{of(told):.2g}") if told and len(told) == len(values) else None
 
 
 def _answers(facts: Sequence[Facts]) -> int:

@@ -15,6 +15,7 @@ from dataclasses import asdict, replace
 from functools import partial
 from typing import Any, Final, NamedTuple
 
+from xden1k.values.cost import Meter
 from xden_builder.capture import ObjectRow
 from xden_builder.pipeline.remarks import is_calibrated
 from xden_builder.pipeline.storage import (
@@ -32,7 +33,7 @@ from xden_builder.reconstruct.clues import find_clues
 from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.workers import Answer
 
-__all__ = ["BEAM_NAME", "shared_beam", "with_beam"]
+__all__ = ["BEAM_NAME", "SharedBeam", "shared_beam", "with_beam"]
 
 BEAM_NAME: Final = "beam.json"
 SCHEMA: Final = "xden-beam/1"
@@ -41,11 +42,19 @@ MOST: Final = 0.5
 
 
 class Said(NamedTuple):
-    """Clues of one object, and the checksum of all they were made from."""
+    """Clues of one object, the checksum of all they were made from, and what they took."""
 
     object_id: str
     digest: str
     clues: tuple[Clue, ...]
+    processor_s: float
+
+
+class SharedBeam(NamedTuple):
+    """What was found, if any, and what it took; None if it was kept from an earlier run."""
+
+    found: Hardness | None
+    processor_s: float | None
 
 
 class Kept(NamedTuple):
@@ -67,7 +76,7 @@ def shared_beam(
     made_by: str,
     places: tuple[Place, Place | None, Place],
     run: Run,
-) -> Hardness:
+) -> SharedBeam:
     """Ask some objects what they say of the beam, and weigh it together.
 
     Parameters
@@ -94,18 +103,18 @@ def shared_beam(
         now = _answers(run(partial(_digest, made_by, captures, parts), asked))
         same = sum(kept.digests[name] == digest for name, digest in now)
         if same > MOST * len(kept.digests):
-            return kept.found
+            return SharedBeam(kept.found, None)
     task = partial(_ask, settings, made_by, captures, parts)
     said = sorted(_answers(run(task, [rows[name] for name in pilots(rows)])))
     clues = {each.object_id: each.clues for each in said}
     found = join(clues, calibrated=is_calibrated(captures))
     write_bytes(inside(work, BEAM_NAME), _text(found, said).encode())
-    return found
+    return SharedBeam(found, sum(each.processor_s for each in said))
 
 
-def with_beam(settings: BuildSettings, found: Hardness) -> BuildSettings:
+def with_beam(settings: BuildSettings, found: Hardness | None) -> BuildSettings:
     """Return the settings by which the objects of a folder are rebuilt."""
-    return replace(settings, poly=found.applied(settings.poly))
+    return settings if found is None else replace(settings, poly=found.applied(settings.poly))
 
 
 def _answers(answers: Generator[Answer[ObjectRow, Any], None, None]) -> list[Any]:
@@ -140,9 +149,11 @@ def _ask(
 ) -> Said:
     """Find the clues of one object, by a worker."""
     refuse_other_code(settings, made_by)
+    meter = Meter()
     name, digest = _digest(made_by, captures, parts, asked)
     with object_capture(captures, parts, asked) as folder:
-        return Said(name, digest, find_clues(folder.read(name), settings))
+        clues = find_clues(folder.read(name), settings)
+    return Said(name, digest, clues, meter.read().processor_s)
 
 
 def _text(found: Hardness, said: Sequence[Said]) -> str:

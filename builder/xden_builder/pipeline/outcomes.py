@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any, Final, Literal
 
+from xden1k.values.cost import Cost
 from xden1k.values.plain import plain
 from xden_builder.pipeline.version import BUILDER
 from xden_builder.poly.hardness import Hardness
@@ -13,6 +14,7 @@ from xden_builder.triage.findings import Findings
 __all__ = ["REPORT_NAME", "BuildReport", "Outcome", "Status"]
 
 REPORT_NAME: Final = "build_report.json"
+COSTS: Final = tuple(field.name for field in fields(Cost))
 
 Status = Literal["built", "kept", "failed"]
 
@@ -31,8 +33,8 @@ class Outcome:
         Why it failed; empty otherwise.
     findings
         Flags and numbers by which the object is judged; None if it failed.
-    seconds
-        Wall time in the worker.
+    cost
+        What it took the worker, of an object that is kept hardly anything; None if it failed.
     digest
         Checksum of all it was made from; empty if it failed.
     """
@@ -41,7 +43,7 @@ class Outcome:
     status: Status
     message: str = ""
     findings: Findings | None = None
-    seconds: float = 0.0
+    cost: Cost | None = None
     digest: str = ""
 
     @property
@@ -57,17 +59,29 @@ class Outcome:
             "status": self.status,
             "message": self.message,
             **found,
-            "seconds": self.seconds,
+            **(dict.fromkeys(COSTS) if self.cost is None else asdict(self.cost)),
             "digest": self.digest,
         }
 
 
 @dataclass(frozen=True, slots=True)
 class BuildReport:
-    """What became of every object of a rebuild, sorted by id, and the beam that was found."""
+    """What became of every object of a rebuild.
+
+    Parameters
+    ----------
+    outcomes
+        Of each object, sorted by id.
+    beam
+        That was found for all; None where none was sought.
+    shared_processor_s
+        What workers took to find what objects share; None if it was kept from an earlier run, or
+        is not told.
+    """
 
     outcomes: tuple[Outcome, ...]
     beam: Hardness | None = None
+    shared_processor_s: float | None = None
 
     def count(self, status: Status) -> int:
         """How many objects ended so."""
@@ -93,6 +107,7 @@ class BuildReport:
                 "builder": BUILDER,
                 **counts,
                 "beam": None if self.beam is None else asdict(self.beam),
+                "shared_processor_s": self.shared_processor_s,
                 "needs_you": sum(outcome.needs_you for outcome in self.outcomes),
                 "objects": [outcome.to_dict() for outcome in self.outcomes],
             }

@@ -7,7 +7,6 @@ is missing or changed; the dataset folder itself appears complete or not at all.
 from __future__ import annotations
 
 import hashlib
-import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -15,8 +14,9 @@ from pathlib import Path
 from xden1k.documents.maintainer import ANSWERS_NAME
 from xden1k.errors import DataError
 from xden1k.format.records import object_row
+from xden1k.values.cost import Meter
 from xden_builder.capture import ObjectRow
-from xden_builder.pipeline.beam import shared_beam, with_beam
+from xden_builder.pipeline.beam import SharedBeam, shared_beam, with_beam
 from xden_builder.pipeline.cluster import run_on_cluster
 from xden_builder.pipeline.outcomes import REPORT_NAME, BuildReport, Outcome, Status
 from xden_builder.pipeline.resumable import (
@@ -102,16 +102,17 @@ def build(
     seen = absolute(captures), None if parts is None else absolute(parts), absolute(work)
     here, there = partial(run_each, workers=workers), partial(run_on_cluster, address=cluster)
     run = there if cluster else here
-    asked, beam = settings, None
+    asked, beam = settings, SharedBeam(None, 0.0)
     with only_run(work, out):
         said = maintainers_answers(inside(captures, ANSWERS_NAME), inside(out, ANSWERS_NAME))
         rows = with_splits(captures, stated)
         on_start(len(rows))
         if settings.model == "poly" and settings.filtration == "fitted":
             beam = shared_beam(rows, settings, made_by, seen, run)
-            settings = with_beam(settings, beam)
+            settings = with_beam(settings, beam.found)
         task = partial(_build_object, settings, made_by_checksum(settings), *seen)
-        report = BuildReport(gather(run(task, rows.values()), on_done), beam)
+        outcomes = gather(run(task, rows.values()), on_done)
+        report = BuildReport(outcomes, *beam)
         write_report(work, report)
         refuse_nothing(report, captures, out)
         assemble(report, work, out, asked.digest, said)
@@ -128,7 +129,7 @@ def _build_object(
 ) -> Outcome:
     """Build one object in a worker process, unless it is kept from before."""
     refuse_other_code(settings, made_by)
-    start = time.perf_counter()
+    meter = Meter()
     object_id = asked.object_id
     with object_capture(captures, parts, asked) as folder:
         digest = hashlib.sha256(f"{made_by}\n{folder.digest(object_id)}".encode()).hexdigest()
@@ -138,5 +139,4 @@ def _build_object(
             status = "built"
             row = object_row(reconstruct(folder.read(object_id), settings))
             save_row(work, object_id, digest, row)
-    seconds = time.perf_counter() - start
-    return Outcome(object_id, status, "", find(row), seconds, digest)
+    return Outcome(object_id, status, "", find(row), meter.read(), digest)

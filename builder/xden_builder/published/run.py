@@ -10,7 +10,6 @@ from __future__ import annotations
 import gc
 import hashlib
 import json
-import time
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
@@ -21,6 +20,7 @@ from typing import Any, Final
 from xden1k.documents.maintainer import ANSWERS_NAME
 from xden1k.errors import DataError
 from xden1k.format.records import object_row
+from xden1k.values.cost import Meter
 from xden1k.values.types import Split
 from xden_builder.pipeline.cluster import run_on_cluster
 from xden_builder.pipeline.outcomes import BuildReport, Outcome, Status
@@ -226,7 +226,7 @@ def _fitted(surveys: Mapping[str, Survey], work: Path) -> ReleaseFit:
 
 def _make(task: _Task, fit: ReleaseFit, splits: Mapping[str, Split], item: Item) -> Outcome:
     """Make one object, by a worker, unless it is kept from before."""
-    start = time.perf_counter()
+    meter = Meter()
     split = splits[item.object_id]
     digest = task.digest(item, json.dumps(fit.to_json()), split)
     row = load_row(task.work, item.object_id, digest)
@@ -240,8 +240,7 @@ def _make(task: _Task, fit: ReleaseFit, splits: Mapping[str, Split], item: Item)
             made = with_radiographs(made, item, task.settings.scanner)
         row = object_row(made)
         save_row(task.work, item.object_id, digest, row)
-    seconds = time.perf_counter() - start
-    return Outcome(item.object_id, status, "", find(row), seconds, digest)
+    return Outcome(item.object_id, status, "", find(row), meter.read(), digest)
 
 
 def _read(item: Item) -> PublishedObject:

@@ -1,4 +1,4 @@
-"""What predicting costs: processor time of threads and children, memory of one process alone."""
+"""What work costs: processor time of threads and children, memory of one process alone."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from xden_bench.methods import cost
-from xden_bench.methods.cost import processor_s
+from xden1k.values import cost
+from xden1k.values.cost import processor_s
 
 
 def spin(seconds: float) -> None:
