@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -12,17 +10,12 @@ from typing import Final
 import numpy as np
 
 from xden1k.errors import DataError
-from xden1k.predictions import (
-    CODES,
-    Predictions,
-    Problem,
-    SubmissionMeta,
-    Target,
-    open_predictions,
-)
+from xden1k.predictions import CODES, Problem, SubmissionMeta, Target, open_predictions
+from xden1k.predictor import Prediction
 from xden1k.values.modality import Track
 from xden_bench.methods.baseline import find_predictor
-from xden_bench.methods.running import Options, run_predictor
+from xden_bench.methods.running import Options
+from xden_bench.methods.scope import FolderScope, Task
 from xden_bench.scoring.names import skeleton
 from xden_bench.scoring.protocol import Protocol, is_trivial
 from xden_bench.scoring.reference import Reference
@@ -75,11 +68,14 @@ def trivial_twin(scored: Score, reference: Reference) -> str | None:
     if len(fills) <= enough or is_trivial(scored.meta.method, scored.protocol):
         return None
     for name in scored.protocol.unranked:
-        with _predicted(name, reference, scored.meta.target) as own:
-            same = sum(
-                _is_same_fill(fill, _fill_g_cm3(own, reference, object_id))
-                for object_id, fill in fills.items()
-            )
+        own = _asked(name, reference, scored.meta.target)
+        left, same = len(fills), 0
+        for object_id, fill in fills.items():
+            if not same <= enough < same + left:
+                break  # decided
+            even = even_fill_g_cm3(own(object_id), reference.truth(object_id).envelope)
+            same += _is_same_fill(fill, even)
+            left -= 1
         if same > enough:
             return name
     return None
@@ -110,28 +106,28 @@ def check_trivial(path: Path, reference: Reference, protocol: Protocol) -> None:
         if meta is None or not is_trivial(meta.method, protocol):
             return
         name = next(one for one in protocol.unranked if skeleton(one) == skeleton(meta.method))
-        with _predicted(name, reference, meta.target) as expected:
-            for object_id in reference.ids:
-                if not _is_equal(found.read(object_id), expected.read(object_id)):
-                    raise DataError(
-                        f"{path}: the name {name!r} is that of a trivial method, and its value of "
-                        f"{object_id} is another: give the method a name of its own"
-                    )
+        own = _asked(name, reference, meta.target)
+        for object_id in reference.ids:
+            if not _is_equal(found.read(object_id), own(object_id)):
+                raise DataError(
+                    f"{path}: the name {name!r} is that of a trivial method, and its value of "
+                    f"{object_id} is another: give the method a name of its own"
+                )
 
 
-@contextmanager
-def _predicted(name: str, reference: Reference, target: Target) -> Iterator[Predictions]:
-    """Run an installed method on the split."""
-    with tempfile.TemporaryDirectory() as scratch:
-        own = Path(scratch) / "own.npz"
-        options = Options(target=target)
-        run_predictor(find_predictor(name), reference.folder, reference.split, own, options)
-        with open_predictions(own) as predictions:
-            yield predictions
+def _asked(name: str, reference: Reference, target: Target) -> Callable[[str], np.ndarray]:
+    """Let an installed method learn, and return how it is asked for an object's values."""
+    method = find_predictor(name)
+    task = Task.of(reference.folder, reference.split)
+    scope = FolderScope(reference.folder, task, method.reads, target)
+    if method.trainable:
+        method.fit(scope.train(), seed=Options().seed)
 
+    def ask(object_id: str) -> np.ndarray:
+        found = method.predict(scope.sample(object_id))
+        return found.density_g_cm3 if isinstance(found, Prediction) else found
 
-def _fill_g_cm3(own: Predictions, reference: Reference, object_id: str) -> float | None:
-    return even_fill_g_cm3(own.read(object_id), reference.truth(object_id).envelope)
+    return ask
 
 
 def _is_same_fill(one: float, other: float | None) -> bool:
