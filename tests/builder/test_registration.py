@@ -325,6 +325,30 @@ def test_turns_that_put_a_square_box_where_another_does_are_judged_once(
     assert len(about_long) <= 2  # 30 and 60 degrees: the others are those again
 
 
+def test_turns_that_coarse_images_tell_apart_are_hardly_judged_on_fine_ones(
+    halves: tuple[Capture, Judge, Search], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture, judge, search = halves
+    body, right = judge.body, judge.body.placed(at(Rotation.identity()))
+    coarse = Judge.of(capture, judge.shadows, body, 16, at(Rotation.identity()))
+    half = Rotation.from_rotvec(np.pi * body.axes[1])
+    start = judge.fixed(at(half, body.middle_cm - half.apply(body.middle_cm)))
+    counts = {id(judge): 0, id(coarse): 0}
+    fixed = Judge.fixed
+
+    def counted(self: Judge, placement: RigidPlacement) -> Found:
+        counts[id(self)] += 1
+        return fixed(self, placement)
+
+    monkeypatch.setattr(Judge, "fixed", counted)
+    likeness = Likeness(body)
+    turns = least_turns(judge, start, search, likeness, body, 5.0, first=coarse)
+    assert likeness.distance_cm(body.placed(turns[0].placement), right) < 0.1
+    with_it = counts[id(judge)]
+    least_turns(judge, start, search, likeness, body, 5.0)
+    assert with_it < counts[id(judge)] - with_it  # of the axis about which it is narrow, all
+
+
 def test_a_pose_without_hope_is_not_moved_on(halves: tuple[Capture, Judge, Search]) -> None:
     _, judge, _ = halves
     off = judge.fixed(at(Rotation.from_rotvec([0.4, -0.3, 0.2])))

@@ -11,7 +11,6 @@ from xden_builder.registration.placement import Found, RigidPlacement
 
 __all__ = [
     "APART_SHARE",
-    "CLOSE",
     "apart",
     "close_to_best",
     "first_of_like",

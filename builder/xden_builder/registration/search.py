@@ -20,11 +20,11 @@ from xden_builder.registration.body import Body
 from xden_builder.registration.contest import told_apart
 from xden_builder.registration.exact import Judge, side_of
 from xden_builder.registration.kinds import (
-    CLOSE,
     apart,
     close_to_best,
     first_of_like,
     loss_of,
+    most_of_rivals,
     unlike_of,
 )
 from xden_builder.registration.likeness import Likeness
@@ -147,7 +147,7 @@ def _searched(
     candidates, fine = _finely(capture, shadows, body, likeness, coarse)
     if candidates[0].loss > DOUBTED_LOSS and not hopeless and not told:
         wider = coarsely(1.0, WIDE)
-        if wider.found[0].loss < CLOSE * candidates[0].loss:
+        if wider.found[0].loss < most_of_rivals(coarse.found[0]):
             again = _finely(capture, shadows, body, likeness, wider)
             return min((candidates, fine), again, key=lambda each: each[0][0].loss)
     return candidates, fine
@@ -163,7 +163,7 @@ def _finely(
     if fine.side != coarse.judge.side:
         near = [fine.fixed(each.placement) for each in found]
     best = all_settled(fine, unlike_of(near, likeness, body, FINAL, FINAL_APART))
-    best = sorted([*best, *_turned(fine, best[0], coarse.search, likeness, body)], key=loss_of)
+    best = sorted([*best, *_turned(fine, best[0], coarse, likeness, body)], key=loss_of)
     if capture.mesh_scale == "unknown":
         best[0] = rescaled(fine, best[0], body, LAST_SCALE_SHARES)
     beside = unlike_of(hopped(fine, best[0], likeness, body), likeness, body, BESIDE)
@@ -213,10 +213,10 @@ def _coarse_widths(shadows: Sequence[Shadow]) -> Iterator[int]:
 
 
 def _turned(
-    judge: Judge, best: Found, search: Search, likeness: Likeness, body: Body
+    judge: Judge, best: Found, coarse: _Coarse, likeness: Likeness, body: Body
 ) -> list[Found]:
     """Turn a settled pose about its axes, and go down from where the loss is less than beside."""
-    turns = least_turns(judge, best, search, likeness, body, FINE_DEG)
+    turns = least_turns(judge, best, coarse.search, likeness, body, FINE_DEG, first=coarse.judge)
     turns = close_to_best([best, *turns], HARDLY_CLOSE)
     turns = unlike_of(turns, likeness, body, TURNS, same_share(body))
     turns = [*turns, *half_turned(judge, best, likeness, body)]

@@ -26,6 +26,8 @@ HALVES_CLOSE: Final = 8.0
 MOST_JUDGED: Final = 72
 MOST: Final = 5
 """Turns that are looked at, and that are given."""
+WIDE: Final = 0.5
+"""Of the radius: about an axis from which the object reaches farther, coarse images tell turns."""
 
 
 def least_turns(
@@ -35,6 +37,7 @@ def least_turns(
     likeness: Likeness,
     body: Body,
     every_deg: float,
+    first: Judge | None = None,
 ) -> list[Found]:
     """Turn a pose about the principal axes, all around, and give where the loss is least.
 
@@ -53,6 +56,9 @@ def least_turns(
         Whose axes they are, and which turns about them leave it where it is.
     every_deg
         Between turns.
+    first
+        Compares turns on coarser images where these tell them apart, so that few are compared
+        exactly: where a turn moves the rim by about one of their pixels.
 
     Returns
     -------
@@ -67,9 +73,15 @@ def least_turns(
     times, more = SOFT
     highest = min(times * cost + more, np.sort(costs, axis=None)[:MOST_JUDGED][-1])
     least: list[Found] = []
-    for ring, soft in zip(rings, costs <= highest, strict=True):
-        if soft.any():
+    for axis, (ring, soft) in enumerate(zip(rings, costs <= highest, strict=True)):
+        if not soft.any():
+            continue
+        if first is None or _reach_share(body, axis) < WIDE:
             least += _least_of_ring(judge, found, ring, soft, likeness, body)
+        else:
+            there = first.fixed(found.placement)
+            lowest = _least_of_ring(first, there, ring, soft, likeness, body)
+            least += [judge.fixed(each.placement) for each in lowest]
     return sorted(least, key=loss_of)[:MOST]
 
 
@@ -94,6 +106,13 @@ def _least_of_ring(
         losses[number] = judged[like].loss
     lowest = _lowest(losses)
     return [each for number, each in judged.items() if number and lowest[number]]
+
+
+def _reach_share(body: Body, axis: int) -> float:
+    """How far the object reaches from one of the axes that it is turned about, of its radius."""
+    middle, axes = body.spin
+    across = np.cross(body.rim_cm - middle, axes[axis])
+    return float(np.linalg.norm(across, axis=1).max()) / body.radius_cm
 
 
 def _same_turns(found: Found, ring: Poses, likeness: Likeness, body: Body) -> Bool[np.ndarray, "m"]:
