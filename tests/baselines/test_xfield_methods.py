@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from safetensors.torch import load_file, save_file
 
 from tests.baselines.pixie_scenes import dataset
 from xden1k.access.samples import Examples, SampleView
@@ -135,6 +136,10 @@ def changed(key: str, value: Any) -> Callable[[dict], dict]:
         (changed("unit_g_cm3", 1.0), "unit_g_cm3 must be one of .*, got 1.0"),
         (changed("size", "small"), "cannot be read: .*size mismatch.* .and [0-9]+ more"),
         (changed("views", ["lat", "pa"]), "views must be one of"),
+        (changed("views", None), r"views must be one of .*, got \[\]"),
+        (changed("target", "mass"), "target must be one of .*'density'.*, got 'mass'"),
+        (lambda _: None, "expected the keys .*'views'.*, got None"),
+        (lambda config: [config], "expected the keys .*'views'.*, got "),
     ],
 )
 def test_a_checkpoint_of_another_make_is_refused(
@@ -148,6 +153,44 @@ def test_a_checkpoint_of_another_make_is_refused(
         loaded(tmp_path)
     assert str(tmp_path) in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def spoilt(saved: Path, folder: Path) -> Path:
+    """Write a copy whose weights hold what is no number."""
+    for file in saved.iterdir():
+        (folder / file.name).write_bytes(file.read_bytes())
+    weights = load_file(folder / "model.safetensors")
+    weights["backbone.norm.bias"][3] = float("nan")
+    save_file(weights, folder / "model.safetensors")
+    return folder
+
+
+def test_weights_that_are_no_numbers_are_refused(saved: Path, tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"model.safetensors: expected finite numbers, backbone\.norm"):
+        loaded(spoilt(saved, tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"settings": {}}, "settings must have a size"),
+        ({"held_out_loss": []}, "best_epoch must be from 1 to 0, got 1"),
+        ({"best_epoch": 9}, "best_epoch must be from 1 to 1, got 9"),
+        ({"best_epoch": "1"}, "no training report"),
+        ({"processor_s": None}, "no training report"),
+        ({"variant": "cross"}, "expected the variant 'pixel', got 'cross'"),
+    ],
+)
+def test_a_report_that_no_training_has_written_is_refused(
+    saved: Path, tmp_path: Path, wrong: dict[str, Any], message: str
+) -> None:
+    for file in saved.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    report = tmp_path / "training.json"
+    report.write_text(json.dumps(json.loads(report.read_text()) | wrong))
+    with pytest.raises(DataError, match=message) as error:
+        loaded(tmp_path)
+    assert str(error.value).startswith(f"{report}: ")
 
 
 def test_another_variant_does_not_take_it_up(saved: Path) -> None:

@@ -145,6 +145,9 @@ class _Segmenting:
         check_device(self.settings.device)
         self._model = load_model(folder, self.variant).to(self.settings.device)
         self._report = load_report(folder / REPORT_FILE, FitReport)
+        if (found := self._report.variant) != self.variant:
+            path = folder / REPORT_FILE
+            raise DataError(f"{path}: expected the variant {self.variant!r}, got {found!r}")
 
 
 class Predicting(_Segmenting):

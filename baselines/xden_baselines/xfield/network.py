@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Final, get_args
 
 import torch
 from huggingface_hub import PyTorchModelHubMixin
@@ -132,9 +132,10 @@ class XField(nn.Module, PyTorchModelHubMixin):
         super().__init__()
         _expect("variant", variant, VARIANTS)
         _expect("size", size, SIZES)
+        _expect("target", target, get_args(Target))
         _expect("format", format, [FORMAT])
         _expect("unit_g_cm3", unit_g_cm3, [UNIT_G_CM3])
-        _expect("views", tuple(views), [VIEWS])
+        _expect("views", list(views or ()), [list(VIEWS)])
         self.variant, self.size, self.target = VARIANTS[variant], SIZES[size], target
         what, how = self.variant, self.size
         self.backbone = Volume(how) if what.volume else Triplane(how, what.cross)

@@ -59,6 +59,11 @@ class FitReport:
         Of the loop, preparation apart.
     held_out_loss
         After each epoch on the held-out objects.
+
+    Raises
+    ------
+    ValueError
+        If the settings have no size, an amount is negative, or the best epoch is none of them.
     """
 
     variant: str
@@ -70,6 +75,16 @@ class FitReport:
     best_epoch: int
     processor_s: float
     held_out_loss: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if "size" not in self.settings:
+            raise ValueError("settings must have a size")
+        if not min(self.learned_from, self.held_out, self.processor_s, *self.held_out_loss) >= 0:
+            raise ValueError("objects, seconds and losses must not be negative")
+        if not 1 <= self.best_epoch <= len(self.held_out_loss):
+            raise ValueError(
+                f"best_epoch must be from 1 to {len(self.held_out_loss)}, got {self.best_epoch}"
+            )
 
     @property
     def summary(self) -> str:
