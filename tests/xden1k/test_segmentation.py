@@ -235,11 +235,23 @@ BAD: Mapping[str, tuple[Callable[[], Members], str]] = {
     ),
     "k rows missing": (
         lambda: sound() | {"labels/a": npy(LABELS[:-1])},
-        "E402 a: labels: shape must be (18, 40), a row for each k from 2 to 19, got (17, 40)",
+        "E402 a: labels: shape must be (18, points), a row for each k from 2 to 19, got (17, 40)",
+    ),
+    "a point a row": (
+        lambda: sound() | {"labels/a": npy(np.ascontiguousarray(LABELS.T))},
+        "E402 a: labels: shape must be (18, points), a row for each k from 2 to 19, got (40, 18)",
+    ),
+    "labels of no axis": (
+        lambda: sound() | {"labels/a": npy(np.array(3, np.uint8))},
+        "E402 a: labels: shape must be (18, points), a row for each k from 2 to 19, got ()",
+    ),
+    "a row too many at full size": (
+        lambda: sound() | {"labels/a": npy(np.zeros((19, 8192), np.uint8))},
+        "E402 a: labels: shape must be (18, points), a row for each k from 2 to 19, got (19, 8192)",
     ),
     "free of two axes": (
         lambda: sound() | {"free/a": npy(LABELS)},
-        "E402 a: free: shape must be (40,), got (18, 40)",
+        "E402 a: free: shape must be (points,), got (18, 40)",
     ),
     "other points": (
         lambda: sound() | {"free/a": npy(FREE[1:])},
@@ -269,7 +281,7 @@ def test_each_fault_of_a_file_is_one_line_with_its_code(name: str, tmp_path: Pat
 def test_a_file_that_must_be_flawless_is_refused_with_what_is_wrong(tmp_path: Path) -> None:
     path = tmp_path / "segments.npz"
     path.write_bytes(zipped([("x.npy", npy(FREE))]))
-    with pytest.raises(SubmissionError, match=r"E201: .*\nE104: "):
+    with pytest.raises(SubmissionError, match=r"segments.npz: E201: .*\n.*segments.npz: E104: "):
         open_segments(path)
 
 

@@ -167,8 +167,15 @@ class SubmissionArchive(ABC, Generic[Form]):
         return problems
 
 
-def open_flawless(archive: Archive) -> Archive:
+def open_flawless(archive: Archive, named: bool = False) -> Archive:
     """Return an archive that must be without a flaw as far as its headers and meta data show.
+
+    Parameters
+    ----------
+    archive
+        As it was opened.
+    named
+        Whether each problem names the file.
 
     Raises
     ------
@@ -176,7 +183,7 @@ def open_flawless(archive: Archive) -> Archive:
         With every problem found; the file is closed then.
     """
     try:
-        raise_errors(archive.problems)
+        raise_errors(archive.problems, archive.path if named else None)
     except BaseException:
         archive.close()
         raise

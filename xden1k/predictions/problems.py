@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 from xden1k.errors import SubmissionError
 
@@ -85,15 +86,23 @@ class Problem:
         return self.code.startswith("E")
 
 
-def raise_errors(problems: Iterable[Problem]) -> None:
+def raise_errors(problems: Iterable[Problem], path: Path | None = None) -> None:
     """Raise what is an error, all at once.
+
+    Parameters
+    ----------
+    problems
+        Of one file.
+    path
+        The file, to be named on each line; None where it is the only one.
 
     Raises
     ------
     SubmissionError
         If there is an error among the problems.
     """
-    if errors := [str(problem) for problem in problems if problem.is_error]:
+    where = f"{path}: " if path else ""
+    if errors := [f"{where}{problem}" for problem in problems if problem.is_error]:
         raise SubmissionError(errors)
 
 

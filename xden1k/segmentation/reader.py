@@ -96,8 +96,8 @@ class Segments(SubmissionArchive[SegmentsMeta]):
         kind = found["kind"]
         try:
             member = self._archive.member(info)
-            check_size(member, _ROWS[kind] * MAX_POINTS, *_UINT8)
             _check_shape(kind, member)
+            check_size(member, _ROWS[kind] * MAX_POINTS, *_UINT8)
         except BadArchiveError as err:
             yield Problem(err.code, found["id"], f"{kind}: {err}")
         else:
@@ -119,12 +119,11 @@ def open_segments(path: Path) -> Segments:
     SubmissionError
         With every problem found.
     """
-    return open_flawless(Segments(path))
+    return open_flawless(Segments(path), named=True)
 
 
 def _check_shape(kind: str, member: Member) -> None:
     """Compare a member's shape with the format, as far as the number of points is not needed."""
-    points = member.shape[-1] if member.shape else 0
-    expected = (_ROWS["labels"], points) if kind == "labels" else (points,)
-    if member.shape != expected:
+    expected = (_ROWS["labels"], "points") if kind == "labels" else ("points",)
+    if len(member.shape) != len(expected) or member.shape[:-1] != expected[:-1]:
         raise BadArchiveError("E402", shape_message(expected, member.shape))

@@ -122,16 +122,19 @@ def _shape_faults(name: str, values: Any, shape: tuple[int, ...]) -> Iterator[tu
         yield "E402", f"{name}: {shape_message(shape, values.shape)}"
 
 
-def shape_message(expected: tuple[int, ...], found: tuple[int, ...]) -> str:
+def shape_message(expected: tuple[int | str, ...], found: tuple[int, ...]) -> str:
     """Say which shape an array must have; of rows that are missing, which there must be.
+
+    What is not known yet, such as the number of points, is given by its name.
 
     Examples
     --------
     >>> shape_message((18, 9), (17, 9))
     'shape must be (18, 9), a row for each k from 2 to 19, got (17, 9)'
     """
+    shape = str(expected).replace("'", "")
     rows = f", a row for each k from {CLUSTER_COUNTS[0]} to {CLUSTER_COUNTS[-1]}"
-    return f"shape must be {expected}{rows if len(expected) > 1 else ''}, got {found}"
+    return f"shape must be {shape}{rows if len(expected) > 1 else ''}, got {found}"
 
 
 def points_sha256(voxels: Mapping[str, UInt8[np.ndarray, "points 3"]]) -> str:

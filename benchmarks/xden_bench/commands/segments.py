@@ -127,7 +127,7 @@ def validate(
     if as_json:
         print_json(report)
         raise SystemExit(1 if found else 0)
-    raise_errors(found)
+    raise_errors(found, submission)
     click.echo(f"{submission}: valid")
 
 

@@ -125,7 +125,7 @@ def rows_of(
     with ExitStack() as stack:
         files = [stack.enter_context(open_segments(path)) for path in submissions]
         for file in files:
-            raise_errors(tuple(_file_problems(file, reference)))
+            raise_errors(tuple(_file_problems(file, reference)), file.path)
         return [_row(reference, object_id, files) for object_id in object_ids]
 
 
@@ -148,7 +148,7 @@ def _row(reference: SegmentReference, object_id: str, files: Sequence[Segments])
 
 def _answer(drawn: DrawnObject, truth: Regions, file: Segments) -> Answer:
     found, problems = file.examine(drawn.row["object_id"], len(drawn.points))
-    raise_errors(tuple(problems))
+    raise_errors(tuple(problems), file.path)
     assert found is not None
     assert file.meta is not None
     iou = score_segments(truth.materials, truth.parts, found)["iou_a"]

@@ -187,7 +187,7 @@ def segment_kinds(
                 *_of_parts(drawn, truth, answer, seen),
             ):
                 found[kind].append(iou)
-        raise_errors(check.problems)
+        raise_errors(check.problems, path)
     means = {kind: Kind(len(ious), float(np.mean(ious))) for kind, ious in found.items()}
     return {kind: means[kind] for kind in KINDS if kind in means}
 

@@ -159,7 +159,7 @@ def score_segment_file(
     with Segments(path) as segments:
         check = SegmentCheck(segments, reference, track, progress)
         objects = tuple(_object_score(*one, reference.rules) for one in check.answers())
-        raise_errors(check.problems)
+        raise_errors(check.problems, path)
         assert segments.meta is not None
         score = Score(segments.meta, segments.sha256, check.arrays_sha256, objects, reference.rules)
     if reference.rules.rank_by not in score.metrics:
