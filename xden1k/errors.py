@@ -4,6 +4,7 @@
 
     XDenError(Exception)
     ├── DataError(ValueError)             a file or an array breaks the format
+    │   ├── ObjectError                   the same, of one object of a dataset
     │   └── SubmissionError               the same, in a file sent for scoring
     ├── MissingObjectError(LookupError)   no object of that id
     ├── ModalityError                     a method touched what it did not declare (modality.py)
@@ -14,7 +15,8 @@ The commands turn each of them into one line on stderr and exit code 1.
 
 import difflib
 import importlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Final
@@ -23,8 +25,10 @@ __all__ = [
     "DataError",
     "MissingExtraError",
     "MissingObjectError",
+    "ObjectError",
     "SubmissionError",
     "XDenError",
+    "about",
     "did_you_mean",
     "install_command",
     "require",
@@ -39,6 +43,10 @@ class XDenError(Exception):
 
 class DataError(XDenError, ValueError):
     """A file or an array breaks the format: what was expected, what came, and where."""
+
+
+class ObjectError(DataError):
+    """One object of a dataset cannot be used; the message begins with its id."""
 
 
 class SubmissionError(DataError):
@@ -61,6 +69,39 @@ class MissingObjectError(XDenError, LookupError):
 
 class MissingExtraError(XDenError, ImportError):
     """An optional dependency is not installed; the message gives the pip command."""
+
+
+@contextmanager
+def about(object_id: str, root: object = "") -> Iterator[None]:
+    """Name the object in whatever is found wrong in this block.
+
+    Parameters
+    ----------
+    object_id
+        As in the dataset.
+    root
+        The dataset, to be named before it; where it is not known here, nothing.
+
+    Raises
+    ------
+    ObjectError
+        In place of a DataError.
+
+    Examples
+    --------
+    >>> with about("mug-0001"):
+    ...     raise DataError("part 0 is not a closed mesh")
+    Traceback (most recent call last):
+    xden1k.errors.ObjectError: mug-0001: part 0 is not a closed mesh
+    """
+    try:
+        yield
+    except ObjectError:
+        raise
+    except DataError as err:
+        text = str(err)
+        named = text if text.startswith(object_id) else f"{object_id}: {text}"
+        raise ObjectError(f"{root}: {named}" if root else named) from err
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

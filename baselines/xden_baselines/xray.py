@@ -120,7 +120,7 @@ def mean_lac_per_cm(sample: SampleView, points_cm: Points) -> Float64[np.ndarray
     Raises
     ------
     DataError
-        If no ray of a view tells anything of the object.
+        If no ray of a view tells anything of the object, or nothing of it is absorbed.
     """
     views = [_filled_lac_per_cm(sample, view, points_cm) for view in sample.views]
     mean: Float64[np.ndarray, "points"] = np.mean(views, axis=0)
@@ -134,6 +134,8 @@ def _filled_lac_per_cm(
     known = np.isfinite(lac)
     if not known.any():
         raise DataError(f"{sample.object_id}: view {view.name} does not show the object")
+    if not lac[known].any():
+        raise DataError(f"{sample.object_id}: view {view.name} shows nothing where the object is")
     _, nearest = KDTree(points_cm[known]).query(points_cm)
     filled: Float64[np.ndarray, "points"] = lac[known].astype(np.float64)[nearest]
     return filled

@@ -29,6 +29,7 @@ from xden_baselines.xfield.lessons import Lesson, kept_lesson, lesson, third_vie
 from xden_baselines.xfield.rays import projected, ray_channels, sampled
 from xden_baselines.xfield.seen import seen
 from xden_baselines.xfield.sizes import SIZES
+from xden_baselines.xray import mean_lac_per_cm
 
 READS = Modality.GEOMETRY | Modality.XRAY
 TINY = SIZES["tiny"]
@@ -267,6 +268,13 @@ def test_radiographs_that_do_not_show_the_object_are_refused(
     sample: SampleView = example(folder_of(tmp_path / "dataset", obj)).sample
     with pytest.raises(DataError, match=message):
         seen(sample, 8, 32)
+
+
+def test_a_dark_radiograph_divides_nothing_either(tmp_path: Path) -> None:
+    obj = dark(box_object("cube-0001", CUBE, shape=(48, 48), split="train"))
+    sample: SampleView = example(folder_of(tmp_path / "dataset", obj)).sample
+    with pytest.raises(DataError, match="cube-0001: view pa shows nothing where the object is"):
+        mean_lac_per_cm(sample, np.zeros((3, 3)))
 
 
 def test_a_part_without_density_cannot_be_learned_from(tmp_path: Path) -> None:

@@ -166,7 +166,9 @@ def spoilt(saved: Path, folder: Path) -> Path:
 
 
 def test_weights_that_are_no_numbers_are_refused(saved: Path, tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"model.safetensors: expected finite numbers, backbone\.norm"):
+    with pytest.raises(
+        DataError, match=r"model.safetensors: expected finite numbers, backbone\.norm"
+    ):
         loaded(spoilt(saved, tmp_path))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,16 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from PIL import Image
+from trimesh import Trimesh
 
 from tests.phantoms import BAR, Box, box_object
+from xden1k.errors import DataError
 from xden1k.folder import open_folder, write_folder
 from xden1k.segmentation import CLUSTER_COUNTS, SegmentsMeta, SegmentsWriter
 from xden_bench.cli import cli
 from xden_bench.entries.leaderboard import render
 from xden_bench.entries.reading import read_entries
+from xden_bench.methods.baseline import Options, find_method, run_predictor
 from xden_bench.pictures.cuts import OUTSIDE, widest_cut
 from xden_bench.scoring.protocol import load_segment_protocol
 from xden_bench.scoring.regions import SegmentReference
@@ -141,7 +145,7 @@ def test_what_is_wrong_is_one_line_and_nothing_is_written(
 ) -> None:
     done = run("segment", "submit", changed(truth, "bad.npz", **change), "--out", "results")
     assert done.exit_code == 1
-    assert done.stderr.startswith(f"Error: {expected}")
+    assert done.stderr.startswith(f"Error: bad.npz: {expected}")
     assert done.stderr.count("\n") == 1
     assert not Path("results").exists()
 
@@ -152,14 +156,42 @@ def test_a_split_whose_labels_are_public_cannot_be_sealed(
     done = run("segment", "score", truth, "--split", "private")
     assert done.exit_code == 1
     assert "segments of the split private cannot be scored: its part meshes" in done.stderr
+    asked = run("baseline", "one-region", "--task", "segments", "--split", "private")
+    assert asked.exit_code == 1
+    assert "segments of the split private cannot be scored: its part meshes" in asked.stderr
+    assert not list(Path().iterdir())
 
 
 def test_parts_of_unknown_density_are_refused_by_name(tmp_path: Path, truth: Path) -> None:
     objects = [box_object("bar-0001", BAR, split="test", category="bar", density_known=False)]
     write_folder(objects, tmp_path / "data", version="0.1.0", builder="tests")
     drawn = SegmentReference(open_folder(tmp_path / "data"), "test", RULES).drawn("bar-0001")
-    with pytest.raises(ValueError, match="bar-0001: the part plastic must have a density"):
+    with pytest.raises(ValueError, match="data: bar-0001: the part plastic must have a density"):
         drawn.regions(RULES.region_gap_g_cm3)
+
+
+def test_of_several_files_the_bad_one_is_named(run: Run, truth: Path) -> None:
+    bad = changed(truth, "bad.npz", meta={"points_seed": 3})
+    for words in (("compare", truth, bad), ("kinds", truth, bad), ("show", "sheet-0001", bad)):
+        done = run("segment", *words)
+        assert done.exit_code == 1
+        assert done.stderr.startswith("Error: bad.npz: E205: points_seed must be"), words
+
+
+def test_an_open_part_is_told_with_its_object_and_dataset(tmp_path: Path) -> None:
+    made = box_object("bar-0001", BAR, split="test", category="bar")
+    part = made.parts[0]
+    torn = Trimesh(part.mesh.vertices, part.mesh.faces[1:], process=False)
+    made = replace(made, parts=(replace(part, mesh=torn), *made.parts[1:]))
+    write_folder([made], tmp_path / "data", version="0.1.0", builder="tests")
+    folder = open_folder(tmp_path / "data")
+    expected = f"{folder.root}: bar-0001: part 0 is not a closed mesh"
+    with pytest.raises(DataError, match=re.escape(expected)):
+        SegmentReference(folder, "test", RULES).drawn("bar-0001")
+    options = Options(points_seed=RULES.points_seed)
+    with pytest.raises(DataError, match=re.escape(expected)):
+        run_predictor(find_method("one-region"), folder, "test", tmp_path / "a.npz", options)
+    assert not (tmp_path / "a.npz").exists()
 
 
 @pytest.mark.slow
@@ -167,7 +199,9 @@ def test_a_template_is_valid_once_it_has_a_name(run: Run, reference: SegmentRefe
     done = run("segment", "template", "--track", "xray")
     assert done.exit_code == 0, done.stderr
     assert "segments.npz: 2 objects of one region. Fill in:" in done.stdout
-    assert run("segment", "validate", "segments.npz").stderr.startswith("Error: E207: ")
+    assert run("segment", "validate", "segments.npz").stderr.startswith(
+        "Error: segments.npz: E207: "
+    )
     named = changed(Path("segments.npz"), "named.npz", meta={"method": "mine"})
     assert run("segment", "validate", named).stdout == "named.npz: valid\n"
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 
 from xden1k.access.samples import Examples, SampleView
-from xden1k.errors import DataError
+from xden1k.errors import DataError, about
 from xden1k.predictor import Budget, Prediction
 from xden1k.segmentation import CLUSTER_COUNTS, Segmentation, SegmentPoints
 from xden1k.values.arrays import Points
@@ -95,7 +95,10 @@ class _Segmenting:
         from xden_baselines.xfield.training import train as train_network
 
         kept = cache()
-        lessons = [kept_lesson(example, SIZES[self.settings.size], kept) for example in train]
+        lessons = []
+        for example in train:
+            with about(example.sample.object_id):
+                lessons.append(kept_lesson(example, SIZES[self.settings.size], kept))
         self._model, self._report = train_network(
             [lesson for lesson in lessons if len(lesson.voxels)],
             self.variant,

@@ -9,7 +9,7 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any, Final
 
-from xden1k.errors import DataError
+from xden1k.errors import DataError, about
 from xden1k.folder import DatasetFolder
 from xden1k.predictions import MAX_TEXT, MethodMeta, Target
 from xden1k.predictor import (
@@ -33,8 +33,8 @@ from xden_bench.methods.partial import (
     partial_run,
 )
 from xden_bench.methods.rebuilt import Rebuilt
-from xden_bench.methods.scope import TRAIN, FolderScope, Scope, Task
-from xden_bench.scoring.reference import xray_refusal
+from xden_bench.methods.scope import TRAIN, FolderScope, Scope, Task, of_dataset
+from xden_bench.scoring.reference import private_refusal, xray_refusal
 from xden_bench.scoring.submission import Progress
 
 __all__ = ["Options", "Report", "refuse_without_radiographs", "run_predictor", "run_within"]
@@ -172,7 +172,8 @@ def run_predictor(
     seen = (predictor.reads, options.target, options.pictures, options.command)
     task = Task.of(folder, split, options.train_objects, options.seed)
     scope = FolderScope(folder, task, *seen)
-    return run_within(scope, predictor, out, options, progress)
+    with of_dataset(folder):
+        return run_within(scope, predictor, out, options, progress)
 
 
 def refuse_without_radiographs(
@@ -183,8 +184,11 @@ def refuse_without_radiographs(
     Raises
     ------
     DataError
-        With the count of those that do not.
+        With the count of those that do not; or if segments of a split are asked for that cannot
+        be scored.
     """
+    if options.points_seed is not None and (refusal := private_refusal(split)):
+        raise DataError(f"{folder.root}: {refusal}")
     if Modality.XRAY not in predictor.reads:
         return
     learns = predictor.trainable and not options.model
@@ -296,7 +300,8 @@ class _Run:
             way.add(object_id, kept.arrays)
             yield object_id, kept.facts
         for place, object_id in enumerate(progress(ids[done:]), start=done):
-            kept = way.ask(self.scope.sample(object_id))
+            with about(object_id):
+                kept = way.ask(self.scope.sample(object_id))
             way.add(object_id, kept.arrays)
             partial.keep(place, kept)
             yield object_id, kept.facts

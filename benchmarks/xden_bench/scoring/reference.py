@@ -18,13 +18,31 @@ from xden1k.predictions import Target
 from xden1k.values.arrays import Grid, Vec3
 from xden1k.values.types import PRIVATE
 
-__all__ = ["BY_ORGANISER", "RECOMPUTED", "SELF_REPORTED", "Reference", "Truth", "xray_refusal"]
+__all__ = [
+    "BY_ORGANISER",
+    "RECOMPUTED",
+    "SELF_REPORTED",
+    "Reference",
+    "Truth",
+    "private_refusal",
+    "xray_refusal",
+]
 
 RECOMPUTED: Final = "recomputed"
 SELF_REPORTED: Final = "self-reported"
 BY_ORGANISER: Final = "by the organiser"
 """Who made the numbers of an entry: a maintainer who remade them, whoever sent it, or the keeper of
 sealed answers."""
+
+
+def private_refusal(split: str) -> str:
+    """Why segments of a split cannot be scored; empty where they can."""
+    if split != PRIVATE:
+        return ""
+    return (
+        f"segments of the split {PRIVATE} cannot be scored: its part meshes and labels are public, "
+        "so nothing about it is sealed; score test or unseen"
+    )
 
 
 def xray_refusal(folder: DatasetFolder, split: str) -> str:

@@ -12,15 +12,14 @@ import numpy as np
 import trimesh
 from jaxtyping import UInt8
 
-from xden1k.errors import DataError
+from xden1k.errors import DataError, about
 from xden1k.format.records import split_meshes
 from xden1k.format.shards import Row
 from xden1k.rays import CubeGrid, outer_surface
 from xden1k.segmentation import SegmentPoints, material_regions
 from xden1k.segmentation.points import draw_points, point_owners, segment_grid
-from xden1k.values.types import PRIVATE
 from xden_bench.scoring.protocol import SegmentProtocol
-from xden_bench.scoring.reference import Reference
+from xden_bench.scoring.reference import Reference, private_refusal
 
 __all__ = ["DrawnObject", "Regions", "SegmentReference"]
 
@@ -55,6 +54,8 @@ class DrawnObject:
         Longest edge of the bounding box of the outer surface.
     points
         In the outer surface.
+    where
+        Dataset and object, for messages.
     """
 
     row: Row
@@ -62,6 +63,7 @@ class DrawnObject:
     grid: CubeGrid
     extent_cm: float
     points: SegmentPoints
+    where: str
 
     @property
     def densities_g_cm3(self) -> list[float]:
@@ -76,7 +78,7 @@ class DrawnObject:
         for name, density in zip(names, densities, strict=True):
             if density is None or np.isnan(density):
                 raise DataError(
-                    f"{self.row['object_id']}: the part {name} must have a density, for its "
+                    f"{self.where}: the part {name} must have a density, for its "
                     "material region; only its attenuation is known"
                 )
         return [0.0, *densities]
@@ -113,11 +115,8 @@ class SegmentReference(Reference):
     rules: SegmentProtocol
 
     def __post_init__(self) -> None:
-        if self.split == PRIVATE:
-            raise DataError(
-                f"{self.folder.root}: segments of the split {PRIVATE} cannot be scored: its part "
-                "meshes and labels are public, so nothing about it is sealed; score test or unseen"
-            )
+        if refusal := private_refusal(self.split):
+            raise DataError(f"{self.folder.root}: {refusal}")
         Reference.__post_init__(self)
 
     def drawn(self, object_id: str) -> DrawnObject:
@@ -130,13 +129,12 @@ class SegmentReference(Reference):
         """
         row = self._row(object_id, _COLUMNS)
         grid = segment_grid(np.array(row["grid_origin_cm"]), row["voxel_size_cm"])
-        try:
+        with about(object_id, self.folder.root):
             meshes = split_meshes(row)
             outer = outer_surface(meshes)
             points = draw_points(outer, grid, object_id, self.rules.points_seed)
-        except DataError as err:
-            raise DataError(f"{object_id}: {err}") from err
-        return DrawnObject(row, meshes, grid, float(outer.extents.max()), points)
+        where = f"{self.folder.root}: {object_id}"
+        return DrawnObject(row, meshes, grid, float(outer.extents.max()), points, where)
 
 
 _COLUMNS = (

@@ -10,12 +10,18 @@ import pickle
 from collections.abc import Iterator, Mapping
 from typing import IO, Any, Final
 
-from xden1k.errors import DataError, MissingExtraError, MissingObjectError, XDenError
+from xden1k.errors import (
+    DataError,
+    MissingExtraError,
+    MissingObjectError,
+    ObjectError,
+    XDenError,
+)
 from xden1k.values.modality import ModalityError
 
 __all__ = ["read_pickle", "read_requests", "told", "untold", "write_pickle", "write_request"]
 
-_TOLD: Final = (DataError, MissingExtraError, MissingObjectError, ModalityError)
+_TOLD: Final = (DataError, MissingExtraError, MissingObjectError, ModalityError, ObjectError)
 _KINDS: Final = {kind.__name__: kind for kind in _TOLD}
 
 

@@ -22,7 +22,7 @@ from xden_bench.methods.apart.channel import read_requests, told, untold, write_
 from xden_bench.methods.apart.process import Described, Job
 from xden_bench.methods.baseline import find_method
 from xden_bench.methods.running import Options, Report, refuse_without_radiographs
-from xden_bench.methods.scope import Task
+from xden_bench.methods.scope import Task, of_dataset
 from xden_bench.scoring.submission import Progress
 
 __all__ = ["Method", "run_apart"]
@@ -90,7 +90,8 @@ def run_apart(
         outcome = _answered(process, job, answers)
     if outcome is None:
         raise DataError(f"the process of the method {method.name} ended {_how(process)}")
-    return _report(out, predictor, options, outcome)
+    with of_dataset(folder):
+        return _report(out, predictor, options, outcome)
 
 
 def _described(pictures: PictureSource | None) -> Described | None:
