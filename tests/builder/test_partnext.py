@@ -303,6 +303,11 @@ def changed(field: str, change: Any) -> dict[str, Any]:
     return told | {field: json.dumps(value if made is None else made)}
 
 
+def nested(depth: int) -> str:
+    """A tree of one node in another."""
+    return '[{"name": "a", "children": ' * depth + "[]" + "}]" * depth
+
+
 BAD: dict[str, tuple[dict[str, Any], str]] = {
     "mask of no mesh": (
         changed("masks", lambda masks: masks["1"].update({"2": [0]})),
@@ -319,6 +324,30 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "words for faces": (
         changed("masks", lambda masks: masks["1"].update({"1": ["a"]})),
         "expected faces of mesh 1 as whole numbers",
+    ),
+    "halves of faces": (
+        changed("masks", lambda masks: masks["1"].update({"1": [0.5, 1.7]})),
+        "expected faces of mesh 1 as whole numbers in a list, got [0.5, 1.7]",
+    ),
+    "truths for faces": (
+        changed("masks", lambda masks: masks["1"].update({"1": [True, False]})),
+        "expected faces of mesh 1 as whole numbers in a list, got [True, False]",
+    ),
+    "lists of faces in a list": (
+        changed("masks", lambda masks: masks["1"].update({"1": [[0, 1], [2, 3]]})),
+        "expected faces of mesh 1 as whole numbers in a list, got [[0, 1], [2, 3]]",
+    ),
+    "a face beyond all counting": (
+        changed("masks", lambda masks: masks["1"].update({"1": [10**30]})),
+        "expected faces of mesh 1 as whole numbers in a list, got [1000",
+    ),
+    "brackets without end": (
+        hammer("bad")[1] | {"masks": "[" * 100_000},
+        "masks: expected JSON in a string, got '[[[",
+    ),
+    "nodes deeper than can be followed": (
+        hammer("bad")[1] | {"hierarchyList": nested(1200)},
+        "hierarchyList: expected ",
     ),
     "face in two masks": (
         changed("masks", lambda masks: masks["1"].update({"0": [3, 4]})),
@@ -405,9 +434,15 @@ def test_a_bad_glb_is_one_line_too(tmp_path: Path) -> None:
     [
         ("{", "line 1: expected a row as JSON"),
         ("[1]", "line 1: expected a row as a JSON object"),
-        ('{"model_id": "../x", "type_id": "000-000"}', "line 1: model_id: expected letters"),
-        ('{"model_id": "x", "type_id": ".."}', "line 1: type_id: expected letters"),
+        (
+            '{"model_id": "../x", "type_id": "000-000"}',
+            "line 1: model_id: expected 1 to 128 letters",
+        ),
+        ('{"model_id": "x", "type_id": ".."}', "line 1: type_id: expected 1 to 128 letters"),
         ('{"model_id": "x", "type_id": "0", "anno_time": "soon"}', "anno_time: expected a number"),
+        ('{"model_id": "x", "type_id": "0", "anno_time": "nan"}', "anno_time: expected a number"),
+        ('{"model_id": "%s", "type_id": "0"}' % ("x" * 300), "model_id: expected 1 to 128"),
+        ("[" * 100_000, "line 1: expected a row as JSON"),
     ],
 )
 def test_a_row_that_names_no_model_is_told_by_its_place(
@@ -497,6 +532,9 @@ def test_without_one_good_object_there_is_an_error_and_no_capture(
     answer = simulate(snapshot, tmp_path / "out", "--objects", "cccc03")
     assert answer.exit_code == 1
     assert "not one of 1 objects could be made, first: " in answer.stderr
+    assert not (tmp_path / "out").exists()
+    (tmp_path / "out").mkdir()
+    simulate(snapshot, tmp_path / "out", "--objects", "cccc03")
     assert not any((tmp_path / "out").iterdir())
     answer = simulate(snapshot, tmp_path / "out", "--objects", "none")
     assert (answer.exit_code, "no annotation of object none" in answer.stderr) == (1, True)

@@ -64,7 +64,7 @@ def partnext(
             if isinstance(done, str):
                 bar.update()
             else:
-                bar.write(f"failed: {done.object_id}: {done.message}", file=sys.stderr)
+                bar.write(f"failed: {done.line}", file=sys.stderr)
 
         made = write(out, models, chosen, workers=workers, report=report)
     _tell(out, made, as_json, kind="dataset" if as_dataset else "captures", seed=models.seed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ __all__ = ["Annotations", "Entry", "find_annotations", "parsed", "read_fields"]
 IDS: Final = ("model_id", "type_id", "anno_time")
 FIELDS: Final = ("mesh_face_num", "masks", "hierarchyList")
 ENDINGS: Final = (".arrow", ".jsonl", ".parquet")
-_PLAIN: Final = re.compile(r"(?!\.+$)[A-Za-z0-9._-]+")
+_PLAIN: Final = re.compile(r"(?!\.+$)[A-Za-z0-9._-]{1,128}")
 _SHOWN: Final = 60
 """Characters of a wrong value that a message quotes."""
 
@@ -138,9 +139,11 @@ def _entry(values: Mapping[str, Any], file: Path, block: int, row: int, at: str)
     for name in ("model_id", "type_id"):
         if not isinstance(values.get(name), str) or not _PLAIN.fullmatch(values[name]):
             got = repr(values.get(name))[:_SHOWN]
-            return at, f"{name}: expected letters, digits and . _ -, got {got}"
+            return at, f"{name}: expected 1 to 128 letters, digits and . _ -, got {got}"
     try:
         seconds = float(values.get("anno_time") or 0.0)
+        if not math.isfinite(seconds):  # it would be neither newer nor older than any other
+            raise ValueError
     except (TypeError, ValueError):
         got = repr(values["anno_time"])[:_SHOWN]
         return at, f"object {values['model_id']}: anno_time: expected a number, got {got}"
@@ -184,7 +187,7 @@ def _in_lines(file: Path) -> Iterator[Found]:
             where = f"{file}: line {number}"
             try:
                 values = json.loads(line)
-            except ValueError as error:
+            except (ValueError, RecursionError) as error:
                 yield where, f"expected a row as JSON: {error}"
                 continue
             if not isinstance(values, dict):
@@ -248,7 +251,7 @@ def parsed(value: Any, where: str) -> Any:
         raise DataError(f"{where}: expected JSON in a string, got {repr(value)[:_SHOWN]}")
     try:
         return json.loads(value)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         try:
             return ast.literal_eval(value)
         except (ValueError, SyntaxError, MemoryError, RecursionError):

@@ -162,7 +162,10 @@ def _leaves(roots: Any, where: str) -> tuple[tuple[Leaf, ...], str]:
         roots = [roots]
     if not isinstance(roots, list) or not roots:
         raise DataError(f"{where}: expected a list of nodes, got {roots!r:.60}")
-    leaves = tuple(leaf for root in roots for leaf in _below(root, (), where))
+    try:
+        leaves = tuple(leaf for root in roots for leaf in _below(root, (), where))
+    except RecursionError:
+        raise DataError(f"{where}: expected nodes within nodes less deep") from None
     if not leaves:
         raise DataError(f"{where}: expected a leaf with a maskId, found none")
     masks = [leaf.mask for leaf in leaves]
@@ -227,10 +230,9 @@ def _faces_of(
     for mesh, faces in by_mesh.items():
         if not str(mesh).isdecimal() or int(mesh) >= len(counts):
             raise DataError(f"{where}: names mesh {mesh}, but there are {len(counts)} from 0")
-        try:
-            indices = np.unique(np.array(faces, dtype=np.int64))
-        except (TypeError, ValueError, OverflowError):
-            raise DataError(f"{where}: expected faces of mesh {mesh} as whole numbers") from None
+        indices = _whole(
+            faces, f"{where}: expected faces of mesh {mesh} as whole numbers in a list"
+        )
         wrong = indices[(indices < 0) | (indices >= counts[int(mesh)])]
         if len(wrong):
             raise DataError(
@@ -239,3 +241,12 @@ def _faces_of(
             )
         found.append(indices + starts[int(mesh)])
     return np.concatenate(found)
+
+
+def _whole(values: Any, expected: str) -> Int64[np.ndarray, "n"]:
+    """Give whole numbers once each, in ascending order; none of another kind is rounded."""
+    if not isinstance(values, list | tuple) or not all(
+        type(value) is int and abs(value) < 1 << 62 for value in values
+    ):
+        raise DataError(f"{expected}, got {values!r:.60}")
+    return np.unique(np.array(values, dtype=np.int64))

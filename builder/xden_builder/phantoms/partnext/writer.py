@@ -57,6 +57,12 @@ class Failure:
     object_id: str
     message: str
 
+    @property
+    def line(self) -> str:
+        """The message after the object, or as it is if it begins with where its row stands."""
+        told = self.message.startswith(f"{self.object_id}: ")
+        return self.message if told else f"{self.object_id}: {self.message}"
+
 
 Report = Callable[[Failure | str], None]
 """Called with the id of each object that is done, and with each failure."""
@@ -198,9 +204,11 @@ def write_partnext(
     Raises
     ------
     DataError
-        If the folder is not empty, or not one object could be made; then it stays empty.
+        If the folder is not empty, or not one object could be made; then it stays empty, or is
+        not there if it was not.
     """
     refuse_filled(out)
+    made_here = not out.exists()
     out.mkdir(parents=True, exist_ok=True)
     for failure in chosen.failures:
         report(failure)
@@ -216,6 +224,8 @@ def write_partnext(
             settings.add(setting)
             rows.append(row)
             report(entry.model_id)
+    if not rows and made_here:
+        out.rmdir()
     _refuse_nothing(len(rows), failed)
     write_set(out, rows, models.scanner, models.seed, settings, models.settings)
     return Made(tuple(row["object_id"] for row in rows), tuple(failed), chosen.repeated)
