@@ -436,7 +436,7 @@ def test_a_bad_glb_is_one_line_too(tmp_path: Path) -> None:
         ("[1]", "line 1: expected a row as a JSON object"),
         (
             '{"model_id": "../x", "type_id": "000-000"}',
-            "line 1: model_id: expected 1 to 128 letters",
+            "model_id: expected 1 to 128 letters",
         ),
         ('{"model_id": "x", "type_id": ".."}', "line 1: type_id: expected 1 to 128 letters"),
         ('{"model_id": "x", "type_id": "0", "anno_time": "soon"}', "anno_time: expected a number"),
