@@ -99,10 +99,22 @@ def test_parts_of_another_fit_are_made_again(
     whole: DatasetFolder, fit: Path, tmp_path: Path
 ) -> None:
     assert run(fit, whole, tmp_path / "parts").exit_code == 0
-    (first, *_) = whole.ids()
-    about = tmp_path / "parts" / first / "x-field.json"
+    first, second = whole.ids()
+    about, other = (tmp_path / "parts" / one / "x-field.json" for one in (first, second))
     about.write_text(json.dumps({"made_from": "another"}))
     assert "1 made, 1 kept" in run(fit, whole, tmp_path / "parts").output
+    about.write_text('{"made_from": ')
+    other.write_text("[]")
+    assert "2 made, 0 kept" in run(fit, whole, tmp_path / "parts").output
+
+
+def test_the_folder_of_a_fit_is_as_good_as_its_state(
+    whole: DatasetFolder, fit: Path, tmp_path: Path
+) -> None:
+    """As ``xden-bench baseline --save FIT`` writes it."""
+    shutil.copytree(fit, tmp_path / "FIT" / "state")
+    assert "2 made" in run(tmp_path / "FIT", whole, tmp_path / "parts").output
+    assert "0 made, 2 kept" in run(tmp_path / "FIT" / "state", whole, tmp_path / "parts").output
 
 
 def test_a_variant_without_densities_is_refused(

@@ -11,6 +11,8 @@ from xden1k.commands import DONE_IN_PART, LOCAL_ROOT, Group, json_option, print_
 __all__ = ["cli"]
 
 PROGRAM = "python -m xden_baselines.xfield"
+STATE = "state"
+"""Where ``xden-bench baseline --save`` keeps what a method has saved."""
 
 
 @click.group(cls=Group)
@@ -18,7 +20,7 @@ def cli() -> None:
     """Use a trained X-Field for more than a submission."""
 
 
-@cli.command(epilog=f"Example: {PROGRAM} parts FIT/state ROOT --out PARTS")
+@cli.command(epilog=f"Example: {PROGRAM} parts FIT ROOT --out PARTS")
 @click.argument("fit", type=click.Path(path_type=Path, file_okay=False, exists=True))
 @click.argument("root", type=LOCAL_ROOT)
 @click.option(
@@ -30,7 +32,7 @@ def cli() -> None:
 def parts(fit: Path, root: Path, out: Path, device: str, threads: int, as_json: bool) -> None:
     """Divide objects into parts, by their radiographs and outer surface.
 
-    FIT is the folder `state` of what `xden-bench baseline --save` wrote, ROOT what `xden-build run
+    FIT is what `xden-bench baseline --save` wrote, or its folder `state`, ROOT what `xden-build run
     --outer-only` made.
     Writes --out/OBJECT_ID/parts/region-N.ply: closed, disjoint meshes that fill the outer surface
     but for voids, as `xden-build run --parts` reads them. Run again to go on. Exits with 3 if some
@@ -43,6 +45,7 @@ def parts(fit: Path, root: Path, out: Path, device: str, threads: int, as_json: 
     from xden_baselines.xfield.parts import write_parts
     from xden_baselines.xfield.saved import saved_method
 
+    fit = fit / STATE if (fit / STATE).is_dir() else fit
     method, folder = saved_method(fit, device=device, threads=threads), open_folder(root)
     made: dict[str, str] = {}
     refused: dict[str, str] = {}

@@ -253,11 +253,12 @@ def _digest(method: Predicting, fit: Path, folder: DatasetFolder, object_id: str
 
 
 def _made_from(about: Path) -> str | None:
-    """Read what parts that are there were made from."""
-    if not about.is_file():
+    """Read what parts that are there were made from; None where nothing tells."""
+    try:
+        values = json.loads(about.read_text(encoding="utf-8"))
+    except (FileNotFoundError, ValueError, RecursionError):
         return None
-    values: Mapping[str, Any] = json.loads(about.read_text(encoding="utf-8"))
-    return str(values.get("made_from"))
+    return str(values.get("made_from")) if isinstance(values, dict) else None
 
 
 def _write_json(path: Path, values: Mapping[str, Any]) -> None:
