@@ -21,7 +21,7 @@ baselines := tests/baselines baselines
 docs := tests/docs $(wildcard tests/test_*.py)
 TWO_AT_A_TIME := $(MAKE) --jobs=2 --keep-going $(if $(filter output-sync,$(.FEATURES)),--output-sync=target)
 
-.PHONY: setup demo test test-all coverage $(TESTS:%=test-%) lint docs speed sample leaderboard pictures curves segments ablations robustness picks clean
+.PHONY: setup demo test test-all coverage $(TESTS:%=test-%) lint docs speed sample leaderboard pictures curves segments ablations robustness densities kinds loop x-field picks clean
 
 setup: $(STAMP)
 
@@ -251,6 +251,52 @@ robustness: $(foreach how,$(DISTURBANCES),$(DISTURBED:%=$(ROWS)/segments/val-$(h
 	      --root $(ROWS)/val-$$how --split val || exit 1; \
 	  done; \
 	done
+
+# Densities of the fits that segment, on the board of `xray`.
+DENSE := x-field-0 x-field-paper-0
+DENSE_OF = $(foreach row,$(DENSE),$(ROWS)/$(1)/$(row).npz)
+$(foreach split,test unseen,$(foreach row,$(DENSE),$(eval \
+  $(ROWS)/$(split)/$(row).npz: $(ROWS)/segments/test/$(row).npz)))
+$(foreach split,test unseen,$(DENSE:%=$(ROWS)/$(split)/%.npz)):
+	mkdir -p $(@D)
+	$(BIN)/xden-bench baseline $(patsubst %-0,%,$(basename $(@F))) --split $(notdir $(@D)) \
+	  --model $(ROWS)/fits/$(basename $(@F)) --set size=$(FIELD_SIZE) --root $(ROWS)/data --out $@
+
+densities: densities-test densities-unseen
+	$(BIN)/xden-bench leaderboard
+
+densities-test densities-unseen: densities-%: $$(call DENSE_OF,%)
+	$(call ENTERED,submit)
+
+# Where points are lost, what differs beyond doubt, and six objects.
+LOSING := x-field-0 x-field-1 x-field-geometry-contrastive-1
+SIX := soap_dispenser-0009,teapot-0012,scissors-0010,rubber_ball-0006,remote_control-0005,picture_frame-0013
+RIVALS := x-field-geometry-contrastive-0 xray-clusters surface-parts
+
+kinds: $(patsubst %,$(ROWS)/segments/test/%.npz,$(sort $(LOSING) $(RIVALS) $(FIELDS:%=%-0)))
+	$(BIN)/xden-bench segment kinds $(LOSING:%=$(ROWS)/segments/test/%.npz) --root $(ROWS)/data
+	for row in $(FIELDS:%=%-0); do for other in $(RIVALS); do \
+	  $(BIN)/xden-bench segment compare $(ROWS)/segments/test/$$row.npz \
+	    $(ROWS)/segments/test/$$other.npz --root $(ROWS)/data || exit 1; \
+	done; done
+	$(BIN)/xden-bench segment show $(SIX) $(ROWS)/segments/test/x-field-0.npz \
+	  $(ROWS)/segments/test/x-field-geometry-contrastive-1.npz --root $(ROWS)/data \
+	  --picture docs/images/x-field.png
+
+# Parts that nobody has annotated, rebuilt; 3 is the exit code where single objects are refused.
+LOOP := $(ROWS)/loop
+loop: $(ROWS)/segments/test/x-field-0.npz
+	$(BIN)/xden-build phantoms $(LOOP)/captures --split test \
+	  $(subst --count 2000,--count 320,$(PHANTOMS))
+	$(BIN)/xden-build run $(LOOP)/captures --out $(LOOP)/whole --outer-only || test $$? = 3
+	$(BIN)/python -m xden_baselines.xfield parts $(ROWS)/fits/x-field-0 $(LOOP)/whole \
+	  --out $(LOOP)/parts || test $$? = 3
+	$(BIN)/xden-build run $(LOOP)/captures --out $(LOOP)/proposed --parts $(LOOP)/parts || test $$? = 3
+	$(BIN)/xden-build run $(LOOP)/captures --out $(LOOP)/annotated || test $$? = 3
+	$(BIN)/xden-build evaluate $(LOOP)/captures --by-voxel --rebuilt $(LOOP)/whole \
+	  --rebuilt $(LOOP)/proposed --rebuilt $(LOOP)/annotated
+
+x-field: segments densities ablations robustness kinds loop  # every table of docs/method/x-field.md
 
 # Simulated picks by methods' centres of mass, on the full tier of either split.
 PICKING := category-median nerf2physics-style-0 gaussian-property-style-0 colour-unet-0 \
