@@ -124,6 +124,7 @@ def open_segments(path: Path) -> Segments:
 
 def _check_shape(kind: str, member: Member) -> None:
     """Compare a member's shape with the format, as far as the number of points is not needed."""
-    expected = (_ROWS["labels"], "points") if kind == "labels" else ("points",)
+    rows = _ROWS["labels"]
+    expected: tuple[int | str, ...] = (rows, "points") if kind == "labels" else ("points",)
     if len(member.shape) != len(expected) or member.shape[:-1] != expected[:-1]:
         raise BadArchiveError("E402", shape_message(expected, member.shape))
