@@ -359,6 +359,18 @@ def test_every_form_of_an_answer_is_read(answer: str) -> None:
     assert parse_answers(text) == ({(1, 0): "metal"}, 1)
 
 
+@pytest.mark.parametrize(
+    "answer",
+    [
+        r"Choice(message=ChatCompletionMessage(content='a \xgg lid,Wood,40-60,Shore D'))",
+        "Choice(message=ChatCompletionMessage(content=None, refusal='I cannot see it'))",
+        "a1," * 20_000,
+    ],
+)
+def test_answers_that_are_none_are_counted_and_quickly(answer: str) -> None:
+    assert parse_answers(f"01/00.png,{answer}") == ({}, 1)
+
+
 def test_captions_with_commas_and_recorded_errors_are_told_apart() -> None:
     text = "\n".join(
         [
@@ -434,7 +446,7 @@ def test_a_place_that_is_missing_or_half_given_is_named(
 
 def test_points_that_are_one_have_no_box(sample: SampleView) -> None:
     one = Cloud(np.zeros((3, 3)), np.ones(3), "g/cm3")
-    with pytest.raises(DataError, match="all points are one, so there is no box"):
+    with pytest.raises(DataError, match=f"{NAME}: all points are one, so there is no box"):
         Frames.read("box", None).similarity(one, sample)
 
 

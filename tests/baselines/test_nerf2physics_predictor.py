@@ -278,6 +278,11 @@ def test_weights_that_are_not_there_are_an_error(folder: DatasetFolder, tmp_path
         predictor.fit(Examples(folder, "train", READS, pictures_of=Turned()), seed=0)
 
 
+def test_a_folder_that_the_command_line_takes_for_a_number_is_refused() -> None:
+    with pytest.raises(DataError, match=r"clip must be the name of a folder, got 7: write \./7"):
+        NeRF2Physics(clip=7)
+
+
 def test_a_device_is_named_for_clip_alone() -> None:
     with pytest.raises(DataError, match="CLIP alone runs on 'cuda': name the folder of its w"):
         NeRF2Physics(clip="", device="cuda")

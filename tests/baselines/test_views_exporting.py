@@ -103,3 +103,5 @@ def test_a_page_has_a_row_of_views_for_each_object(folder: DatasetFolder, tmp_pa
             write_page(page_of(folder, ids, SOURCE), tmp_path / name, width_px=60)
     with pytest.raises(DataError, match=r"page\.oil"):
         write_page(found, tmp_path / "page.oil", width_px=60)
+    with pytest.raises(DataError, match=r"page\.png: height and width must be > 0"):
+        write_page(found, tmp_path / "page.png", width_px=0)

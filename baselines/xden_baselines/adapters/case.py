@@ -48,8 +48,8 @@ _RECORD = re.compile(r"^([^,\n]*)\.png,", re.MULTILINE)
 _PLACE = re.compile(r"(?:^|.*/)(\d{1,6})/(\d{1,6})")
 _CONTENT = re.compile(r"""\bcontent=('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""")
 """A string as Python prints it."""
-_SHORE = re.compile(r"(.*),([^,]+),[^,]*\d[^,]*,\s*<?Shore\s+[AD]", re.IGNORECASE | re.DOTALL)
-"""Caption, which may hold commas, material, hardness, scale."""
+_SHORE = re.compile(r",([^,]+),[^,\d]*\d[^,]*,\s*<?Shore\s+[AD]", re.IGNORECASE)
+"""After a caption, which may hold commas: material, hardness, scale."""
 
 
 def parse_answers(text: str) -> tuple[Mapping[Part, str], int]:
@@ -84,9 +84,12 @@ def parse_answers(text: str) -> tuple[Mapping[Part, str], int]:
 def _material(answer: str) -> str | None:
     """Material of one answer; None if it names none."""
     printed = _CONTENT.search(answer)
-    said = str(ast.literal_eval(printed[1])) if printed else answer
-    found = _SHORE.search(said)
-    name = found[2].strip(" \t\n*_`\"'()[]<>.").lower() if found else ""
+    try:
+        said = str(ast.literal_eval(printed[1])) if printed else answer
+    except (SyntaxError, ValueError):  # an escape that Python does not print
+        return None
+    found = _SHORE.findall(said)
+    name = found[-1].strip(" \t\n*_`\"'()[]<>.").lower() if found else ""
     return name or None
 
 

@@ -175,7 +175,10 @@ class Frames:
                 "place in --transforms"
             )
         if self.default == "box":
-            return _between(cloud.bounds, np.asarray(sample.outer_mesh.bounds))
+            try:
+                return _between(cloud.bounds, np.asarray(sample.outer_mesh.bounds))
+            except DataError as err:
+                raise DataError(f"{sample.object_id}: {err}") from err
         return Similarity.made(100.0 if self.default == "m" else 1.0)
 
     def _given(self, object_id: str, entry: Mapping[str, Any]) -> Similarity:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from xden1k.errors import DataError
 from xden_baselines.features.encoder import PatchEncoder
 
 __all__ = [
@@ -22,7 +23,15 @@ HOW_TO_NAME_CLIP = f"name the folder of its weights by {CLIP_VARIABLE} or by --s
 
 
 def clip_folder(given: str | None) -> str:
-    """Return the folder that a method was given, else the environment's; empty for none."""
+    """Return the folder that a method was given, else the environment's; empty for none.
+
+    Raises
+    ------
+    DataError
+        If what was given is no text: ``--set clip=7`` is a number.
+    """
+    if given is not None and not isinstance(given, str):
+        raise DataError(f"clip must be the name of a folder, got {given!r}: write ./{given}")
     return os.environ.get(CLIP_VARIABLE, "") if given is None else given
 
 

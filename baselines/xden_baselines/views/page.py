@@ -43,11 +43,11 @@ def write_page(page: UInt8[np.ndarray, "rows columns 3"], path: Path, *, width_p
     Raises
     ------
     DataError
-        If the name says none, or the file cannot be written.
+        If the name says none, the file cannot be written, or the width is no width.
     """
     height_px = round(page.shape[0] * width_px / page.shape[1])
-    shrunk = Image.fromarray(page).resize((width_px, height_px), Image.Resampling.LANCZOS)
     try:
+        shrunk = Image.fromarray(page).resize((width_px, height_px), Image.Resampling.LANCZOS)
         shrunk.save(path, quality=QUALITY)
     except (OSError, ValueError) as err:
         raise DataError(f"{path}: {err}") from err
