@@ -101,6 +101,33 @@ def test_without_depths_the_distances_are_those_of_the_surface(scene: Path) -> N
         read_scene(scene, Surface(elsewhere.triangles))
 
 
+def scaled(found: dict[str, Any]) -> None:
+    for frame in found["frames"]:
+        pose = np.array(frame["transform_matrix"])
+        pose[:3, 3] *= 3
+        frame["transform_matrix"] = pose.tolist()
+
+
+def test_cameras_whose_masks_are_not_where_the_object_is_are_refused(scene: Path) -> None:
+    shutil.rmtree(scene / "ns")
+    surface = Surface(trimesh.creation.icosphere(subdivisions=4).triangles)
+    read_scene(scene, surface)
+    edit(scene, scaled)
+    with pytest.raises(DataError, match=r"masks and the object's outer surface share \d+% of"):
+        read_scene(scene, surface)
+
+
+def test_pictures_without_a_mask_are_refused(scene: Path) -> None:
+    shutil.rmtree(scene / "ns")
+    surface = Surface(trimesh.creation.icosphere(subdivisions=4).triangles)
+    for path in (scene / "images").iterdir():
+        with Image.open(path) as picture:
+            picture.putalpha(255)
+            picture.save(path)
+    with pytest.raises(DataError, match="or alpha is no mask"):
+        read_scene(scene, surface)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -119,6 +146,11 @@ def test_without_depths_the_distances_are_those_of_the_surface(scene: Path) -> N
             r"001\.png: camera_to_world must be a rotation",
         ),
         (lambda found: found["frames"][0].update(file_path="images/9.png"), r"9\.png"),
+        (lambda found: found["frames"][1].update(file_path="b/000.png"), r"once, got '000' twice"),
+        (lambda found: found.update(w=64, h=48), r"h and w are \(48, 64\), the .* \(96, 128\)"),
+        (lambda found: found.update(camera_model="OPENCV_FISHEYE"), "got 'OPENCV_FISHEYE'"),
+        (lambda found: found.update(fl_y=float("nan")), r"got \[100\.0, nan\]"),
+        (lambda found: found.update(fl_x=float("inf")), r"got \[inf, 100\.0\]"),
     ],
 )
 def test_cameras_that_break_the_layout_are_named(
@@ -136,6 +168,12 @@ def test_files_that_break_the_layout_are_named(scene: Path) -> None:
         depth.write_bytes(damaged)
         with pytest.raises(DataError, match=r"001\.npy\.gz"):
             read_scene(scene)
+    for save in (np.savez, lambda file, zeros: np.save(file, zeros.astype(str))):
+        file = io.BytesIO()
+        save(file, np.zeros((96, 128, 1)))
+        depth.write_bytes(gzip.compress(file.getvalue()))
+        with pytest.raises(DataError, match=r"001\.npy\.gz: expected an \.npy array of floats"):
+            read_scene(scene)
     with gzip.open(depth, "wb") as file:
         np.save(file, np.zeros((3, 4, 1), dtype=np.float32))
     with pytest.raises(DataError, match=r"shape must be \(96, 128, 1\), got \(3, 4, 1\)"):
@@ -146,6 +184,9 @@ def test_files_that_break_the_layout_are_named(scene: Path) -> None:
         read_scene(scene)
     Image.new("RGB", (128, 96)).save(scene / "images" / "001.png")
     with pytest.raises(DataError, match=r"001\.png: expected RGBA, got RGB"):
+        read_scene(scene)
+    (scene / "transforms.json").write_text('{"frames":' + "[" * 100_000)
+    with pytest.raises(DataError, match=r"transforms\.json"):
         read_scene(scene)
     (scene / "transforms.json").write_text("[]")
     with pytest.raises(DataError, match="expected a JSON object, got list"):

@@ -42,7 +42,8 @@ class Camera:
     Raises
     ------
     DataError
-        If the matrix is no rigid motion, or a focal length or the shape is not positive.
+        If the matrix is no rigid motion, a focal length or the shape is not positive, or a number
+        is not finite.
 
     Examples
     --------
@@ -70,10 +71,11 @@ class Camera:
                 "camera_to_world must be a rotation and a translation, "
                 f"got {np.round(self.camera_to_world, 4).tolist()}"
             )
-        if not (min(self.focal_px) > 0 and min(self.shape) > 0):
+        finite = np.isfinite([*self.focal_px, *self.centre_px]).all()
+        if not (finite and min(self.focal_px) > 0 and min(self.shape) > 0):
             raise DataError(
-                "focal_px and shape must be positive, "
-                f"got {list(self.focal_px)} and {list(self.shape)}"
+                "focal_px and shape must be positive and finite, centre_px finite, "
+                f"got {list(self.focal_px)}, {list(self.shape)} and {list(self.centre_px)}"
             )
 
     @property

@@ -22,8 +22,10 @@ from __future__ import annotations
 import gzip
 import io
 import json
+import zipfile
 import zlib
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,10 +44,14 @@ __all__ = ["read_scene", "write_scene"]
 CM_PER_M = 100.0
 _INTRINSICS = ("fl_x", "fl_y", "cx", "cy")
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+_MODELS = ("OPENCV", "PERSPECTIVE", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+"""Of lenses: those that do not distort where their coefficients are 0."""
 _POINTS = 100_000
 """Written of each scene at most, as many as NeRF2Physics takes from its NeRF."""
 _MOST_OFF = 0.1
 """By which share distances may differ from those of the outer surface, in the median."""
+_LEAST_SHARED = 0.5
+"""Of the pixels in the mask or on the outer surface, those in both, in the median view."""
 
 
 def write_scene(pictures: Pictures, scene: Path) -> None:
@@ -94,12 +100,13 @@ def read_scene(scene: Path, surface: Surface | None = None) -> Pictures:
     Raises
     ------
     DataError
-        If a file is missing or cannot be read, pictures differ in size, a lens is distorted,
-        distances are a tenth off those of the surface, or no picture shows it.
+        If a file is missing or cannot be read, pictures differ in size, or are of another than
+        their cameras say, a lens is distorted, distances are a tenth off those of the surface, or
+        the masks are elsewhere than it is.
     """
     transforms = _read_json(scene / "transforms.json")
     depths = scene / "ns" / "renders" / "depth"
-    colors, masks, distances, cameras = [], [], [], []
+    colors, masks, distances, cameras, shared = [], [], [], [], []
     for frame in _frames(transforms, scene):
         name = Path(frame["file_path"])
         rgba = _read_picture(scene / "images" / f"{name.stem}{name.suffix or '.png'}")
@@ -107,6 +114,7 @@ def read_scene(scene: Path, surface: Surface | None = None) -> Pictures:
         first_cm = None
         if surface is not None:
             first_cm = surface.first_hits(camera.position_cm, camera.rays())[1]
+            shared.append(_shared(mask, np.isfinite(first_cm)))
         if depths.is_dir():
             path = depths / f"{name.stem}.npy.gz"
             distance = (_read_depth(path, mask) * CM_PER_M).astype(np.float32)
@@ -124,7 +132,29 @@ def read_scene(scene: Path, surface: Surface | None = None) -> Pictures:
         raise DataError(f"{scene}: all pictures must have one size")
     if not any(mask.any() for mask in masks):
         raise DataError(f"{scene}: no picture shows the object where it should be")
-    return Pictures(np.stack(colors), np.stack(masks), np.stack(distances), tuple(cameras))
+    _check_shared(shared, scene)
+    try:
+        return Pictures(np.stack(colors), np.stack(masks), np.stack(distances), tuple(cameras))
+    except DataError as err:
+        raise DataError(f"{scene}: {err}") from err
+
+
+def _shared(
+    mask: Bool[np.ndarray, "rows columns"], other: Bool[np.ndarray, "rows columns"]
+) -> float:
+    """Share of the pixels in either that are in both; 1 if there are none."""
+    either = int((mask | other).sum())
+    return int((mask & other).sum()) / either if either else 1.0
+
+
+def _check_shared(shared: Sequence[float], scene: Path) -> None:
+    """Refuse masks that are not where the outer surface is."""
+    if shared and (share := float(np.median(shared))) < _LEAST_SHARED:
+        raise DataError(
+            f"{scene}: masks and the object's outer surface share {share:.0%} of their pixels in "
+            f"the median view, expected at least {_LEAST_SHARED:.0%}: cameras are in another frame "
+            "or scale, or alpha is no mask"
+        )
 
 
 def _frame(camera: Camera, name: str) -> dict[str, Any]:
@@ -167,6 +197,9 @@ def _frames(transforms: Mapping[str, Any], scene: Path) -> list[Mapping[str, Any
         and all(isinstance(frame.get("file_path"), str) for frame in frames)
     ):
         raise DataError(f"{scene}/transforms.json: frames must be a list, each with a file_path")
+    names = [Path(frame["file_path"]).stem for frame in frames]
+    if twice := [name for name, count in Counter(names).items() if count > 1]:
+        raise DataError(f"{scene}/transforms.json: each picture once, got {twice[0]!r} twice")
     return frames
 
 
@@ -174,6 +207,11 @@ def _camera(frame: Mapping[str, Any], shape: tuple[int, int], scene: Path) -> Ca
     where = f"{scene}/transforms.json: {frame['file_path']}"
     if bent := [name for name in _DISTORTION if frame.get(name)]:
         raise DataError(f"{where}: a lens without distortion is expected, got {bent}")
+    if (model := frame.get("camera_model", _MODELS[0])) not in _MODELS:
+        raise DataError(f"{where}: camera_model must be one of {_MODELS}, got {model!r}")
+    said = tuple(frame.get(key, edge) for key, edge in zip("hw", shape, strict=True))
+    if said != shape:
+        raise DataError(f"{where}: h and w are {said}, the picture's rows and columns {shape}")
     try:
         pose = np.array(frame["transform_matrix"], dtype=np.float64)
         fl_x, fl_y, cx, cy = (float(frame[name]) for name in _INTRINSICS)
@@ -220,7 +258,7 @@ def _read_picture(path: Path) -> UInt8[np.ndarray, "rows columns 4"]:
             if image.mode != "RGBA":
                 raise DataError(f"{path}: expected RGBA, got {image.mode}")
             return np.array(image)
-    except (OSError, UnidentifiedImageError) as err:
+    except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as err:
         raise DataError(f"{path}: {err}") from err
 
 
@@ -229,8 +267,10 @@ def _read_depth(
 ) -> Float32[np.ndarray, "rows columns"]:
     try:
         found = np.load(io.BytesIO(gzip.decompress(path.read_bytes())), allow_pickle=False)
-    except (OSError, EOFError, ValueError, zlib.error) as err:
+    except (OSError, EOFError, ValueError, zlib.error, zipfile.BadZipFile) as err:
         raise DataError(f"{path}: {err}") from err
+    if not isinstance(found, np.ndarray) or found.dtype.kind != "f":
+        raise DataError(f"{path}: expected an .npy array of floats")
     if found.shape != (*mask.shape, 1):
         raise DataError(f"{path}: shape must be {(*mask.shape, 1)}, got {found.shape}")
     return np.asarray(found[..., 0], dtype=np.float32)
@@ -245,7 +285,7 @@ def _packed(depth: np.ndarray) -> bytes:
 def _read_json(path: Path) -> dict[str, Any]:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as err:
+    except (OSError, ValueError, RecursionError) as err:
         raise DataError(f"{path}: {err}") from err
     if not isinstance(found, dict):
         raise DataError(f"{path}: expected a JSON object, got {type(found).__name__}")
