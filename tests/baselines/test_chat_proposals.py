@@ -62,6 +62,7 @@ def test_a_list_is_read_with_thousands_commas_single_values_and_any_spelling_of_
         ("(**Oak**: 600-900 kg/m^3)\n\nThese are typical values.", (0.6, 0.9)),
         ("1. **oak**: 600-900 kg/m^3", (0.6, 0.9)),
         ("<think>(pine: 500)</think>(oak: 600-900 kg/m^3)", (0.6, 0.9)),
+        ("pine: 500, or oak?\n</think>\n(oak: 600-900 kg/m^3)", (0.6, 0.9)),
         ("(oak: ~600-900 kg/m^3)", (0.6, 0.9)),
         ("(oak: approx. 600\u2212900 kg/m^3)", (0.6, 0.9)),
         ("(oak: 600 kg/m^3 - 900 kg/m^3)", (0.6, 0.9)),
@@ -101,6 +102,7 @@ def test_items_may_be_divided_by_commas_and_names_hold_brackets(between: str) ->
         ("(<name>: 100-200 kg/m^3)", "expected the name of a material"),
         ("(1. steel: 100-200 kg/m^3)", "expected the name of a material"),
         ("<think>(steel: 7800 kg/m^3)", "ends within a thought"),
+        ("(steel \ud83d: 7800 kg/m^3)", "half a character"),
         ("Steel and oak, I think.", "expected '\\(name: low-high unit\\)'"),
         ("(: 100-200 kg/m^3)", "expected the name of a material"),
         ("(steel: low-high kg/m^3)", "expected a range like"),
@@ -147,6 +149,16 @@ def test_thicknesses_of_other_materials_are_refused(answer: str) -> None:
 def test_impossible_densities_are_refused(densities: dict, what: str) -> None:
     with pytest.raises(DataError, match=f"steel: {what}_g_cm3 must be 0 < low <= high <= 25"):
         paired(densities, {"steel": (0.1, 0.2)})
+
+
+@pytest.mark.parametrize("density", ["7850 g/cm^3", "8050-7750 kg/m^3", "0 kg/m^3", "1e999"])
+def test_densities_of_no_matter_are_asked_for_again_and_not_their_thicknesses(density: str) -> None:
+    first = iter([f"(steel: {density});(oak: 600-900 kg/m^3)", "(steel: 7750-8050 kg/m^3)"])
+    model = Parrot(lambda asked: next(first) if "Materials:" not in asked.text else "(steel: 1 cm)")
+    (found,) = ChatProposer(model, None).propose("pot-0001", "pot")
+    assert found == Candidate("steel", (7.75, 8.05), (1.0, 1.0))
+    asked = [(one.prompt, one.seed) for one in model.asked]
+    assert asked == [("materials/2", 100), ("materials/2", 101), ("thickness/2", 100)]
 
 
 @pytest.mark.parametrize("around", ["%s", "```json\n%s\n```", "Sure!\n%s\nAnything else?"])
@@ -253,6 +265,10 @@ def test_four_worked_examples_go_before_a_question_about_thicknesses_and_can_be_
         "Sorry, no.",
         "a pot " * 100,
         "Here it is:",
+        "N/A",
+        "I don't see any picture.",
+        "Unfortunately, I cannot view images",
+        "No image was attached",
     ],
 )
 def test_what_is_no_caption_is_refused(text: str) -> None:
@@ -265,6 +281,7 @@ def test_what_is_no_caption_is_refused(text: str) -> None:
     [
         "A pot.",
         "<think>a pan?</think>A pot.",
+        "A pan, or a pot? It has a lid.\n</think>\n\nA pot.",
         "```\nA pot.\n```",
         "Sure, a description:\n**A pot.**",
         '"A pot."',

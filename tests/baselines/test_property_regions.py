@@ -174,6 +174,8 @@ def test_centroids_that_are_none_are_refused(changed: dict) -> None:
         ("```\na blade, steel, 0.9\n```", Answer(0, 0.9)),
         ("Here is my answer:\n\n1. a blade, **Steel**, 0.9", Answer(0, 0.9)),
         ("<think>a, wood oak, 0.1</think>\na blade, steel, 0.9", Answer(0, 0.9)),
+        ("a handle or wood oak, 0.1?\n</think>\na blade, steel, 0.9", Answer(0, 0.9)),
+        ("Caption: a blade, Material: steel, Confidence: 0.9", Answer(0, 0.9)),
         ("a handle, Oak Wood, confidence: 90%", Answer(1, 0.9)),
         ("a handle, wood, 0.6", Answer(1, 0.6)),
         ("a blade, steel (0.9)", Answer(0, 0.9)),
@@ -200,6 +202,8 @@ def test_an_answer_is_read_from_the_right(text: str, expected: Answer) -> None:
         ("Material: steel", "expected one line 'caption, material, confidence'"),
         ("Material: steel\nMaterial: oak\nConfidence: 0.9", "expected one line 'caption"),
         ("a blade, , 0.9", "expected a material of .*, got ''"),
+        ("a blade, not steel, 0.9", "expected a material of .*, got 'not steel'"),
+        ("a blade, unknown (no steel), 0.2", "expected a material of .*, got 'unknown"),
         ("<think>a blade, steel, 0.9", "ends within a thought"),
     ],
 )
@@ -216,6 +220,14 @@ def test_a_list_of_families_takes_a_name_that_says_more(name: str, expected: str
     materials = published_list()
     found = parse_answer(f"a part, {name}, 0.5", materials)
     assert materials.names[found.material] == expected
+
+
+def test_of_names_that_hold_one_another_the_longest_counts() -> None:
+    materials = ClosedList(("steel", "stainless_steel", "glass"), (3, 2, 1))
+    for name in ("brushed stainless steel", "Material: stainless steel"):
+        assert parse_answer(f"a part, {name}, 0.5", materials).material == 1
+    with pytest.raises(DataError, match="got 'stainless steel and glass'"):
+        parse_answer("a part, stainless steel and glass, 0.5", materials)
 
 
 def test_a_name_that_holds_two_of_the_list_is_refused() -> None:

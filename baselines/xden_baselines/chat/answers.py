@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from xden1k.errors import DataError
-from xden_baselines.chat.candidates import MAX_CANDIDATES, Candidate, Range
+from xden_baselines.chat.candidates import MAX_CANDIDATES, Candidate, Range, check_density
 from xden_baselines.chat.wording import answer_lines, bare, said
 
 __all__ = ["paired", "parse_caption", "parse_densities", "parse_json", "parse_thicknesses"]
@@ -40,8 +40,9 @@ _IN_BRACKETS = re.compile(r"([^:;]*[^:;\s])\s*:?\s*\(([^a-z()]*\d[^()]*)\)", re.
 _REMARK = re.compile(r"[^:;()]*:?|[^:;()\d]*:[^:;()\d]*", re.IGNORECASE)
 """A line that is no item: a lead-in or a remark after the list."""
 _REFUSAL = re.compile(
-    r"(i['\u2019]m|i am) (sorry|unable|not able)|sorry\b|as an ai\b"
-    r"|i (can['\u2019]?t|cannot|could not)\b",
+    r"(i['\u2019]m|i am) (sorry|unable|not able)|sorry\b|as an ai\b|unfortunately\b"
+    r"|i (can['\u2019]?t|cannot|could not|do not|don['\u2019]?t) |(n/?a|none|unknown|unclear)$"
+    r"|(there is )?no (image|picture|object)\b",
     re.IGNORECASE,
 )
 """How a model begins that does not answer."""
@@ -75,14 +76,18 @@ def parse_densities(text: str) -> dict[str, Range]:
     Raises
     ------
     DataError
-        If it is no such list of one to five items of different names.
+        If it is no such list of one to five items of different names, or a density is of no
+        matter: the first question is asked again, not the second about it.
 
     Examples
     --------
     >>> parse_densities("(Steel: 7,750-8,050 kg/m^3);(pine: 500 kg/m^3)")
     {'steel': (7.75, 8.05), 'pine': (0.5, 0.5)}
     """
-    return _parse_list(text, G_CM3)
+    found = _parse_list(text, G_CM3)
+    for name, density in found.items():
+        check_density(name, density)
+    return found
 
 
 def parse_thicknesses(text: str) -> dict[str, Range]:

@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from xden1k.errors import DataError
 
-__all__ = ["MAX_CANDIDATES", "Candidate", "MaterialProposer", "Picture", "Range"]
+__all__ = ["MAX_CANDIDATES", "Candidate", "MaterialProposer", "Picture", "Range", "check_density"]
 
 MAX_CANDIDATES = 5
 """As many materials as NeRF2Physics asks for."""
@@ -50,8 +50,8 @@ class Candidate:
     thickness_cm: Range
 
     def __post_init__(self) -> None:
-        check_range(f"{self.name}: density_g_cm3", self.density_g_cm3, 25.0)
-        check_range(f"{self.name}: thickness_cm", self.thickness_cm, 1000.0)
+        check_density(self.name, self.density_g_cm3)
+        _check_range(f"{self.name}: thickness_cm", self.thickness_cm, 1000.0)
 
 
 @runtime_checkable
@@ -85,7 +85,12 @@ class MaterialProposer(Protocol):
         ...
 
 
-def check_range(what: str, value: Range, most: float) -> None:
+def check_density(name: str, density_g_cm3: Range) -> None:
+    """Raise a DataError unless 0 < low <= high <= 25 g/cm³."""
+    _check_range(f"{name}: density_g_cm3", density_g_cm3, 25.0)
+
+
+def _check_range(what: str, value: Range, most: float) -> None:
     """Raise a DataError unless 0 < low <= high <= most."""
     low, high = value
     if not 0 < low <= high <= most:

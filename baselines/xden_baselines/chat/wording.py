@@ -11,6 +11,10 @@ __all__ = ["answer_lines", "bare", "said"]
 
 _THOUGHT = re.compile(r"<(think|thinking|reasoning)>.*?</\1>", re.DOTALL | re.IGNORECASE)
 _OPEN_THOUGHT = re.compile(r"<(think|thinking|reasoning)>", re.IGNORECASE)
+_END_OF_THOUGHT = re.compile(r"</(?:think|thinking|reasoning)>", re.IGNORECASE)
+"""Alone where the server's template has opened the thought."""
+_HALF = re.compile("[\ud800-\udfff]")
+"""Of a character: JSON can hold one, a request cannot."""
 _FENCE = re.compile(r"```[\w-]*\n(.*?)\n?```", re.DOTALL)
 _BULLET = re.compile(r"^\s*(?:[-*\u2022]\s+|\d{1,2}[.)]\s+)")
 _LEAD_IN = re.compile(
@@ -28,7 +32,7 @@ def said(text: str) -> str:
     Raises
     ------
     DataError
-        If it ends within a thought.
+        If it ends within a thought, or has half a character in it.
 
     Examples
     --------
@@ -38,6 +42,9 @@ def said(text: str) -> str:
     rest = _THOUGHT.sub("", text)
     if _OPEN_THOUGHT.search(rest):
         raise DataError("the answer ends within a thought: more tokens are needed")
+    rest = _END_OF_THOUGHT.split(rest)[-1]
+    if _HALF.search(rest):
+        raise DataError("the answer has half a character in it")
     fenced = _FENCE.findall(rest)
     return _EMPHASIS.sub("", fenced[-1] if fenced else rest).strip()
 

@@ -37,6 +37,10 @@ _BRACKETED = re.compile(r"\s*\(([\d.]+\s*%?)\)$")
 """A confidence in brackets behind the material."""
 _LABELLED = re.compile(r"(material|confidence)\s*:\s*(\S.*)", re.IGNORECASE)
 """A line of an answer that gives each of its fields one."""
+_LABEL = re.compile(r"(main )?material\s*:\s*", re.IGNORECASE)
+"""Before the material of a line that has all fields."""
+_NOT = frozenset({"not", "no", "non", "neither", "nor", "without", "unknown", "except"})
+"""Words of what is no name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,7 +195,8 @@ def parse_answer(text: str, materials: ClosedList) -> Answer:
     confidence have a line each, ``Material: wood oak``. The words of a name may come in another
     order or be a part of it (``stainless steel``: the first of the list that has both), and it may
     be one that the material library also knows it by. It may say more than the only name of the
-    list in it (``stainless steel`` where there is but ``steel``).
+    list in it (``stainless steel`` where there is but ``steel``); of two that hold one another the
+    longer counts. ``not steel`` is none.
 
     Raises
     ------
@@ -213,7 +218,7 @@ def parse_answer(text: str, materials: ClosedList) -> Answer:
     confidence = float(number) / (100 if percent else 1)
     if confidence > 1:
         raise DataError(f"expected a confidence from 0 to 1, got {number}{percent}")
-    return Answer(_place(bare(name), materials), confidence)
+    return Answer(_place(bare(_LABEL.sub("", name)), materials), confidence)
 
 
 def _joined(lines: Sequence[str]) -> str:
@@ -243,9 +248,10 @@ def _place(name: str, materials: ClosedList) -> int:
     for place, words in enumerate(names):
         if wanted and wanted <= words:
             return place
-    within = [place for place, words in enumerate(names) if words <= wanted]
-    if len(within) == 1:
-        return within[0]
+    within = [words for words in names if words <= wanted]
+    longest = [one for one in within if not any(one < other for other in within)]
+    if len(longest) == 1 and not wanted & _NOT:
+        return names.index(longest[0])
     raise DataError(
         f"expected a material of {[_spoken(one) for one in materials.names]}, got {name[:60]!r}"
     )
