@@ -230,6 +230,9 @@ def test_each_mode_opens_its_own_kind_of_model(tmp_path: Path) -> None:
     assert type(replayer) is Replayer
 
 
+LIVE = {"XDEN_VLM_MODE": "live", "XDEN_VLM_BASE_URL": "http://a/v1", "XDEN_VLM_MODEL": "a"}
+
+
 @pytest.mark.parametrize(
     ("environment", "message"),
     [
@@ -239,7 +242,16 @@ def test_each_mode_opens_its_own_kind_of_model(tmp_path: Path) -> None:
         ({"XDEN_VLM_BASE_URL": "http://a"}, "XDEN_VLM_MODE does not say what for"),
         ({"XDEN_VLM_FALLBACK": "me"}, r"XDEN_VLM_FALLBACK must be one of \('train', 'none'\), got"),
         ({"XDEN_VLM_TIMEOUT_S": "soon"}, "XDEN_VLM_TIMEOUT_S must be a number, got 'soon'"),
-        ({"XDEN_VLM_IN_FLIGHT": "0"}, "XDEN_VLM_IN_FLIGHT must be positive, got 0"),
+        ({"XDEN_VLM_IN_FLIGHT": "0"}, "XDEN_VLM_IN_FLIGHT must be positive and .* 1000, got 0"),
+        ({"XDEN_VLM_TIMEOUT_S": "inf"}, "XDEN_VLM_TIMEOUT_S must be .* at most 86400, got inf"),
+        *[
+            (LIVE | {"XDEN_VLM_BASE_URL": url}, r"XDEN_VLM_BASE_URL must be [^@]*/v1$")
+            for url in ("localhost:8000/v1", "http://[::1/v1", "http://a@h:99999", "ftp://h/v1")
+        ],
+        *[
+            (LIVE | {"XDEN_VLM_API_KEY": key}, "XDEN_VLM_API_KEY must be ASCII without line ends$")
+            for key in ("sk-abc\n", "schl\u00fcssel")
+        ],
     ],
 )
 def test_settings_that_do_not_go_together_are_refused(

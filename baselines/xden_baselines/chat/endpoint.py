@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 from xden1k.errors import XDenError
 from xden_baselines.chat.request import CUT_OFF, ChatRequest
 
-__all__ = ["MAX_TOKENS", "TIMEOUT_S", "ChatError", "ChatModel", "Endpoint"]
+__all__ = ["MAX_TOKENS", "TIMEOUT_S", "ChatError", "ChatModel", "Endpoint", "check_url"]
 
 NO_KEY = "none"
 """Sent where no key is set: without one the client would send the user's Hub token."""
@@ -67,7 +67,8 @@ class Endpoint:
     api_key
         Sent as a bearer token and shown nowhere; empty = none.
     timeout_s
-        For the connection, and for the answer: a model that thinks long needs more.
+        For the connection, and for as long as nothing comes of the answer: a model that thinks long
+        needs more.
     max_tokens
         Of an answer, thoughts included.
     tries
@@ -142,9 +143,16 @@ class Endpoint:
                 raise ChatError(f"{where}: refused with HTTP status {status}") from None
             return _Passing(f"HTTP status {status}", _wait_s(err.response.headers))
         except broken as err:
-            return _Passing(f"no connection ({type(err).__name__})")
-        except (ValueError, TypeError, KeyError, IndexError, AttributeError):
+            return _Passing(f"no connection, or it broke ({type(err).__name__})")
+        except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError):
             return _Passing("the body is no chat completion")
+
+
+def check_url(base_url: str) -> None:
+    """Raise a ValueError unless this is where a server can be: ``http://HOST:PORT/v1``."""
+    parts = urlsplit(base_url)
+    if parts.scheme not in ("http", "https") or not parts.hostname or parts.port == 0:
+        raise ValueError("no scheme http or https, or no host")
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from typing import Any, Final, Literal, get_args
 
 from xden1k.errors import DataError
 from xden_baselines.chat.cassette import Recorder, Replayer
-from xden_baselines.chat.endpoint import MAX_TOKENS, TIMEOUT_S, ChatModel, Endpoint
+from xden_baselines.chat.endpoint import MAX_TOKENS, TIMEOUT_S, ChatModel, Endpoint, check_url
 
 __all__ = ["ChatSettings", "Mode", "chat_settings", "open_chat"]
 
@@ -28,6 +28,7 @@ _NUMBERS: Final[Mapping[str, type[int | float]]] = {
     "max_tokens": int,
     "in_flight": int,
 }
+_MOST: Final = {"timeout_s": 86_400.0, "max_tokens": 10**7, "in_flight": 1000}
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,9 +75,10 @@ class ChatSettings:
         if self.fallback not in get_args(Fallback):
             expected = get_args(Fallback)
             raise DataError(f"XDEN_VLM_FALLBACK must be one of {expected}, got {self.fallback!r}")
-        for name in _NUMBERS:
-            if not getattr(self, name) > 0:
-                raise DataError(f"{_variable(name)} must be positive, got {getattr(self, name):g}")
+        for name, most in _MOST.items():
+            if not 0 < (got := getattr(self, name)) <= most:
+                must = f"must be positive and at most {most:g}"
+                raise DataError(f"{_variable(name)} {must}, got {got:g}")
         if missing := [name for name in _NEEDED[self.mode] if not getattr(self, name)]:
             names = ", ".join(_variable(name) for name in missing)
             raise DataError(f"XDEN_VLM_MODE={self.mode} also needs {names}")
@@ -85,6 +87,19 @@ class ChatSettings:
                 "an endpoint or a cassette is set, but XDEN_VLM_MODE does not say what for: "
                 "live, record or replay"
             )
+        self._check_texts()
+
+    def _check_texts(self) -> None:
+        """Refuse an address or a key that cannot be sent; the message shows neither's secret."""
+        if not (self.api_key.isascii() and (self.api_key + "a").isprintable()):
+            raise DataError("XDEN_VLM_API_KEY must be ASCII without line ends")
+        if self.base_url:
+            try:
+                check_url(self.base_url)
+            except ValueError:
+                raise DataError(
+                    "XDEN_VLM_BASE_URL must be an address such as http://127.0.0.1:8000/v1"
+                ) from None
 
     @property
     def source(self) -> str:
