@@ -144,6 +144,8 @@ def test_pixie_with_clip_looks_through_it_and_says_so(
     assert method.fingerprint != ColourUNet(**TINY).fingerprint
     method.fit(train(folder), seed=1, budget=Budget(epochs=4))
     assert "CLIP tiny" in method.notes
+    assert "Pixie without its field of CLIP's features" in method.notes
+    assert method.notes.endswith(", its size")
     seen, black = (
         method.predict(view(folder, change)).density_g_cm3
         for change in (lambda same: same, same_in_black)

@@ -15,6 +15,7 @@ from xden1k.errors import DataError
 from xden1k.predictor import Budget, Prediction
 from xden1k.values.arrays import Grid
 from xden1k.values.modality import Modality
+from xden_baselines.chat.zero_shot import lacking
 from xden_baselines.features.settings import clip_folder, clip_sha256, open_clip
 from xden_baselines.pixie.settings import Settings
 
@@ -180,9 +181,15 @@ class PixieStyle(ColourUNet):
 
     @property
     def notes(self) -> str:
-        """How the training went, what was trained, and whose features it saw."""
-        source = f"; {self._descriptors.encoder.source}" if self._descriptors else ""
-        return super().notes + source
+        """How the training went, what was trained, whose features it saw, and what Pixie has."""
+        if self._descriptors is None:
+            return super().notes
+        parts = {
+            "its field of CLIP's features (those of patches are averaged)": True,
+            "labels by vision-language models (the truth teaches)": True,
+            "its size": self.settings.size != FULL.size,
+        }
+        return f"{super().notes}; {self._descriptors.encoder.source}; {lacking('Pixie', parts)}"
 
     @property
     def fingerprint(self) -> str:
