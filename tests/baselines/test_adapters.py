@@ -218,6 +218,16 @@ def test_floaters_do_not_end_a_run_and_are_counted(
     assert_round_trip(runs, folder, wrong=0.12 if far == 1.04 else 0.03, mass=0.05)
 
 
+def test_a_floater_of_no_matter_does_not_end_a_run(sample: SampleView) -> None:
+    points, density = cloud()
+    for odd in (0.0, 1e9):
+        floating = Cloud(np.vstack([points, [[50.0] * 3]]), np.append(density, odd), "kg/m3")
+        assert fill(floating, Similarity.made(1.0), sample).floaters == 1
+        touching = Cloud(np.vstack([points, [[1.0] * 3]]), np.append(density, odd), "kg/m3")
+        with pytest.raises(DataError, match=f"{NAME}: densities must be within"):
+            fill(touching, Similarity.made(1.0), sample)
+
+
 def test_a_run_of_many_floaters_is_adapted_where_their_share_is_told(
     runs: Path, root: Path, folder: DatasetFolder
 ) -> None:

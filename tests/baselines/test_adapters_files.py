@@ -295,8 +295,11 @@ def test_vomps_points_of_another_kind_are_refused(tmp_path: Path) -> None:
         read_vomp(tmp_path, NAME, original_scale=False)
 
 
-def test_vomps_scale_is_not_guessed(tmp_path: Path) -> None:
-    write_vomp(tmp_path, NAME, scale=0.9)
+@pytest.mark.parametrize(
+    "voxels", [{"scale": 0.9}, {"scale": 8, "segment": "query_point_material"}]
+)
+def test_vomps_scale_is_not_guessed(tmp_path: Path, voxels: dict[str, Any]) -> None:
+    write_vomp(tmp_path, NAME, **voxels)
     with pytest.raises(DataError, match=r"for coordinates of the mesh give --original-scale$"):
         read_vomp(tmp_path, NAME, original_scale=False)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -69,13 +69,13 @@ def fill(cloud: Cloud, similarity: Similarity, sample: SampleView) -> Filled:
         object.
     """
     where = sample.object_id
-    density = density_g_cm3(cloud, where)
     points_cm = similarity(cloud.points)
     cell_cm = max(cloud.cell * similarity.scale, sample.voxel_size_cm)
     lost = floaters(points_cm, few=cloud.few) & ~_in_box(
         points_cm, sample.outer_mesh.bounds, cell_cm
     )
-    points_cm, density = points_cm[~lost], density[~lost]
+    kept = replace(cloud, points=cloud.points[~lost], density=cloud.density[~lost])
+    points_cm, density = points_cm[~lost], density_g_cm3(kept, where)
     iou = _checked_iou(box_of(points_cm, cloud.cell * similarity.scale), cell_cm, sample)
     inside = sample.envelope > 0
     if (near := _share_near(points_cm, inside, sample, cell_cm)) < MIN_NEAR:

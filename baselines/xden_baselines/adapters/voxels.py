@@ -159,14 +159,20 @@ def read_vomp(runs: Path, name: str, *, original_scale: bool) -> Cloud:
         [numbers(voxels[axis], (None,), f"{path}: voxel_data: {axis}") for axis in "xyz"], axis=1
     )
     density = numbers(voxels["density"], (None,), f"{path}: voxel_data: density")
+    in_box = np.abs(points).max() <= 0.5 + NODE_TOLERANCE / VOMP_SIZE
     if segments[0] in QUERY_SEGMENTS:
+        if not (in_box or original_scale):
+            raise DataError(
+                f"{path}: expected points within 0.5 of the centre of the box: for coordinates of "
+                "the mesh give --original-scale"
+            )
         return Cloud(points, density, "kg/m3", box=None if original_scale else VOMP_BOX)
     if original_scale:
         return Cloud(
             points, density, "kg/m3", cell=float(np.ptp(points, axis=0).max()) / (VOMP_SIZE - 1)
         )
     steps = (points + 0.5) * VOMP_SIZE - 0.5
-    if (np.abs(steps - np.rint(steps)) > NODE_TOLERANCE).any() or np.abs(points).max() > 0.5:
+    if (np.abs(steps - np.rint(steps)) > NODE_TOLERANCE).any() or not in_box:
         raise DataError(
             f"{path}: expected voxel centres (i + 0.5) / {VOMP_SIZE} - 0.5: for coordinates of "
             "the mesh give --original-scale"
