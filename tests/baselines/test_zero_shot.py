@@ -194,7 +194,7 @@ def test_the_closed_list_is_the_originals(
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        (NeRF2Physics, "mallet-0001: materials: no answer of 11 made sense"),
+        (NeRF2Physics, "mallet-0001: caption/1: no answer of 11 made sense"),
         (GaussianProperty, "mallet-0001: no view shows any of its surface, or none got an answer"),
     ],
 )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Callable
+from typing import Literal, TypeVar
 
 from xden_baselines.chat.answers import (
     paired,
@@ -28,6 +29,7 @@ from xden_baselines.chat.request import ChatRequest, png
 __all__ = ["ChatProposer"]
 
 Form = Literal["lists", "caption", "json"]
+Answer = TypeVar("Answer")
 
 
 class ChatProposer:
@@ -88,8 +90,7 @@ class ChatProposer:
         images = () if picture is None else (png(picture),)
         if (found := self._propose(object_id, category, images)) is not None:
             return found
-        if self._fallback is None:
-            raise unanswered(ChatRequest("materials", object_id, ""), self._retries)
+        assert self._fallback is not None  # or the question that nobody answered has been named
         self._fallbacks += 1
         return self._fallback.propose(object_id, category, picture)
 
@@ -97,7 +98,7 @@ class ChatProposer:
         self, object_id: str, category: str, images: tuple[bytes, ...]
     ) -> tuple[Candidate, ...] | None:
         request = ChatRequest("caption/1", object_id, CAPTION, images)
-        caption = ask(self._model, request, parse_caption, retries=self._retries)
+        caption = self._ask(request, parse_caption)
         return None if caption is None else self._from_lists(object_id, caption, ())
 
     def _from_lists(
@@ -105,7 +106,7 @@ class ChatProposer:
     ) -> tuple[Candidate, ...] | None:
         text = of_object(description)
         first = ChatRequest("materials/2", object_id, text, images, system=MATERIALS)
-        densities = ask(self._model, first, parse_densities, retries=self._retries)
+        densities = self._ask(first, parse_densities)
         if densities is None:
             return None
         second = ChatRequest(
@@ -116,19 +117,21 @@ class ChatProposer:
             system=THICKNESS,
             examples=THICKNESS_EXAMPLES,
         )
-        return ask(
-            self._model,
-            second,
-            lambda answer: paired(densities, parse_thicknesses(answer)),
-            retries=self._retries,
-        )
+        return self._ask(second, lambda answer: paired(densities, parse_thicknesses(answer)))
 
     def _from_json(
         self, object_id: str, description: str, images: tuple[bytes, ...]
     ) -> tuple[Candidate, ...] | None:
         text = JSON.format(subject=_subject(description, images))
         request = ChatRequest("materials-json/1", object_id, text, images)
-        return ask(self._model, request, parse_json, retries=self._retries)
+        return self._ask(request, parse_json)
+
+    def _ask(self, request: ChatRequest, parse: Callable[[str], Answer]) -> Answer | None:
+        """Ask; where no answer makes sense, None is for the fallback, or the run ends."""
+        answer = ask(self._model, request, parse, retries=self._retries)
+        if answer is None and self._fallback is None:
+            raise unanswered(request, self._retries)
+        return answer
 
 
 def _subject(description: str, images: tuple[bytes, ...]) -> str:
