@@ -345,6 +345,7 @@ def test_remarks_too_long_for_the_file_do_not_cost_the_run(
 ) -> None:
     notes = run_predictor(Wordy(), folder, "test", tmp_path / "out.npz").meta.notes
     assert len(notes) == MAX_TEXT
+    assert notes.endswith("x…; 2 of 80 answers by the fallback, on 1 objects; computed on cuda")
     with open_predictions(tmp_path / "out.npz") as found:
         assert not found.problems
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import fmean
@@ -323,7 +323,7 @@ class _Run:
             "training_data": ("xden1k/train",) if fit else (),
             "external_data": self.predictor.external_data,
             "command": self.scope.command(),
-            "notes": _short([self.predictor.notes, *self._notes(fit, facts)]),
+            "notes": _short([self.predictor.notes, *self._notes(fit, facts)], _counts(facts)),
             "seconds_per_object": seconds,
             "processor_seconds_per_object": processor_seconds,
             "peak_memory_gb": memory_gb,
@@ -354,14 +354,18 @@ class _Run:
             yield self.options.pictures.description
         yield from _counted([f"model {one.model}" if one.model else "" for one in facts])
         yield from _counted([one.remark for one in facts])
-        if fallbacks := sum(one.fallbacks for one in facts):
-            objects = sum(one.fallbacks > 0 for one in facts)
-            yield f"{fallbacks} of {_answers(facts)} answers by the fallback, on {objects} objects"
-        if unanswered := sum(one.unanswered for one in facts):
-            objects = sum(one.unanswered > 0 for one in facts)
-            yield f"{unanswered} of {_answers(facts)} answers missing, on {objects} objects"
-        if devices := sorted({one.device for one in facts} - {"cpu"}):
-            yield f"computed on {', '.join(devices)}"
+
+
+def _counts(facts: Sequence[Facts]) -> Iterator[str]:
+    """Tell how many answers are not the model's, and where it was computed."""
+    if fallbacks := sum(one.fallbacks for one in facts):
+        objects = sum(one.fallbacks > 0 for one in facts)
+        yield f"{fallbacks} of {_answers(facts)} answers by the fallback, on {objects} objects"
+    if unanswered := sum(one.unanswered for one in facts):
+        objects = sum(one.unanswered > 0 for one in facts)
+        yield f"{unanswered} of {_answers(facts)} answers missing, on {objects} objects"
+    if devices := sorted({one.device for one in facts} - {"cpu"}):
+        yield f"computed on {', '.join(devices)}"
 
 
 def _row_name(method: str, fit: Fit | None) -> str:
@@ -398,10 +402,11 @@ def _refuse_silence(method: str, facts: Sequence[Facts]) -> None:
         )
 
 
-def _short(notes: Sequence[str]) -> str:
-    """Join notes; what is over the length that a submission may have is cut off."""
-    text = "; ".join(filter(None, notes))
-    return text if len(text) <= MAX_TEXT else f"{text[: MAX_TEXT - 1]}…"
+def _short(notes: Sequence[str], counts: Iterable[str]) -> str:
+    """Join notes; where they are longer than a submission may have them, counts are not cut off."""
+    text, end = "; ".join(filter(None, notes)), "; ".join(counts)[: MAX_TEXT // 2]
+    room = MAX_TEXT - len(end) - 2 * bool(end)
+    return "; ".join(filter(None, [text if len(text) <= room else f"{text[: room - 1]}…", end]))
 
 
 def _counted(texts: Sequence[str]) -> Iterator[str]:
