@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import io
 import json
+import os
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -203,4 +204,7 @@ def test_scene_folders_give_the_pictures_of_an_object_by_its_id(tmp_path: Path) 
     assert_same(source(folder, "cube-0001"), drawn)
     before = source.fingerprint
     edit(tmp_path / "scenes" / "cube-0001", lambda found: found["frames"].pop())
+    assert source.fingerprint != before
+    before, picture = source.fingerprint, tmp_path / "scenes" / "cube-0001" / "images" / "000.png"
+    os.utime(picture, ns=(0, 0))  # as if drawn anew, of the same size
     assert source.fingerprint != before

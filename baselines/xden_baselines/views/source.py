@@ -125,11 +125,16 @@ class SceneFolders:
 
     @property
     def fingerprint(self) -> str:
-        """Checksum of the cameras, and of names and sizes of all files."""
+        """Checksum of the cameras, and of names, sizes and times of all files.
+
+        Not of what is in them: pictures of a split may take longer to read than to answer for.
+        """
         digest = hashlib.sha256()
         for path in sorted(self.root.rglob("*")):
             if path.is_file():
-                digest.update(f"{path.relative_to(self.root)} {path.stat().st_size}\n".encode())
+                about = path.stat()
+                said = f"{path.relative_to(self.root)} {about.st_size} {about.st_mtime_ns}\n"
+                digest.update(said.encode())
             if path.name == "transforms.json":
                 digest.update(path.read_bytes())
         return digest.hexdigest()
