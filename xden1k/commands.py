@@ -9,6 +9,7 @@ import errno
 import json
 import shlex
 import warnings
+from collections.abc import Sequence
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -36,6 +37,7 @@ __all__ = [
     "OpenGroup",
     "command_line",
     "json_option",
+    "key_values",
     "open_root",
     "print_json",
     "tell_notes",
@@ -186,6 +188,26 @@ def command_line(context: click.Context, program: str) -> str:
                 if not (isinstance(parameter, click.Option) and parameter.is_flag):
                     words.append(str(value))
     return shlex.join(words)
+
+
+def key_values(texts: Sequence[str]) -> dict[str, Any]:
+    """Read what ``--set KEY=VALUE`` gave: values of JSON's types, else text.
+
+    Raises
+    ------
+    DataError
+        If a text is none.
+    """
+    found: dict[str, Any] = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not key.isidentifier() or not equals or key in found:
+            raise DataError(f"--set takes KEY=VALUE, each key once, got {text!r}")
+        try:
+            found[key] = json.loads(value)
+        except ValueError:
+            found[key] = value
+    return found
 
 
 def open_root(root: Path | str | None) -> DatasetFolder:

@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
+import json
 import math
+import os
+import re
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from click.testing import CliRunner
 from torch import Tensor
 
 from tests.baselines.pixie_scenes import dataset
 from xden1k.access.samples import Examples
 from xden1k.errors import DataError
-from xden1k.format.cache import PieceCache
+from xden1k.format.cache import LIMIT_VARIABLE, PieceCache
 from xden1k.predictor import Budget
 from xden1k.values.modality import Modality
 from xden_baselines.xfield import training
+from xden_baselines.xfield.__main__ import cli
 from xden_baselines.xfield.batches import inputs_of, misaligned
+from xden_baselines.xfield.crew import ALONE, Crew
 from xden_baselines.xfield.lessons import Lesson, lesson
 from xden_baselines.xfield.losses import TEMPERATURE, contrastive_loss
 from xden_baselines.xfield.network import XField
@@ -168,6 +176,108 @@ def test_the_weights_of_the_best_epoch_are_kept(
     assert report.best_epoch == 2
     assert same(weights, seen[1])
     assert "epoch 2 of 3" in report.summary
+
+
+@pytest.mark.parametrize("count", [2, 3, 7])
+def test_the_gradients_of_all_processes_add_up_to_those_of_one(
+    lessons: list[Lesson], count: int
+) -> None:
+    torch.manual_seed(0)
+    model = XField(variant="both", size="tiny", target="density")
+    batch = training.gathered(lessons, 64, np.random.default_rng(0))
+
+    def slopes(crew: Crew) -> list[Tensor]:
+        model.zero_grad(set_to_none=True)
+        training._add_slopes(model, batch, "cpu", crew)
+        return [torch.zeros_like(one) if one.grad is None else one.grad for one in weights]
+
+    class Apart(Crew):
+        """Adds nothing up."""
+
+        def add_gradients(self, model: torch.nn.Module) -> None:
+            pass
+
+    weights = list(model.parameters())
+    whole = slopes(ALONE)
+    each = [slopes(Apart(rank, count)) for rank in range(count)]
+    for one, *shares in zip(whole, *each, strict=True):
+        assert torch.allclose(one, sum(shares), rtol=1e-4, atol=1e-6)
+
+
+def test_several_processes_take_no_budget_in_seconds(
+    lessons: list[Lesson], kept: PieceCache
+) -> None:
+    with pytest.raises(DataError, match="in epochs, not in seconds"):
+        train(
+            *(lessons, "rays", "density", SHORT),
+            seed=0,
+            budget=Budget(seconds=1.0),
+            kept=kept,
+            crew=Crew(0, 2),
+        )
+
+
+def test_a_training_that_is_kept_is_taken_up_from_its_end(
+    lessons: list[Lesson], kept: PieceCache, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    once, report = train(lessons, "rays", "density", SHORT, seed=0, kept=kept, keep=True)
+    monkeypatch.delattr(training, "_epoch")  # nothing is learned again
+    again, same_report = train(lessons, "rays", "density", SHORT, seed=0, kept=kept)
+    assert same(once.state_dict(), again.state_dict())
+    assert report == same_report
+    assert not list(kept.folder.glob("*.pt"))
+
+
+@pytest.mark.slow
+def test_two_processes_of_torchrun_train_what_one_does_and_a_baseline_takes_it_up(
+    tmp_path: Path,
+) -> None:
+    root = dataset(tmp_path / "dataset").root
+    asked = ["x-field-both", "--root", str(root), "--budget", "2epochs"]
+    asked += ["--set", "batch=3", "--set", "queries=16", "--set", "held_out=0.25"]
+
+    def run(processes: int, *command: str) -> str:
+        cache = {"XDG_CACHE_HOME": str(tmp_path / str(processes)), LIMIT_VARIABLE: "1"}
+        ran = subprocess.run(  # noqa: S603
+            [sys.executable, *command], env=os.environ | cache, capture_output=True, text=True
+        )
+        assert ran.returncode == 0, ran.stderr
+        return ran.stdout
+
+    def trained(processes: int) -> dict:
+        launcher = ["-m", "torch.distributed.run", "--nproc-per-node", str(processes), "-m"]
+        report = json.loads(
+            run(processes, *launcher, "xden_baselines.xfield", "train", *asked, "--json")
+        )
+        assert report.pop("processes") == processes
+        return report
+
+    one, two = trained(1), trained(2)
+    assert one["held_out_loss"] == pytest.approx(two["held_out_loss"], rel=1e-3)
+    fit = tmp_path / "fit"
+    out = ["--task", "segments", "--save", str(fit), "--out", str(tmp_path / "segments.npz")]
+    run(2, "-c", "from xden_bench.cli import cli; cli()", "baseline", *asked, *out)
+    saved = json.loads((fit / "state" / "training.json").read_text())
+    assert saved == {name: two[name] for name in saved}
+
+
+@pytest.mark.parametrize(
+    ("told", "message"),
+    [
+        (["x-field"], "XDEN1K_CACHE_GB is 0: what is trained would not be kept"),
+        (["x-filed"], "no variant of X-Field 'x-filed': expected one of"),
+        (["x-field", "--set", "sise=tiny"], "x-field: .*unexpected keyword argument 'sise'"),
+        (["x-field", "--budget", "ten"], "a budget must be like 20epochs"),
+    ],
+)
+def test_what_cannot_be_trained_ahead_is_refused_before_it_is(
+    tmp_path: Path, told: list[str], message: str
+) -> None:
+    root = dataset(tmp_path / "dataset").root
+    ran = CliRunner().invoke(cli, ["train", *told, "--root", str(root)])
+    assert ran.exit_code == 1
+    assert re.search(message, ran.stderr)
+    assert len(ran.stderr.splitlines()) == 1
 
 
 def test_a_budget_ends_the_training(lessons: list[Lesson], kept: PieceCache) -> None:

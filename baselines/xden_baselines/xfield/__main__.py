@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 import click
 
-from xden1k.commands import DONE_IN_PART, LOCAL_ROOT, Group, json_option, print_json
+from xden1k.commands import (
+    DONE_IN_PART,
+    LOCAL_ROOT,
+    ROOT,
+    Group,
+    json_option,
+    key_values,
+    open_root,
+    print_json,
+)
 
 __all__ = ["cli"]
 
@@ -64,6 +74,52 @@ def parts(fit: Path, root: Path, out: Path, device: str, threads: int, as_json: 
         click.echo(f"refused: {object_id}: {why}", err=True)
     if refused:
         raise SystemExit(DONE_IN_PART)
+
+
+@cli.command(epilog="Example: torchrun --nproc-per-node 4 -m xden_baselines.xfield train x-field")
+@click.argument("method", metavar="METHOD")
+@click.option("--root", type=ROOT, help="Dataset folder. [default: as xden-bench]")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option("--budget", metavar="AMOUNT", help="Of training: 20epochs. [default: its own]")
+@click.option(
+    "--set", "settings", metavar="KEY=VALUE", multiple=True, help="Of the method; repeatable."
+)
+@json_option
+def train(
+    method: str,
+    root: Path | None,
+    seed: int,
+    budget: str | None,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Train a variant in all processes that torchrun has started on this machine.
+
+    What is trained lies in the user's cache. `xden-bench baseline METHOD` with the same root, seed,
+    budget and settings takes it up from there and learns no more. Without torchrun it is one
+    process. Run again after a kill to go on after the last epoch.
+    """
+    from xden1k.errors import DataError
+    from xden1k.format.cache import LIMIT_VARIABLE, cache_limit
+    from xden1k.predictor import Budget, Examples
+    from xden_baselines.xfield.crew import joined
+    from xden_baselines.xfield.saved import method_of
+
+    chosen = method_of(method, **key_values(settings))
+    allowed = Budget.parse(budget) if budget else None
+    folder = open_root(root)
+    if not cache_limit():
+        raise DataError(f"{LIMIT_VARIABLE} is 0: what is trained would not be kept")
+    with joined(chosen.settings.device) as crew:
+        report = chosen.train_ahead(
+            Examples(folder, "train", chosen.reads), seed=seed, budget=allowed, crew=crew
+        )
+    if not crew.first:
+        return
+    if as_json:
+        print_json({"method": method, "processes": crew.count, **asdict(report)})
+    else:
+        click.echo(f"{method}: {report.summary}, by {crew.count} processes")
 
 
 if __name__ == "__main__":

@@ -55,6 +55,11 @@ class Batch:
         rest = [getattr(self, one.name).to(device) for one in fields(self)[1:]]
         return Batch(inputs, *rest)
 
+    def objects(self, chosen: slice) -> Batch:
+        """Take some of the objects."""
+        inputs = Inputs(*(getattr(self.inputs, one.name)[chosen] for one in fields(Inputs)))
+        return Batch(inputs, *(getattr(self, one.name)[chosen] for one in fields(self)[1:]))
+
 
 def inputs_of(objects: Sequence[Seen]) -> Inputs:
     """Stack what is seen of objects."""

@@ -21,6 +21,7 @@ from xden_baselines.xfield.clusters import free_clusters, segmentation
 from xden_baselines.xfield.settings import Settings
 
 if TYPE_CHECKING:
+    from xden_baselines.xfield.crew import Crew
     from xden_baselines.xfield.network import XField
     from xden_baselines.xfield.training import FitReport
 
@@ -39,7 +40,7 @@ PAPER_PARTS = ("scale", "attention", "third")
 """What can be left out of the paper's network."""
 
 
-class _Segmenting:
+class Segmenting:
     """A network on points: what all variants have in common.
 
     Parameters
@@ -90,16 +91,39 @@ class _Segmenting:
             If a part has no known density or attenuation, a radiograph does not show its object, or
             there are fewer than two objects.
         """
+        from xden_baselines.xfield.crew import ALONE
+
+        self._model, self._report = self._trained(train, seed, budget, ALONE, keep=False)
+
+    def train_ahead(
+        self, train: Examples, *, seed: int, budget: Budget | None, crew: Crew
+    ) -> FitReport:
+        """Train in one of several processes, and leave the training in the user's cache.
+
+        The next :meth:`fit` with the same settings, objects, seed and budget takes it up from its
+        end.
+
+        Raises
+        ------
+        DataError
+            As :meth:`fit`, or if there are several processes and the budget is in seconds.
+        """
+        return self._trained(train, seed, budget, crew, keep=True)[1]
+
+    def _trained(
+        self, train: Examples, seed: int, budget: Budget | None, crew: Crew, *, keep: bool
+    ) -> tuple[XField, FitReport]:
         from xden_baselines.xfield.lessons import cache, kept_lesson
         from xden_baselines.xfield.sizes import SIZES
         from xden_baselines.xfield.training import train as train_network
 
         kept = cache()
         lessons = []
-        for example in train:
-            with about(example.sample.object_id):
-                lessons.append(kept_lesson(example, SIZES[self.settings.size], kept))
-        self._model, self._report = train_network(
+        with crew.first_one_first():
+            for example in train:
+                with about(example.sample.object_id):
+                    lessons.append(kept_lesson(example, SIZES[self.settings.size], kept))
+        return train_network(
             [lesson for lesson in lessons if len(lesson.voxels)],
             self.variant,
             train.target,
@@ -107,6 +131,8 @@ class _Segmenting:
             seed=seed,
             budget=budget,
             kept=kept,
+            crew=crew,
+            keep=keep,
         )
 
     def segment(self, sample: SampleView, points: SegmentPoints) -> Segmentation:
@@ -153,7 +179,7 @@ class _Segmenting:
             raise DataError(f"{path}: expected the variant {self.variant!r}, got {found!r}")
 
 
-class Predicting(_Segmenting):
+class Predicting(Segmenting):
     """A variant that gives densities too."""
 
     def clusters(
@@ -203,7 +229,7 @@ class XFieldGeometryDensity(Predicting):
     reads = Modality.GEOMETRY
 
 
-class XFieldGeometryContrastive(_Segmenting):
+class XFieldGeometryContrastive(Segmenting):
     """X-Field without X-rays: parts from the outer surface alone, as PartField learns them."""
 
     name = "x-field-geometry-contrastive"

@@ -16,6 +16,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from xden1k.errors import DataError
 from xden1k.format.cache import PieceCache
 from xden1k.predictions import Target
 from xden1k.predictor import Budget
@@ -23,6 +24,7 @@ from xden_baselines.features.devices import check_device
 from xden_baselines.learning.clock import Clock, half_cosine, torch_threads
 from xden_baselines.learning.held_out import split_off
 from xden_baselines.xfield.batches import HORIZONTAL, Batch, gathered, mirrored, misaligned
+from xden_baselines.xfield.crew import ALONE, Crew
 from xden_baselines.xfield.lessons import Lesson
 from xden_baselines.xfield.losses import loss
 from xden_baselines.xfield.network import XField
@@ -106,11 +108,14 @@ def train(
     seed: int,
     budget: Budget | None = None,
     kept: PieceCache,
+    crew: Crew = ALONE,
+    keep: bool = False,
 ) -> tuple[XField, FitReport]:
     """Train a network.
 
-    The same seed, objects and number of threads give the same weights on the same machine, unless
-    the budget is in seconds or the device a GPU. What was killed goes on after its last epoch.
+    The same seed, objects and numbers of threads and processes give the same weights on the same
+    machine, unless the budget is in seconds or the device a GPU. What was killed goes on after its
+    last epoch.
 
     Parameters
     ----------
@@ -128,6 +133,11 @@ def train(
         When to stop; seconds are the processor's, in the loop. None = the epochs of the settings.
     kept
         Where an unfinished training is kept.
+    crew
+        The processes that train it, each of which calls this with the same arguments.
+    keep
+        Whether it stays there when it is finished: the same training, asked for again, is then
+        taken up from its end.
 
     Returns
     -------
@@ -139,19 +149,24 @@ def train(
     Raises
     ------
     DataError
-        If there are fewer than two objects, or no such device.
+        If there are fewer than two objects, no such device, or several processes and a budget in
+        seconds, which each would count for itself.
     """
-    check_device(settings.device)
+    if crew.count > 1 and budget is not None and budget.seconds is not None:
+        raise DataError("several processes train for a budget in epochs, not in seconds")
+    device = crew.device(settings.device)
+    check_device(device)
     rng = np.random.default_rng(seed)
     learned, held_out = split_off(lessons, settings.held_out, rng)
     name = _name(lessons, variant, target, settings, seed, budget)
     with torch_threads(settings.threads), torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        model = XField(variant=variant, size=settings.size, target=target).to(settings.device)
-        school = _School(model, settings, learned, rng)
+        model = XField(variant=variant, size=settings.size, target=target).to(device)
+        school = _School(model, settings, learned, rng, device, crew)
         exam = _exam(held_out, settings, seed)
         course = _loop(school, exam, budget, kept, name)
-    kept.drop(name)
+    if not keep:
+        kept.drop(name)
     model.load_state_dict(course.best_weights)
     report = FitReport(
         variant=variant,
@@ -175,6 +190,8 @@ class _School:
     settings: Settings
     lessons: Sequence[Lesson]
     rng: np.random.Generator
+    device: str
+    crew: Crew
 
     def batch(self, numbers: Sequence[int]) -> Batch:
         """Gather objects to learn from, mirrored and misaligned at random."""
@@ -216,11 +233,12 @@ def _loop(
     clock = Clock(budget, settings.epochs, time.process_time, course.processor_s)
     while clock.left(len(course.curve)):
         _epoch(school, optimiser, clock, len(course.curve))
-        course.curve.append(_exam_loss(model, exam, settings.device))
+        course.curve.append(_exam_loss(model, exam, school.device, school.crew))
         if course.best_epoch == len(course.curve):
             course.best_weights = {key: one.clone() for key, one in model.state_dict().items()}
         course.processor_s = clock.seconds
-        kept.put(name, _packed(course, school, optimiser))
+        if school.crew.first:
+            kept.put(name, _packed(course, school, optimiser))
         logger.info(
             "epoch %d: %.4f after %.0f s", len(course.curve), course.curve[-1], clock.seconds
         )
@@ -238,11 +256,19 @@ def _epoch(school: _School, optimiser: torch.optim.Optimizer, clock: Clock, epoc
         rising = min(1.0, (epochs * len(starts) + number + 1) / WARM_UP)
         for group in optimiser.param_groups:
             group["lr"] = school.settings.learning_rate * rate * rising
-        batch = school.batch(order[start : start + step]).to(school.settings.device)
+        batch = school.batch(order[start : start + step])
         optimiser.zero_grad(set_to_none=True)
-        torch.autograd.backward(_loss(model, batch, school.settings.device))
+        _add_slopes(model, batch, school.device, school.crew)
         torch.nn.utils.clip_grad_norm_(model.parameters(), LARGEST_GRADIENT)
         optimiser.step()
+
+
+def _add_slopes(model: XField, batch: Batch, device: str, crew: Crew) -> None:
+    """Give the weights the slopes of a batch's loss, which is a mean over its objects."""
+    own = crew.share_of(batch)
+    if share := len(own.places) / len(batch.places):
+        torch.autograd.backward(share * _loss(model, own.to(device), device))
+    crew.add_gradients(model)
 
 
 def _loss(model: XField, batch: Batch, device: str) -> Float[Tensor, ""]:
@@ -261,11 +287,12 @@ def _exam(held_out: Sequence[Lesson], settings: Settings, seed: int) -> list[Bat
     ]
 
 
-def _exam_loss(model: XField, exam: Sequence[Batch], device: str) -> float:
+def _exam_loss(model: XField, exam: Sequence[Batch], device: str, crew: Crew) -> float:
     """Mean loss over held-out objects."""
     model.eval()
     with torch.inference_mode():
-        losses = [_loss(model, batch.to(device), device).item() for batch in exam]
+        own = [_loss(model, batch.to(device), device).item() for batch in crew.share(exam)]
+    losses = crew.in_order(own)
     return float(np.average(losses, weights=[len(batch.places) for batch in exam]))
 
 
@@ -302,8 +329,7 @@ def _packed(course: _Course, school: _School, optimiser: torch.optim.Optimizer) 
 
 def _taken_up(piece: bytes, school: _School, optimiser: torch.optim.Optimizer) -> _Course:
     """Put all back as it was after the last epoch."""
-    device = school.settings.device
-    state = torch.load(io.BytesIO(piece), map_location=device, weights_only=True)
+    state = torch.load(io.BytesIO(piece), map_location=school.device, weights_only=True)
     school.model.load_state_dict(state["weights"])
     optimiser.load_state_dict(state["optimiser"])
     school.rng.bit_generator.state = json.loads(state["random"])

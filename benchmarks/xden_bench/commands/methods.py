@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from xden1k.commands import LOCAL_ROOT, json_option, open_root, print_json
+from xden1k.commands import LOCAL_ROOT, json_option, key_values, open_root, print_json
 from xden1k.errors import DataError
 from xden_bench.commands.shared import (
     FILE,
@@ -149,7 +149,7 @@ def _run(asked: Mapping[str, Any], folder: DatasetFolder, out: Path, command: st
     from xden_bench.scoring.protocol import load_segment_protocol
 
     built, target, budget = asked["built"], asked["target"], asked["budget"]
-    method = apart.Method(asked["name"], _settings(asked["settings"]))
+    method = apart.Method(asked["name"], key_values(asked["settings"]))
     predictor = method.load() if built is None else Rebuilt(open_folder(built), target)
     options = Options(
         target=target,
@@ -167,26 +167,6 @@ def _run(asked: Mapping[str, Any], folder: DatasetFolder, out: Path, command: st
     if built is not None:
         return run_predictor(predictor, *run)
     return apart.run_apart(method, predictor, *run)
-
-
-def _settings(texts: Sequence[str]) -> dict[str, Any]:
-    """Read KEY=VALUE: a value of JSON's types, else text.
-
-    Raises
-    ------
-    DataError
-        If a text is none.
-    """
-    found: dict[str, Any] = {}
-    for text in texts:
-        key, equals, value = text.partition("=")
-        if not key.isidentifier() or not equals or key in found:
-            raise DataError(f"--set takes KEY=VALUE, each key once, got {text!r}")
-        try:
-            found[key] = json.loads(value)
-        except ValueError:
-            found[key] = value
-    return found
 
 
 def _echo_report(out: Path, report: Report) -> None:
