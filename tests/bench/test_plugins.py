@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
+import sysconfig
+import venv
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -168,3 +172,64 @@ def test_pictures_are_drawn_as_asked_even_where_the_method_has_its_own() -> None
             baseline.find_pictures(Looks(None), views, pictures)
     with pytest.raises(DataError, match="no source of pictures 'oils' is installed; there are"):
         baseline.find_pictures(Looks(None), None, "oils")
+
+
+PROJECT = """[build-system]
+requires = ["hatchling"]
+build-backend = "hatchling.build"
+
+[project]
+name = "their-method"
+version = "1.0"
+
+[project.entry-points."xden1k.predictors"]
+my-method = "their_method:MyMethod"
+
+[tool.hatch.build.targets.wheel]
+only-include = ["their_method.py"]
+"""
+
+
+@pytest.mark.slow
+def test_the_manuals_method_in_a_package_of_its_own_makes_a_row(
+    dataset: Path, tmp_path: Path
+) -> None:
+    manual = Path(__file__).parents[2] / "docs" / "manual" / "predictor.md"
+    code = re.search(r"```python\n(.*?)```", manual.read_text(), re.DOTALL)
+    assert code is not None
+    package, environment = tmp_path / "package", tmp_path / "environment"
+    package.mkdir()
+    (package / "pyproject.toml").write_text(PROJECT)
+    (package / "their_method.py").write_text(code[1])
+    venv.create(environment, with_pip=True)
+    # the packages that are installed here, and nothing of a checkout's paths
+    base = {"base": str(environment), "platbase": str(environment)}
+    site = Path(sysconfig.get_path("purelib", "venv", base))
+    here = sysconfig.get_path("purelib")
+    (site / "here.pth").write_text(f"import site; site.addsitedir({here!r})\n")
+
+    def run(*words: str) -> str:
+        python = environment / "bin" / "python"
+        ran = subprocess.run([python, *words], capture_output=True, text=True, cwd=tmp_path)  # noqa: S603
+        assert ran.returncode == 0, ran.stderr
+        return ran.stdout
+
+    def bench(*words: str) -> str:
+        return run("-c", "from xden_bench.cli import cli; cli()", *words)
+
+    run(
+        "-m",
+        "pip",
+        "install",
+        "-q",
+        "--no-deps",
+        "--no-build-isolation",
+        "--no-index",
+        str(package),
+    )
+    assert re.search(
+        r"^my-method +geometry +densities\b", bench("baseline", "--list"), re.MULTILINE
+    )
+    told = bench("baseline", "my-method", "--root", str(dataset), "--out", "preds.npz")
+    assert "my-method, track geometry, split test" in told
+    assert "density MAE" in bench("score", "preds.npz", "--root", str(dataset))
