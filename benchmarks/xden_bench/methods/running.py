@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import fmean
-from typing import Any, Final
+from typing import Any
 
 from xden1k.errors import DataError, about
 from xden1k.folder import DatasetFolder
-from xden1k.predictions import MAX_TEXT, MethodMeta, Target
+from xden1k.predictions import MethodMeta, Target
 from xden1k.predictor import (
     AsksAhead,
     Budget,
@@ -25,6 +24,7 @@ from xden1k.values.cost import Cost
 from xden1k.values.modality import Modality
 from xden_bench.methods.answering import Answering, answering
 from xden_bench.methods.fits import Fit, fit_or_take_up, load_fit
+from xden_bench.methods.notes import counted, counts, refuse_silence, short
 from xden_bench.methods.partial import (
     Facts,
     PartialRun,
@@ -38,12 +38,6 @@ from xden_bench.scoring.reference import private_refusal, xray_refusal
 from xden_bench.scoring.submission import Progress
 
 __all__ = ["Options", "Report", "refuse_without_radiographs", "run_predictor", "run_within"]
-
-
-MOST_FALLBACKS: Final = 0.05
-"""Of a model's answers: of more a row would not be the model's it names."""
-MOST_MISSING: Final = 0.5
-"""Of the answers asked of a model that nobody stands in for: of more a row would say nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,7 +224,7 @@ def run_within(
         way = answering(predictor, partial.submission, options.target, options.points_seed)
         with way.writer:
             facts = dict(run.answers(way, partial, progress))
-            _refuse_silence(predictor.name, tuple(facts.values()))
+            refuse_silence(predictor.name, tuple(facts.values()))
             meta = way.meta(run.said(fit, tuple(facts.values())))
             way.writer.finish(meta)
         partial.submission.replace(out)
@@ -323,7 +317,7 @@ class _Run:
             "training_data": ("xden1k/train",) if fit else (),
             "external_data": self.predictor.external_data,
             "command": self.scope.command(),
-            "notes": _short([self.predictor.notes, *self._notes(fit, facts)], _counts(facts)),
+            "notes": short([self.predictor.notes, *self._notes(fit, facts)], counts(facts)),
             "seconds_per_object": seconds,
             "processor_seconds_per_object": processor_seconds,
             "peak_memory_gb": memory_gb,
@@ -352,20 +346,8 @@ class _Run:
             yield f"learned from {fit.train_objects} training objects, drawn by seed {fit.seed}"
         if self.options.pictures:
             yield self.options.pictures.description
-        yield from _counted([f"model {one.model}" if one.model else "" for one in facts])
-        yield from _counted([one.remark for one in facts])
-
-
-def _counts(facts: Sequence[Facts]) -> Iterator[str]:
-    """Tell how many answers are not the model's, and where it was computed."""
-    if fallbacks := sum(one.fallbacks for one in facts):
-        objects = sum(one.fallbacks > 0 for one in facts)
-        yield f"{fallbacks} of {_answers(facts)} answers by the fallback, on {objects} objects"
-    if unanswered := sum(one.unanswered for one in facts):
-        objects = sum(one.unanswered > 0 for one in facts)
-        yield f"{unanswered} of {_answers(facts)} answers missing, on {objects} objects"
-    if devices := sorted({one.device for one in facts} - {"cpu"}):
-        yield f"computed on {', '.join(devices)}"
+        yield from counted([f"model {one.model}" if one.model else "" for one in facts])
+        yield from counted([one.remark for one in facts])
 
 
 def _row_name(method: str, fit: Fit | None) -> str:
@@ -380,39 +362,6 @@ def _rounded(
     """Two digits of a figure of all objects; None if one of them, or nobody, tells it."""
     told = [one for one in values if one is not None]
     return float(f"{of(told):.2g}") if told and len(told) == len(values) else None
-
-
-def _answers(facts: Sequence[Facts]) -> int:
-    return sum(max(one.answers, one.fallbacks) for one in facts)
-
-
-def _refuse_silence(method: str, facts: Sequence[Facts]) -> None:
-    """Refuse a row that would be of a substitute, or of guesses, rather than of its model."""
-    fallbacks, answers = sum(one.fallbacks for one in facts), _answers(facts)
-    missing = sum(one.unanswered for one in facts)
-    if missing > MOST_MISSING * answers:
-        raise DataError(
-            f"{method}: {missing} of {answers} answers are missing, over {MOST_MISSING:.0%}: such "
-            "a row would say nothing of the model it names"
-        )
-    if fallbacks > MOST_FALLBACKS * answers:
-        raise DataError(
-            f"{method}: {fallbacks} of {answers} answers are the fallback's, over "
-            f"{MOST_FALLBACKS:.0%}: such a row would not be the model's it names"
-        )
-
-
-def _short(notes: Sequence[str], counts: Iterable[str]) -> str:
-    """Join notes; where they are longer than a submission may have them, counts are not cut off."""
-    text, end = "; ".join(filter(None, notes)), "; ".join(counts)[: MAX_TEXT // 2]
-    room = MAX_TEXT - len(end) - 2 * bool(end)
-    return "; ".join(filter(None, [text if len(text) <= room else f"{text[: room - 1]}…", end]))
-
-
-def _counted(texts: Sequence[str]) -> Iterator[str]:
-    """Each text once, and of how many objects it is unless it is of all."""
-    for text, count in sorted(Counter(filter(None, texts)).items()):
-        yield text if count == len(texts) else f"{text} ({count} of {len(texts)} objects)"
 
 
 def _fingerprint(value: object) -> str:
