@@ -98,7 +98,7 @@ def test_one_radiograph_alone_cannot_be_missing(row: Row) -> None:
     whole = object_row(phantoms.box_object("bar-0001", phantoms.BAR))
     assert row_problems(whole | {"xray_lat": None}) == ["null in xray_lat"]
     none = dict.fromkeys(RADIOGRAPH_COLUMNS)
-    assert row_problems(whole | none) == ["column xray_pa: no value"]
+    assert row_problems(whole | none) == ["column xray_pa: expected an array, got nothing"]
     (problem,) = row_problems(whole | {"meta_json": row["meta_json"]})
     assert problem == "it has radiographs, and meta_json no geometry of any"
 

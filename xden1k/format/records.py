@@ -246,7 +246,7 @@ def decode_codes(row: Mapping[str, Any], name: str) -> np.ndarray:
     data: Buffer | None = row[name]
     try:
         if data is None:
-            raise DataError("no value")
+            raise DataError("expected an array, got nothing")
         return codec.codes(data, shape)
     except DataError as err:
         raise DataError(f"{row.get('object_id', 'row')}: column {name}: {err}") from err
