@@ -57,6 +57,13 @@ def test_numpy_reads_the_file_as_any_other_npz(tmp_path: Path) -> None:
         assert json.loads(str(arrays["__meta__"]))["method"] == "test"
 
 
+def test_a_path_may_be_text(tmp_path):
+    path = str(tmp_path / "preds.npz")
+    write_predictions(path, META, [("mug-1", GRID)])
+    with open_predictions(path) as predictions:
+        assert np.array_equal(predictions.read("mug-1"), GRID)
+
+
 def test_a_file_saved_by_numpy_is_read(tmp_path: Path) -> None:
     arrays = {"density/mug-1": np.asfortranarray(GRID), "__meta__": np.array(META.to_json())}
     for save in (np.savez, np.savez_compressed):

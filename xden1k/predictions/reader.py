@@ -171,7 +171,7 @@ class Predictions(SubmissionArchive[SubmissionMeta]):
                 yield Problem("E402", object_id, f"{_SD_PREFIX}{expected}, got {member.shape}")
 
 
-def open_predictions(path: Path) -> Predictions:
+def open_predictions(path: Path | str) -> Predictions:
     """Open a submission that must be flawless as far as its headers and meta data show.
 
     Raises
@@ -179,7 +179,7 @@ def open_predictions(path: Path) -> Predictions:
     SubmissionError
         With every problem found.
     """
-    return open_flawless(Predictions(path))
+    return open_flawless(Predictions(Path(path)))
 
 
 def pooling(shape: tuple[int, ...]) -> str:

@@ -171,7 +171,7 @@ def _described(values: object) -> str:
 
 
 def write_predictions(
-    path: Path,
+    path: Path | str,
     meta: SubmissionMeta,
     predictions: Iterable[
         tuple[str, Float[np.ndarray, "..."]]
@@ -198,7 +198,7 @@ def write_predictions(
     DataError
         If a prediction or the meta data break the format. Nothing is written then.
     """
-    with PredictionsWriter(path, dtype) as writer:
+    with PredictionsWriter(Path(path), dtype) as writer:
         for prediction in predictions:
             writer.add(*prediction)
         writer.finish(meta)

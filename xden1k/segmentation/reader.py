@@ -111,7 +111,7 @@ class Segments(SubmissionArchive[SegmentsMeta]):
             yield Problem("E304", None, message)
 
 
-def open_segments(path: Path) -> Segments:
+def open_segments(path: Path | str) -> Segments:
     """Open a submission that must be flawless as far as its headers and meta data show.
 
     Raises
@@ -119,7 +119,7 @@ def open_segments(path: Path) -> Segments:
     SubmissionError
         With every problem found.
     """
-    return open_flawless(Segments(path), named=True)
+    return open_flawless(Segments(Path(path)), named=True)
 
 
 def _check_shape(kind: str, member: Member) -> None:
