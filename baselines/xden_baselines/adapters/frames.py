@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from xden1k.access.samples import SampleView
-from xden1k.errors import DataError
+from xden1k.errors import DataError, about
 from xden1k.values.arrays import Points, Vec3
 from xden_baselines.adapters.cloud import Cloud
 from xden_baselines.adapters.files import numbers, read_json
@@ -175,10 +175,8 @@ class Frames:
                 "place in --transforms"
             )
         if self.default == "box":
-            try:
+            with about(sample.object_id):
                 return _between(cloud.bounds, np.asarray(sample.outer_mesh.bounds))
-            except DataError as err:
-                raise DataError(f"{sample.object_id}: {err}") from err
         return Similarity.made(100.0 if self.default == "m" else 1.0)
 
     def _given(self, object_id: str, entry: Mapping[str, Any]) -> Similarity:

@@ -69,13 +69,12 @@ def trivial_twin(scored: Score, reference: Reference) -> str | None:
         return None
     for name in scored.protocol.unranked:
         own = _asked(name, reference, scored.meta.target)
-        left, same = len(fills), 0
-        for object_id, fill in fills.items():
-            if not same <= enough < same + left:
+        same = 0
+        for seen, (object_id, fill) in enumerate(fills.items()):
+            if not same <= enough < same + len(fills) - seen:
                 break  # decided
             even = even_fill_g_cm3(own(object_id), reference.truth(object_id).envelope)
             same += _is_same_fill(fill, even)
-            left -= 1
         if same > enough:
             return name
     return None
