@@ -353,8 +353,20 @@ def test_a_method_costs_the_mean_time_and_the_most_memory_of_its_seeds(
         cost = {"processor_seconds_per_object": 1.0 + seed, "peak_memory_gb": 3.0 - seed}
         one["method"] |= {"seed": seed, **cost}
     assert re.search(r"\| net .*\| 2 +\| 3 +\| self-reported", render(seeds))
-    del seeds[1]["method"]["peak_memory_gb"]
-    assert re.search(r"\| net .*\| 2 +\| self-reported", render(seeds))
+    assert "of its 3 seeds" not in render(seeds)
+
+
+def test_costs_are_of_the_seeds_that_tell_them_and_a_footnote_says_of_how_many(
+    entry: dict[str, Any],
+) -> None:
+    seeds = [row(entry, "net", 1.0 + i, 0.0, submission_sha256=f"{i:064x}") for i in range(3)]
+    for seed, one in enumerate(seeds):
+        one["method"] |= {"seed": seed, "processor_seconds_per_object": None}
+    assert "of its 3 seeds" not in render(seeds)
+    seeds[1]["method"] |= {"processor_seconds_per_object": 4.0, "peak_memory_gb": 2.0}
+    text = render(seeds)
+    assert re.search(r"\| net .*\| 4 +\| 2 +\| self-reported", text)
+    assert "processor time and memory of 1 of its 3 seeds" in text
 
 
 def test_an_entry_tells_what_was_measured_and_nothing_else(

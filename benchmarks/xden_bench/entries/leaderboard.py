@@ -12,7 +12,7 @@ from xden1k.errors import DataError
 from xden1k.values.modality import TRACKS
 from xden_bench.entries.durable import write_text
 from xden_bench.entries.markdown import code, link, plain
-from xden_bench.entries.merging import few_seeds, merged_rows, seed_spread
+from xden_bench.entries.merging import few_seeds, merged_rows, seed_spread, silent_on_cost
 from xden_bench.entries.ranking import (
     TRIVIAL,
     Entry,
@@ -379,14 +379,14 @@ def _details(row: Entry) -> str:
 
 
 def _seed_notes(row: Entry) -> list[str]:
-    """Which seeds a row is the mean of, or that it should be of more."""
+    """Which seeds a row is the mean of, which its costs are of, or that it should be of more."""
     rules, seeds = load_rules(row["protocol"]), row.get("seeds", ())
     notes = [
         f"seed {one['method']['seed']}: {one['metrics'][rules.rank_by]['mean']:.3f}, "
         f"submission {code(one['submission_sha256'][:12])}"
         for one in seeds
     ]
-    return [*notes, *filter(None, [few_seeds(row)])]
+    return [*notes, *filter(None, [silent_on_cost(row), few_seeds(row)])]
 
 
 def _dirty(commit: str) -> str:

@@ -20,14 +20,24 @@ from xden_bench.entries.result import entry_path, figures, objects_of
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.protocol import load_rules
 
-__all__ = ["entries_of", "few_seeds", "holds", "merged_rows", "place", "seed_spread"]
+__all__ = [
+    "entries_of",
+    "few_seeds",
+    "holds",
+    "merged_rows",
+    "place",
+    "seed_spread",
+    "silent_on_cost",
+]
 
 _COSTS: Final[Mapping[str, Callable[[Sequence[float]], float]]] = {
     "seconds_per_object": fmean,
     "processor_seconds_per_object": fmean,
     "peak_memory_gb": max,
 }
-"""What a row's seeds cost it."""
+"""What a row's seeds cost it, of those that tell."""
+_MEASURED: Final = ("processor_seconds_per_object", "peak_memory_gb")
+"""Costs that entries made before they were measured lack."""
 NEAR: Final[Mapping[str, float]] = {"density_mae_g_cm3": 0.05, "iou_a": 0.015}
 """Median over objects of the relative difference of two errors, below which they are a copy.
 
@@ -97,6 +107,15 @@ def few_seeds(row: Entry) -> str:
     return f"trained, with fewer than {least} seeds: its spread is not known"
 
 
+def silent_on_cost(row: Entry) -> str:
+    """Say that a row's costs are of some of its seeds, since others tell none; else ""."""
+    every = entries_of(row)
+    told = [one for one in every if any(one["method"].get(key) is not None for key in _MEASURED)]
+    if len(told) in (0, len(every)):
+        return ""
+    return f"processor time and memory of {len(told)} of its {len(every)} seeds"
+
+
 def _loss(row: Entry) -> float:
     name = load_rules(row["protocol"]).rank_by
     mean: float = row["metrics"][name]["mean"]
@@ -151,9 +170,10 @@ def _mean_of_seeds(seeds: Sequence[Entry]) -> Entry:
 
 
 def _cost(seeds: Sequence[Entry]) -> dict[str, float | None]:
-    """Mean times of an object over seeds, and the most memory; None where a seed does not tell."""
-    told = {key: [one["method"].get(key) for one in seeds] for key in _COSTS}
-    return {key: None if None in told[key] else of(told[key]) for key, of in _COSTS.items()}
+    """Mean times of an object, and the most memory, over the seeds that tell; None if none does."""
+    given = {key: [one["method"].get(key) for one in seeds] for key in _COSTS}
+    told = {key: [cost for cost in costs if cost is not None] for key, costs in given.items()}
+    return {key: of(told[key]) if told[key] else None for key, of in _COSTS.items()}
 
 
 def _without_copies(families: Sequence[list[Entry]]) -> list[list[Entry]]:
