@@ -174,6 +174,10 @@ def test_what_fills_its_cube_shows_nothing_of_others_and_another_gives_twice(roo
         assert found.left_out == ()
 
 
+def dimmed(view: XRayView) -> XRayView:
+    return replace(view, transmission=(view.transmission / 1.06).astype(np.float32))
+
+
 APART = (Box("left", (-4, -1, -1), (-3, 1, 1), 1.0), Box("right", (3, -1, -1), (4, 1, 1), 2.0))
 """Nothing where a rod in the middle would be."""
 ROD = (Box("rod", (-0.3, -0.3, -4), (0.3, 0.3, 4), 1.0),)
@@ -194,6 +198,18 @@ def test_nobody_gets_radiographs_that_show_nothing_of_it(tmp_path: Path) -> None
         givers = Exchanged.drawn(folder, ["test"], seed).givers
         assert sorted(givers) == sorted(givers.values())
         assert all(exchange._is_shown(folder, *pair) for pair in givers.items())
+
+
+def test_a_shadow_brighter_than_air_should_be_shows_nothing(tmp_path: Path) -> None:
+    rod = noisy("rod-0001", ROD)
+    faint = [
+        replace(view, transmission=(1 - 0.5 * (1 - view.transmission)) * 1.06) for view in rod.views
+    ]
+    for name, views in (("over", faint), ("right", [dimmed(one) for one in faint])):
+        giver = replace(rod, object_id="rod-0002", views=tuple(views))
+        write_folder([rod, giver], tmp_path / name, version="0.1.0", builder="tests")
+    assert not exchange._is_shown(open_folder(tmp_path / "over"), "rod-0001", "rod-0002")
+    assert exchange._is_shown(open_folder(tmp_path / "right"), "rod-0001", "rod-0002")
 
 
 def test_who_is_shown_nothing_by_anybody_is_left_out_and_named(

@@ -119,10 +119,10 @@ def _in_place_of(
 
 
 def _is_shown(folder: DatasetFolder, receiver_id: str, giver_id: str) -> bool:
-    """Whether a giver's radiographs are darker on the receiver than beside it.
+    """Whether a giver's radiographs are darker on the receiver than beside it, and than air.
 
     Beside it in the whole image, and in the window around its cube; seen in coarse pixels, which
-    hold some of both at its rim.
+    hold some of both at its rim. An overexposed shadow may be brighter than air should be.
     """
     receiver, giver = folder.object(receiver_id), folder.object(giver_id)
     for theirs, own in zip(giver.views, receiver.views, strict=True):
@@ -131,7 +131,7 @@ def _is_shown(folder: DatasetFolder, receiver_id: str, giver_id: str) -> bool:
         shadow = binary_dilation(shadow_of(receiver, own.geometry), iterations=coarse)
         for where in (~shadow, ~shadow & window):
             on, beside = (new.transmission[new.valid & mask] for mask in (shadow, where))
-            if on.size and beside.size and not on.mean() < np.median(beside) - SHOWN:
+            if on.size and beside.size and not on.mean() < min(np.median(beside), 1) - SHOWN:
                 return False
     return True
 
