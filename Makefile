@@ -287,7 +287,7 @@ kinds: $(patsubst %,$(ROWS)/segments/test/%.npz,$(sort $(LOSING) $(RIVALS) $(FIE
 LOOP := $(ROWS)/loop
 loop: $(ROWS)/segments/test/x-field-0.npz
 	$(BIN)/xden-build phantoms $(LOOP)/captures --split test \
-	  $(subst --count 2000,--count 320,$(PHANTOMS))
+	  $(subst --count 2000,--count 340,$(PHANTOMS))
 	$(BIN)/xden-build run $(LOOP)/captures --out $(LOOP)/whole --outer-only || test $$? = 3
 	$(BIN)/python -m xden_baselines.xfield parts $(ROWS)/fits/x-field-0 $(LOOP)/whole \
 	  --out $(LOOP)/parts || test $$? = 3

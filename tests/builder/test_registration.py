@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 from tests.builder.poly_scenes import Solid, box, captured
@@ -17,6 +18,7 @@ from xden1k.rays import ownership_order, path_lengths
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.capture import Capture, CaptureFolder
 from xden_builder.capture.pose import Candidate, CoarsePose
+from xden_builder.cli import cli
 from xden_builder.phantoms import Scanner, write_captures
 from xden_builder.poly.model.frames import Pose
 from xden_builder.registration.aside import moves_aside
@@ -203,6 +205,16 @@ def test_a_faint_shadow_keeps_its_rim() -> None:
     depth[20:40, 10:54] = np.linspace(0.0, 0.06, 44)
     shadow = shadow_of(XRayView("pa", np.exp(-depth), np.ones((64, 64), dtype=bool), panel(0, 64)))
     assert shadow.size_px[0] >= 40
+
+
+def test_the_typical_depth_of_a_wire_is_the_wires() -> None:
+    depth = np.zeros((64, 64))
+    depth[32, 8:56] = 1.5
+    glow = 0.003 * (depth.max(axis=0) > 0)  # stray light beside it
+    image = np.exp(-np.maximum(depth, glow))
+    shadow = shadow_of(XRayView("pa", image, np.ones((64, 64), dtype=bool), panel(0, 64)))
+    assert shadow.mask.sum() > 4 * np.count_nonzero(depth)
+    assert shadow.typical_depth == pytest.approx(1.5)
 
 
 def test_a_masked_table_is_no_shadow() -> None:
@@ -533,3 +545,15 @@ def test_meshes_of_another_object_are_not_believed(hammer: Capture, tmp_path: Pa
     pan = captures.read(captures.object_ids[0])
     flags = found(replace(astray(pan), views=hammer.views)).flags
     assert {"pose_not_found", "shape_differs"} & set(flags)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "number"), [(8, 3), (9, 5)])
+def test_thin_metal_is_neither_lost_nor_of_another_shape(
+    tmp_path: Path, seed: int, number: int
+) -> None:
+    options = ["--categories", "fork", "--size", "256", "--pose", "unknown", "--workers", "1"]
+    words = ["phantoms", str(tmp_path / "forks"), "--seed", str(seed), "--count", str(number + 1)]
+    result = CliRunner().invoke(cli, [*words, *options])
+    assert result.exit_code == 0, result.output
+    assert found(CaptureFolder(tmp_path / "forks").read(f"fork-{number:04d}")).flags == ()

@@ -51,8 +51,8 @@ from xden_builder.registration.turns import half_turned, least_turns, same_share
 
 __all__ = ["register"]
 
-TINY_PX, COARSE_PX, MIDDLE_PX, FINE_PX = 40, 80, 140, 240
-"""Width of the shadow, in averaged pixels, for many poses, for some and for few."""
+TINY_PX, COARSE_PX, MIDDLE_PX, FINE_PX, FINEST_PX = 40, 80, 140, 240, 480
+"""Width of the shadow, in averaged pixels, for many poses, for some, for few, and for one."""
 LONG_STEP: Final = 3
 """From coarse pixels to fine ones: images between are used where it would be longer."""
 SOME, COMPARED, FINAL = 8, 5, 4
@@ -123,16 +123,13 @@ def register(capture: Capture, order: Sequence[int]) -> Registration:
     meshes = [part.mesh for part in capture.parts]
     body = Body.of(meshes, order, _usual_lac_per_cm(capture))
     likeness = Likeness(body)
-    candidates, fine = _searched(capture, shadows, body, likeness)
-    return _judged(capture, candidates, likeness, body, fine)
+    return _judged(capture, _searched(capture, shadows, body, likeness), likeness, body)
 
 
-def _searched(
-    capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness
-) -> tuple[list[Found], Judge]:
-    """Find unlike poses, the best first, and what compared them on the finest images.
+def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness) -> _Fine:
+    """Find unlike poses.
 
-    Where that leaves much, they are looked for once more, among more poses, by clouds of points
+    Where the best leaves much, they are looked for once more, among more poses, by clouds of points
     that do not believe any label.
     """
 
@@ -144,19 +141,19 @@ def _searched(
     hopeless = coarse.found[0].loss > HOPELESS_LOSS
     if hopeless and not told:
         coarse = min(coarse, coarsely(1.0, WIDE), key=lambda each: each.found[0].loss)
-    candidates, fine = _finely(capture, shadows, body, likeness, coarse)
-    if candidates[0].loss > DOUBTED_LOSS and not hopeless and not told:
+    there = _finely(capture, shadows, body, likeness, coarse)
+    if there.doubted and not hopeless and not told:
         wider = coarsely(1.0, WIDE)
         if wider.found[0].loss < most_of_rivals(coarse.found[0]):
             again = _finely(capture, shadows, body, likeness, wider)
-            return min((candidates, fine), again, key=lambda each: each[0][0].loss)
-    return candidates, fine
+            return min(there, again, key=lambda each: each.found[0].loss)
+    return there
 
 
 def _finely(
     capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness, coarse: _Coarse
-) -> tuple[list[Found], Judge]:
-    """Move poses on the finest images, and tell them apart."""
+) -> _Fine:
+    """Move poses on fine images, and tell them apart."""
     found = coarse.found
     fine = Judge.of(capture, shadows, body, FINE_PX, found[0].placement)
     near = found
@@ -169,7 +166,30 @@ def _finely(
     beside = unlike_of(hopped(fine, best[0], likeness, body), likeness, body, BESIDE)
     rivals = unlike_of([*beside, *best[1:]], likeness, body, LISTED)
     told = told_apart(capture, body.order, shadows, rivals)
-    return first_of_like([*told, *sorted(near, key=loss_of)], likeness, body, LISTED), fine
+    listed = first_of_like([*told, *sorted(near, key=loss_of)], likeness, body, LISTED)
+    return _Fine(listed, fine, _is_doubted(capture, shadows, body, fine, listed[0]))
+
+
+def _is_doubted(
+    capture: Capture, shadows: Sequence[Shadow], body: Body, fine: Judge, best: Found
+) -> bool:
+    """Whether a pose leaves too much, on images of half the pixel too.
+
+    Thin metal is nothing but rim: what rays miss of it in a large pixel is no fault of the pose.
+    """
+    if best.loss <= DOUBTED_LOSS or side_of(shadows, FINEST_PX) == fine.side:
+        return best.loss > DOUBTED_LOSS
+    finest = Judge.of(capture, shadows, body, FINEST_PX, best.placement)
+    there = finest.refined(finest.fixed(best.placement), DERIVATIVES)
+    return there.loss > DOUBTED_LOSS
+
+
+class _Fine(NamedTuple):
+    """Unlike poses, the best first, what compared them, and whether even the best leaves much."""
+
+    found: list[Found]
+    judge: Judge
+    doubted: bool
 
 
 class _Coarse(NamedTuple):
@@ -228,13 +248,12 @@ def _turned(
     return there[1:]
 
 
-def _judged(
-    capture: Capture, candidates: Sequence[Found], likeness: Likeness, body: Body, fine: Judge
-) -> Registration:
-    """Choose one of unlike poses, the best first, and say how sure it is."""
+def _judged(capture: Capture, fine: _Fine, likeness: Likeness, body: Body) -> Registration:
+    """Choose one of unlike poses, and say how sure it is."""
+    candidates = fine.found
     chosen = _chosen(capture, len(candidates))
     best = candidates[0].placement
-    outlines = fine.outline_shares(candidates[chosen].placement)
+    outlines = fine.judge.outline_shares(candidates[chosen].placement)
     told = isinstance(capture.pose, Candidate)
     raised = {
         "pose_ambiguous": not told
@@ -243,7 +262,7 @@ def _judged(
             and apart(best, each.placement, likeness, body, ELSEWHERE)
             for each in candidates[1:]
         ),
-        "pose_not_found": not told and candidates[0].loss > DOUBTED_LOSS,
+        "pose_not_found": not told and fine.doubted,
         "shape_differs": max(outlines.values()) > MOST_OUTLINE,
     }
     _check_scale(candidates[chosen].placement.scale)

@@ -67,8 +67,13 @@ class Shadow:
 
     @property
     def typical_depth(self) -> float:
-        """-ln T of its middle pixel."""
-        return float(-np.log1p(-np.median(self.opacity[self.mask])))
+        """-ln T of its middle pixel.
+
+        Of those that are dark themselves: a wire's shadow is mostly pixels beside it.
+        """
+        opacity = self.opacity[self.mask]
+        dark = opacity[opacity > FAINTEST[0]]
+        return float(-np.log1p(-np.median(dark if dark.size else opacity)))
 
 
 def shadow_of(view: XRayView, *, turned: bool = False) -> Shadow:
