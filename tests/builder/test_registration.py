@@ -316,6 +316,23 @@ def test_a_box_of_unlike_ends_turned_by_half_is_turned_back(
         assert likeness.distance_cm(body.placed(turns[0].placement), right) < 0.1
 
 
+def test_a_round_body_turned_about_itself_leaves_place_for_the_one_upside_down() -> None:
+    cone = [trimesh.creation.cone(2.0, 5.0, sections=256)]
+    body = body_of(cone)
+    search = Search(shadows(cone), body, 16, 16)
+    upside_down = Rotation.from_rotvec([np.pi, 0, 0])
+    turns = Rotation.from_rotvec(np.outer(np.arange(0, 6, 0.2), [0, 0, 1]))
+    linear = np.concatenate([turns.as_matrix(), (upside_down * turns).as_matrix()])
+    shifts = shifts_to_middles(search.shadows, body.rim_cm, linear)
+    poses = search.judged(linear, shifts).best_first()
+    assert np.abs(poses.linear[0, 2, 2] - 1) < 1e-6
+    kept = search.unlike(poses, 10).linear[:, 2, 2]
+    assert kept[0] > 0.99
+    assert kept[1:] == pytest.approx([-1.0] * (len(kept) - 1))
+    assert len(kept) <= 3
+    assert len(search.unlike(poses, 10, np.radians(90)).linear) == 2
+
+
 def test_turns_that_put_a_square_box_where_another_does_are_judged_once(
     halves: tuple[Capture, Judge, Search], monkeypatch: pytest.MonkeyPatch
 ) -> None:

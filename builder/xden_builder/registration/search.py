@@ -44,6 +44,7 @@ from xden_builder.registration.steps import (
     DERIVATIVES,
     all_settled,
     hopped,
+    nudged,
     rescaled,
     settled,
 )
@@ -167,29 +168,47 @@ def _finely(
     rivals = unlike_of([*beside, *best[1:]], likeness, body, LISTED)
     told = told_apart(capture, body.order, shadows, rivals)
     listed = first_of_like([*told, *sorted(near, key=loss_of)], likeness, body, LISTED)
-    return _Fine(listed, fine, _is_doubted(capture, shadows, body, fine, listed[0]))
+    there = _Fine(listed, fine)
+    if not there.doubted or there.hopeless or side_of(shadows, FINEST_PX) == fine.side:
+        return there
+    return _on_finest(capture, shadows, body, likeness, listed)
 
 
-def _is_doubted(
-    capture: Capture, shadows: Sequence[Shadow], body: Body, fine: Judge, best: Found
-) -> bool:
-    """Whether a pose leaves too much, on images of half the pixel too.
+def _on_finest(
+    capture: Capture,
+    shadows: Sequence[Shadow],
+    body: Body,
+    likeness: Likeness,
+    listed: Sequence[Found],
+) -> _Fine:
+    """Judge poses that leave much once more, on images of half the pixel.
 
-    Thin metal is nothing but rim: what rays miss of it in a large pixel is no fault of the pose.
+    Thin metal is nothing but rim: what rays miss of it in a large pixel is no fault of the pose,
+    and may have led beside it.
     """
-    if best.loss <= DOUBTED_LOSS or side_of(shadows, FINEST_PX) == fine.side:
-        return best.loss > DOUBTED_LOSS
-    finest = Judge.of(capture, shadows, body, FINEST_PX, best.placement)
-    there = finest.refined(finest.fixed(best.placement), DERIVATIVES)
-    return there.loss > DOUBTED_LOSS
+    finest = Judge.of(capture, shadows, body, FINEST_PX, listed[0].placement)
+    fixed = [finest.fixed(each.placement) for each in listed]
+    there = [finest.refined(each, DERIVATIVES) for each in fixed]
+    there = sorted([*there, *nudged(finest, fixed[0], body)], key=loss_of)
+    told = told_apart(capture, body.order, shadows, unlike_of(there, likeness, body, LISTED))
+    return _Fine(first_of_like(told, likeness, body, LISTED), finest)
 
 
 class _Fine(NamedTuple):
-    """Unlike poses, the best first, what compared them, and whether even the best leaves much."""
+    """Unlike poses, the best first, and what compared them."""
 
     found: list[Found]
     judge: Judge
-    doubted: bool
+
+    @property
+    def doubted(self) -> bool:
+        """Whether even the best leaves much."""
+        return self.found[0].loss > DOUBTED_LOSS
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether it leaves so much that nothing near it can be right."""
+        return self.found[0].loss > HOPELESS_LOSS
 
 
 class _Coarse(NamedTuple):

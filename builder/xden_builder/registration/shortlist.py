@@ -32,6 +32,8 @@ COARSE_CELLS, FINE_CELLS = 16, 28
 """Of the clouds, along each axis."""
 COARSE_STEPS, FINE_STEPS = 3, 4
 DISTINCT_RAD: Final = np.radians(6.0)
+SAME_IMAGE: Final = 1e-3
+"""Share of one pose's features that the other's leave, where they are like."""
 LEADING: Final = 6
 """How many are half turned too."""
 APART_SHARE: Final = 0.015
@@ -134,6 +136,31 @@ class Search:
     def _render(self, linear: Rotations, shifts: Shifts) -> Float32[np.ndarray, "b n"]:
         each = [shifts + own_shifts(shadow, self.rim_cm, linear, shifts) for shadow in self.shadows]
         return rendered(self.cameras, self.cloud, linear, each)
+
+    def unlike(self, poses: Poses, most: int, apart_rad: float = 0.0) -> Poses:
+        """Pick the first of each bundle of poses: of like images, or nearer than an angle.
+
+        What is round stands in one image however it is turned about itself. Without this a bowl
+        that is upside down, the deeper trough on coarse images, leaves no place for the right one.
+        """
+        rotations = Rotation.from_matrix(poses.linear)
+        kept: list[int] = []
+        theirs = np.empty((most, len(self.seen)), dtype=np.float32)
+        for start in range(0, len(poses), BATCH):
+            images = self._render(poses.linear[start:][:BATCH], poses.shifts[start:][:BATCH])
+            images /= np.linalg.norm(images, axis=1, keepdims=True) + np.float32(1e-12)
+            for number, image in enumerate(images, start):
+                if len(kept) == most:
+                    return poses.picked(kept)
+                if kept and (theirs[: len(kept)] @ image).max() > 1 - SAME_IMAGE:
+                    continue
+                if kept and apart_rad:
+                    turns = rotations[kept].inv() * rotations[number]
+                    if turns.magnitude().min() < apart_rad:
+                        continue
+                theirs[len(kept)] = image
+                kept.append(number)
+        return poses.picked(kept)
 
     def descended(self, poses: Poses, steps: int, *, scaled: bool) -> Poses:
         """Follow the derivatives from all poses at once (Levenberg-Marquardt)."""
@@ -245,9 +272,9 @@ def shortlist(
     coarse = Search(shadows, body, COARSE_CELLS, COARSE_PX)
     fine = Search(shadows, body, FINE_CELLS, FINE_PX)
     first = coarse.judged(linear, shifts_to_middles(shadows, body.rim_cm, linear))
-    first = first.best_first().picked(range(min(breadth.first, len(first))))
+    first = coarse.unlike(first.best_first(), breadth.first)
     second = _winnowed(coarse, first, COARSE_STEPS, scaled=scaled)
-    second = second.picked(_distinct(second, breadth.second))
+    second = coarse.unlike(second, breadth.second, DISTINCT_RAD)
     if everywhere:
         second = _joined(second, half_turns(second.picked(range(min(LEADING, len(second)))), body))
     last = _winnowed(fine, second, FINE_STEPS, scaled=scaled)
@@ -273,19 +300,6 @@ def _scales(
         shown = shadow.geometry.project(places.reshape(-1, 3))[:, :2].reshape(*places.shape[:2], 2)
         ratios.append(np.log(shadow.size_px / np.ptp(shown, axis=1)).mean(axis=1))
     return np.asarray(np.exp(np.mean(ratios, axis=0)))
-
-
-def _distinct(poses: Poses, most: int) -> list[int]:
-    """Pick the first of each bundle of rotations."""
-    rotations = Rotation.from_matrix(poses.linear)
-    kept: list[int] = []
-    for number in range(len(poses)):
-        if len(kept) == most:
-            break
-        apart = (rotations[kept].inv() * rotations[number]).magnitude() if kept else np.inf
-        if np.min(apart) >= DISTINCT_RAD:
-            kept.append(number)
-    return kept
 
 
 def half_turns(poses: Poses, body: Body) -> Poses:
