@@ -159,12 +159,15 @@ pictures: $(foreach split,test unseen,$(ROWS)/$(split)/seen-materials.npz \
 # What more objects to learn from are worth: networks that learned from some of them in as
 # many steps as those of the board, scored and not entered.
 COUNTS := 250 500
+CURVED := $(TRAINED) surface-net
 epochs-250 := 87
 epochs-500 := 44
-CURVES := $(foreach count,$(COUNTS),$(TRAINED:%=%-0-$(count)))
-$(foreach method,$(TRAINED),$(foreach count,$(COUNTS),$(eval \
+surface-net-epochs-250 := 44
+surface-net-epochs-500 := 22
+CURVES := $(foreach count,$(COUNTS),$(CURVED:%=%-0-$(count)))
+$(foreach method,$(CURVED),$(foreach count,$(COUNTS),$(eval \
   $(call LEARNED_ROWS,$(method)-0-$(count),$(method),--seed 0,--train-objects $(count) \
-  --budget $(epochs-$(count))epochs))))
+  --budget $(or $($(method)-epochs-$(count)),$(epochs-$(count)))epochs))))
 
 curves: $(foreach split,test unseen,$(CURVES:%=$(ROWS)/$(split)/%.npz))
 	for split in test unseen; do \

@@ -33,7 +33,7 @@ from xden_builder.registration.placement import Found, Registration, RigidPlacem
 from xden_builder.registration.rotations import spread_rotations
 from xden_builder.registration.search import register
 from xden_builder.registration.shadow import Shadow, shadow_of
-from xden_builder.registration.shortlist import Search
+from xden_builder.registration.shortlist import Search, distinct
 from xden_builder.registration.steps import settled
 from xden_builder.registration.turns import half_turned, least_turns
 
@@ -320,17 +320,26 @@ def test_a_round_body_turned_about_itself_leaves_place_for_the_one_upside_down()
     cone = [trimesh.creation.cone(2.0, 5.0, sections=256)]
     body = body_of(cone)
     search = Search(shadows(cone), body, 16, 16)
-    upside_down = Rotation.from_rotvec([np.pi, 0, 0])
     turns = Rotation.from_rotvec(np.outer(np.arange(0, 6, 0.2), [0, 0, 1]))
-    linear = np.concatenate([turns.as_matrix(), (upside_down * turns).as_matrix()])
-    shifts = shifts_to_middles(search.shadows, body.rim_cm, linear)
-    poses = search.judged(linear, shifts).best_first()
-    assert np.abs(poses.linear[0, 2, 2] - 1) < 1e-6
-    kept = search.unlike(poses, 10).linear[:, 2, 2]
-    assert kept[0] > 0.99
-    assert kept[1:] == pytest.approx([-1.0] * (len(kept) - 1))
-    assert len(kept) <= 3
-    assert len(search.unlike(poses, 10, np.radians(90)).linear) == 2
+    linear = np.concatenate(
+        [turns.as_matrix(), (Rotation.from_rotvec([np.pi, 0, 0]) * turns).as_matrix()]
+    )
+    poses = search.judged(linear, shifts_to_middles(search.shadows, body.rim_cm, linear))
+    poses = poses.best_first()
+    axis = search.round_axis(poses, body)
+    assert axis is not None
+    assert np.abs(axis) == pytest.approx([0, 0, 1], abs=0.01)
+    kept = poses.picked(distinct(poses, 20, axis)).linear[:, 2, 2]
+    assert kept == pytest.approx([1, -1])
+    assert len(distinct(poses, 20, None)) == 20
+
+
+def test_what_looks_the_same_only_after_half_a_turn_is_not_round() -> None:
+    body = body_of([box((8.0, 2.0, 0.4), (0, 0, 0)), box((0.4, 0.4, 0.6), (3.0, 0.6, 0))])
+    search = Search(shadows(body.meshes), body, 16, 16)
+    here = np.eye(3)[None]
+    poses = search.judged(here, shifts_to_middles(search.shadows, body.rim_cm, here))
+    assert search.round_axis(poses, body) is None
 
 
 def test_turns_that_put_a_square_box_where_another_does_are_judged_once(

@@ -20,6 +20,8 @@ RIM_PX: Final = 4
 FAINTEST, OF_TYPICAL = (0.005, 0.02), 0.15
 """-ln T of a shadow, averaged over a pixel and its neighbours: least and most, and the share of
 what is typical of the object, so that thin wood loses no rim."""
+DARKEST, OF_DARKEST = 0.95, 0.02
+"""Quantile of a shadow's opacity, and the least share of it that is no glow beside it."""
 NOISE_SD: Final = 6.0
 """Standard deviations of the air's noise that a shadow is above."""
 LEAST_SHARE: Final = 0.003
@@ -72,8 +74,8 @@ class Shadow:
         Of those that are dark themselves: a wire's shadow is mostly pixels beside it.
         """
         opacity = self.opacity[self.mask]
-        dark = opacity[opacity > FAINTEST[0]]
-        return float(-np.log1p(-np.median(dark if dark.size else opacity)))
+        dark = opacity[opacity >= OF_DARKEST * np.quantile(opacity, DARKEST)]
+        return float(-np.log1p(-np.median(dark)))
 
 
 def shadow_of(view: XRayView, *, turned: bool = False) -> Shadow:

@@ -23,7 +23,17 @@ from xden_builder.registration.placement import RigidPlacement
 from xden_builder.registration.rotations import spread_rotations
 from xden_builder.registration.shadow import Shadow
 
-__all__ = ["USUAL", "WIDE", "Breadth", "Poses", "Search", "half_turns", "shortlist", "turned_about"]
+__all__ = [
+    "USUAL",
+    "WIDE",
+    "Breadth",
+    "Poses",
+    "Search",
+    "distinct",
+    "half_turns",
+    "shortlist",
+    "turned_about",
+]
 
 BATCH: Final = 512
 COARSE_PX, FINE_PX = 16, 36
@@ -33,7 +43,9 @@ COARSE_CELLS, FINE_CELLS = 16, 28
 COARSE_STEPS, FINE_STEPS = 3, 4
 DISTINCT_RAD: Final = np.radians(6.0)
 SAME_IMAGE: Final = 1e-3
-"""Share of one pose's features that the other's leave, where they are like."""
+"""Share of one image's features that another leaves, where they are like."""
+ROUND_RAD: Final = np.radians([0, 25, 70, 115, 160]).tolist()
+"""Turns about an axis that leave only what is round where it was."""
 LEADING: Final = 6
 """How many are half turned too."""
 APART_SHARE: Final = 0.015
@@ -137,30 +149,15 @@ class Search:
         each = [shifts + own_shifts(shadow, self.rim_cm, linear, shifts) for shadow in self.shadows]
         return rendered(self.cameras, self.cloud, linear, each)
 
-    def unlike(self, poses: Poses, most: int, apart_rad: float = 0.0) -> Poses:
-        """Pick the first of each bundle of poses: of like images, or nearer than an angle.
-
-        What is round stands in one image however it is turned about itself. Without this a bowl
-        that is upside down, the deeper trough on coarse images, leaves no place for the right one.
-        """
-        rotations = Rotation.from_matrix(poses.linear)
-        kept: list[int] = []
-        theirs = np.empty((most, len(self.seen)), dtype=np.float32)
-        for start in range(0, len(poses), BATCH):
-            images = self._render(poses.linear[start:][:BATCH], poses.shifts[start:][:BATCH])
+    def round_axis(self, poses: Poses, body: Body) -> Float64[np.ndarray, "3"] | None:
+        """Give the principal axis about which the first pose can be turned and looks the same."""
+        for axis, along in enumerate(body.spin[1]):
+            turned = turned_about(poses.picked([0]), body, axis, ROUND_RAD)
+            images = self._render(turned.linear, turned.shifts)
             images /= np.linalg.norm(images, axis=1, keepdims=True) + np.float32(1e-12)
-            for number, image in enumerate(images, start):
-                if len(kept) == most:
-                    return poses.picked(kept)
-                if kept and (theirs[: len(kept)] @ image).max() > 1 - SAME_IMAGE:
-                    continue
-                if kept and apart_rad:
-                    turns = rotations[kept].inv() * rotations[number]
-                    if turns.magnitude().min() < apart_rad:
-                        continue
-                theirs[len(kept)] = image
-                kept.append(number)
-        return poses.picked(kept)
+            if (images @ images.T).min() > 1 - SAME_IMAGE:
+                return np.asarray(along)
+        return None
 
     def descended(self, poses: Poses, steps: int, *, scaled: bool) -> Poses:
         """Follow the derivatives from all poses at once (Levenberg-Marquardt)."""
@@ -272,9 +269,11 @@ def shortlist(
     coarse = Search(shadows, body, COARSE_CELLS, COARSE_PX)
     fine = Search(shadows, body, FINE_CELLS, FINE_PX)
     first = coarse.judged(linear, shifts_to_middles(shadows, body.rim_cm, linear))
-    first = coarse.unlike(first.best_first(), breadth.first)
-    second = _winnowed(coarse, first, COARSE_STEPS, scaled=scaled)
-    second = coarse.unlike(second, breadth.second, DISTINCT_RAD)
+    first = first.best_first()
+    axis = coarse.round_axis(first, body)
+    some = range(breadth.first) if axis is None else distinct(first, breadth.first, axis)
+    second = _winnowed(coarse, first.picked(some[: len(first)]), COARSE_STEPS, scaled=scaled)
+    second = second.picked(distinct(second, breadth.second, axis))
     if everywhere:
         second = _joined(second, half_turns(second.picked(range(min(LEADING, len(second)))), body))
     last = _winnowed(fine, second, FINE_STEPS, scaled=scaled)
@@ -300,6 +299,28 @@ def _scales(
         shown = shadow.geometry.project(places.reshape(-1, 3))[:, :2].reshape(*places.shape[:2], 2)
         ratios.append(np.log(shadow.size_px / np.ptp(shown, axis=1)).mean(axis=1))
     return np.asarray(np.exp(np.mean(ratios, axis=0)))
+
+
+def distinct(poses: Poses, most: int, round_axis: Float64[np.ndarray, "3"] | None) -> Sequence[int]:
+    """Pick the first of each bundle of rotations; of what is round, of directions of its axis.
+
+    Turned about itself it looks the same: the best poses of a bowl all were it upside down.
+    """
+    rotations = Rotation.from_matrix(poses.linear)
+    ways = None if round_axis is None else rotations.apply(round_axis)
+    kept: list[int] = []
+    for number in range(len(poses)):
+        if len(kept) == most:
+            break
+        if not kept:
+            apart = np.array([np.inf])
+        elif ways is None:
+            apart = (rotations[kept].inv() * rotations[number]).magnitude()
+        else:
+            apart = np.arccos((ways[kept] @ ways[number]).clip(-1, 1))
+        if apart.min() >= DISTINCT_RAD:
+            kept.append(number)
+    return kept
 
 
 def half_turns(poses: Poses, body: Body) -> Poses:
