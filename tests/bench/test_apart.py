@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,7 +17,9 @@ from xden1k.folder import DatasetFolder, open_folder
 from xden1k.predictions import open_predictions
 from xden1k.values.modality import Modality, ModalityError
 from xden_bench.methods.apart.answers import SHOWN, Answers
-from xden_bench.methods.apart.runner import Method, run_apart
+from xden_bench.methods.apart.channel import write_pickle
+from xden_bench.methods.apart.process import INTERRUPTED, Job
+from xden_bench.methods.apart.runner import CALL, Method, run_apart
 from xden_bench.methods.running import Options, Report, run_predictor
 from xden_bench.methods.scope import Task
 
@@ -108,6 +112,21 @@ def test_a_killed_method_goes_on_where_it_stopped(run: Run, tmp_path: Path) -> N
 
 
 @pytest.mark.slow
+def test_a_method_whose_caller_was_killed_ends_without_a_word(
+    folder: DatasetFolder, tmp_path: Path
+) -> None:
+    task = Task.of(folder, "test", None, 0)
+    job = Job("water", {}, task, Options(), tmp_path / "out.npz", iter)
+    words = (sys.executable, "-c", CALL)
+    streams = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(words, **streams) as process:
+        process.stdout.close()
+        write_pickle(process.stdin, sys.path)
+        write_pickle(process.stdin, job)
+        assert process.stderr.read() == b""
+    assert process.returncode == INTERRUPTED
+
+
 def test_a_file_that_declares_less_than_was_shown_is_refused(run: Run, tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"was shown \['mesh', 'parts'\], and its file says"):
         run("Understating", tmp_path / "told")

@@ -93,17 +93,21 @@ class _Asking:
 
 def start() -> None:
     """Take a job from stdin, run it, and say on stdout what came of it."""
-    replies = sys.stdin.buffer
-    with os.fdopen(os.dup(1), "wb") as requests:
-        os.dup2(2, 1)
-        sys.path[:] = read_pickle(replies)
-        try:
-            outcome = _done(_run(read_pickle(replies), _Asking(replies, requests)))
-        except XDenError as err:
-            outcome = {"failed": told(err)}
-        except (KeyboardInterrupt, EOFError, BrokenPipeError):  # stopped, or alone
-            sys.exit(INTERRUPTED)
-        write_request(requests, outcome)
+    try:
+        with os.fdopen(os.dup(1), "wb") as requests:
+            os.dup2(2, 1)
+            _work(sys.stdin.buffer, requests)
+    except (KeyboardInterrupt, EOFError, BrokenPipeError):  # stopped, or alone
+        sys.exit(INTERRUPTED)
+
+
+def _work(replies: IO[bytes], requests: IO[bytes]) -> None:
+    sys.path[:] = read_pickle(replies)
+    try:
+        outcome = _done(_run(read_pickle(replies), _Asking(replies, requests)))
+    except XDenError as err:
+        outcome = {"failed": told(err)}
+    write_request(requests, outcome)
 
 
 def _run(job: Job, ask: _Asking) -> Report:
