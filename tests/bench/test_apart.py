@@ -119,7 +119,7 @@ def test_a_method_whose_caller_was_killed_ends_without_a_word(
     job = Job("water", {}, task, Options(), tmp_path / "out.npz", iter)
     words = (sys.executable, "-c", CALL)
     streams = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen(words, **streams) as process:
+    with subprocess.Popen(words, **streams) as process:  # noqa: S603
         process.stdout.close()
         write_pickle(process.stdin, sys.path)
         write_pickle(process.stdin, job)
