@@ -89,6 +89,8 @@ DOUBTED_LOSS, HOPELESS_LOSS = 1.5, 6.0
 """Of a pose that is looked for again, and is not believed if that finds nothing better: two of 262
 right ones of simulated objects are worse; and of one on coarse images that is not moved on before.
 """
+REJUDGED_LOSS: Final = 0.75
+"""Of poses that are judged once more on the finest images."""
 MOST_OUTLINE: Final = 0.12
 """Of a shape that is believed: share of the outline's pixels."""
 
@@ -169,7 +171,8 @@ def _finely(
     told = told_apart(capture, body.order, shadows, rivals)
     listed = first_of_like([*told, *sorted(near, key=loss_of)], likeness, body, LISTED)
     there = _Fine(listed, fine)
-    if not there.doubted or there.hopeless or side_of(shadows, FINEST_PX) == fine.side:
+    leaves_much = REJUDGED_LOSS < listed[0].loss <= HOPELESS_LOSS
+    if not leaves_much or side_of(shadows, FINEST_PX) == fine.side:
         return there
     return _on_finest(capture, shadows, body, likeness, listed)
 
@@ -204,11 +207,6 @@ class _Fine(NamedTuple):
     def doubted(self) -> bool:
         """Whether even the best leaves much."""
         return self.found[0].loss > DOUBTED_LOSS
-
-    @property
-    def hopeless(self) -> bool:
-        """Whether it leaves so much that nothing near it can be right."""
-        return self.found[0].loss > HOPELESS_LOSS
 
 
 class _Coarse(NamedTuple):
