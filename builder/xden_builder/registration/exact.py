@@ -260,7 +260,7 @@ def side_of(shadows: Sequence[Shadow], wide_px: int) -> int:
 
 def _lit(shadow: Shadow) -> float:
     """Transmission of what is no shadow."""
-    return 1 - min(UNLIT, OF_TYPICAL * -float(np.expm1(-shadow.typical_depth)))
+    return 1 - min(UNLIT, OF_TYPICAL * -float(np.expm1(-shadow.own_depth)))
 
 
 def _apart_share(

@@ -69,12 +69,17 @@ class Shadow:
 
     @property
     def typical_depth(self) -> float:
-        """-ln T of its middle pixel.
+        """-ln T of its middle pixel."""
+        return self._middle_depth(0.0)
 
-        Of those that are dark themselves: a wire's shadow is mostly pixels beside it.
-        """
+    @property
+    def own_depth(self) -> float:
+        """The same of pixels that are dark themselves; most of a wire's shadow lies beside it."""
+        return self._middle_depth(OF_DARKEST)
+
+    def _middle_depth(self, share: float) -> float:
         opacity = self.opacity[self.mask]
-        dark = opacity[opacity >= OF_DARKEST * np.quantile(opacity, DARKEST)]
+        dark = opacity[opacity >= share * np.quantile(opacity, DARKEST)]
         return float(-np.log1p(-np.median(dark)))
 
 

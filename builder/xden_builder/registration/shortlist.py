@@ -31,6 +31,7 @@ __all__ = [
     "Search",
     "distinct",
     "half_turns",
+    "round_axis",
     "shortlist",
     "turned_about",
 ]
@@ -42,9 +43,7 @@ COARSE_CELLS, FINE_CELLS = 16, 28
 """Of the clouds, along each axis."""
 COARSE_STEPS, FINE_STEPS = 3, 4
 DISTINCT_RAD: Final = np.radians(6.0)
-SAME_IMAGE: Final = 1e-3
-"""Share of one image's features that another leaves, where they are like."""
-ROUND_RAD: Final = np.radians([0, 25, 70, 115, 160]).tolist()
+ROUND_RAD: Final = np.radians([25, 70, 115, 160]).tolist()
 """Turns about an axis that leave only what is round where it was."""
 LEADING: Final = 6
 """How many are half turned too."""
@@ -148,16 +147,6 @@ class Search:
     def _render(self, linear: Rotations, shifts: Shifts) -> Float32[np.ndarray, "b n"]:
         each = [shifts + own_shifts(shadow, self.rim_cm, linear, shifts) for shadow in self.shadows]
         return rendered(self.cameras, self.cloud, linear, each)
-
-    def round_axis(self, poses: Poses, body: Body) -> Float64[np.ndarray, "3"] | None:
-        """Give the principal axis about which the first pose can be turned and looks the same."""
-        for axis, along in enumerate(body.spin[1]):
-            turned = turned_about(poses.picked([0]), body, axis, ROUND_RAD)
-            images = self._render(turned.linear, turned.shifts)
-            images /= np.linalg.norm(images, axis=1, keepdims=True) + np.float32(1e-12)
-            if (images @ images.T).min() > 1 - SAME_IMAGE:
-                return np.asarray(along)
-        return None
 
     def descended(self, poses: Poses, steps: int, *, scaled: bool) -> Poses:
         """Follow the derivatives from all poses at once (Levenberg-Marquardt)."""
@@ -270,7 +259,7 @@ def shortlist(
     fine = Search(shadows, body, FINE_CELLS, FINE_PX)
     first = coarse.judged(linear, shifts_to_middles(shadows, body.rim_cm, linear))
     first = first.best_first()
-    axis = coarse.round_axis(first, body)
+    axis = round_axis(body, likeness)
     some = range(breadth.first) if axis is None else distinct(first, breadth.first, axis)
     second = _winnowed(coarse, first.picked(some[: len(first)]), COARSE_STEPS, scaled=scaled)
     second = second.picked(distinct(second, breadth.second, axis))
@@ -299,6 +288,17 @@ def _scales(
         shown = shadow.geometry.project(places.reshape(-1, 3))[:, :2].reshape(*places.shape[:2], 2)
         ratios.append(np.log(shadow.size_px / np.ptp(shown, axis=1)).mean(axis=1))
     return np.asarray(np.exp(np.mean(ratios, axis=0)))
+
+
+def round_axis(body: Body, likeness: Likeness) -> Float64[np.ndarray, "3"] | None:
+    """Give the principal axis about which a body can be turned and stays where it is."""
+    here = Poses(np.eye(3)[None], np.zeros((1, 3)), np.zeros(1))
+    least_cm = APART_SHARE * body.radius_cm
+    for axis, along in enumerate(body.spin[1]):
+        turned = turned_about(here, body, axis, ROUND_RAD).placements()
+        if not any(likeness.apart(here.placements()[0], turn, least_cm) for turn in turned):
+            return np.asarray(along)
+    return None
 
 
 def distinct(poses: Poses, most: int, round_axis: Float64[np.ndarray, "3"] | None) -> Sequence[int]:
