@@ -44,11 +44,10 @@ from xden_builder.registration.steps import (
     DERIVATIVES,
     all_settled,
     hopped,
-    nudged,
     rescaled,
     settled,
 )
-from xden_builder.registration.turns import half_turned, least_turns, same_share
+from xden_builder.registration.turns import half_turned, least_turns, same_share, slightly_turned
 
 __all__ = ["register"]
 
@@ -191,8 +190,8 @@ def _on_finest(
     """
     finest = Judge.of(capture, shadows, body, FINEST_PX, listed[0].placement)
     fixed = [finest.fixed(each.placement) for each in listed]
-    there = [finest.refined(each, DERIVATIVES) for each in fixed]
-    there = sorted([*there, *nudged(finest, fixed[0], body)], key=loss_of)
+    tried = [*fixed, *slightly_turned(finest, fixed[0], body)]
+    there = sorted((finest.refined(each, DERIVATIVES) for each in tried), key=loss_of)
     told = told_apart(capture, body.order, shadows, unlike_of(there, likeness, body, LISTED))
     return _Fine(first_of_like(told, likeness, body, LISTED), finest)
 

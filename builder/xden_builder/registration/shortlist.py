@@ -301,24 +301,24 @@ def round_axis(body: Body, likeness: Likeness) -> Float64[np.ndarray, "3"] | Non
     return None
 
 
-def distinct(poses: Poses, most: int, round_axis: Float64[np.ndarray, "3"] | None) -> Sequence[int]:
+def distinct(poses: Poses, most: int, axis: Float64[np.ndarray, "3"] | None) -> Sequence[int]:
     """Pick the first of each bundle of rotations; of what is round, of directions of its axis.
 
     Turned about itself it looks the same: the best poses of a bowl all were it upside down.
     """
     rotations = Rotation.from_matrix(poses.linear)
-    ways = None if round_axis is None else rotations.apply(round_axis)
+    ways = None if axis is None else rotations.apply(axis)
+
+    def nearest_rad(kept: list[int], number: int) -> float:
+        if ways is None:
+            return float((rotations[kept].inv() * rotations[number]).magnitude().min())
+        return float(np.arccos((ways[kept] @ ways[number]).clip(-1, 1)).min())
+
     kept: list[int] = []
     for number in range(len(poses)):
         if len(kept) == most:
             break
-        if not kept:
-            apart = np.array([np.inf])
-        elif ways is None:
-            apart = (rotations[kept].inv() * rotations[number]).magnitude()
-        else:
-            apart = np.arccos((ways[kept] @ ways[number]).clip(-1, 1))
-        if apart.min() >= DISTINCT_RAD:
+        if not kept or nearest_rad(kept, number) >= DISTINCT_RAD:
             kept.append(number)
     return kept
 

@@ -6,16 +6,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
-import numpy as np
-
 from xden_builder.registration.body import Body
 from xden_builder.registration.exact import Judge
 from xden_builder.registration.kinds import apart, loss_of, most_of_rivals
 from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.placement import Found, RigidPlacement
-from xden_builder.registration.shortlist import Poses, turned_about
 
-__all__ = ["DERIVATIVES", "all_settled", "hopped", "nudged", "rescaled", "settled"]
+__all__ = ["DERIVATIVES", "all_settled", "hopped", "rescaled", "settled"]
 
 CLOSE, CLOSE_UNMOVED = 2.0, 1.5
 """A pose whose loss is more times that of a settled one, and than that was before, is not moved."""
@@ -31,8 +28,6 @@ WALL: Final = 5.0
 """Where the loss is more times that of the pose, a line that leads away is not followed on."""
 DERIVATIVES, MOST_MOVES, SETTLED = 2, 8, 0.97
 """Taken on coarse images, at most on fine ones, and what is little to gain by one."""
-NUDGES_DEG: Final = (-8, -6, -4, -2, 2, 4, 6, 8)
-"""Small turns: over to the next trough of what is seen from its edge."""
 MOST_ROUNDS: Final = 4
 """Changes of a scale by one share."""
 
@@ -71,17 +66,6 @@ def hopped(judge: Judge, found: Found, likeness: Likeness, body: Body) -> list[F
     ]
     best = sorted((min(line, key=loss_of) for line in lines if line), key=loss_of)[:HOPS]
     return sorted([found, *(settled(judge, each, found) for each in best)], key=loss_of)
-
-
-def nudged(judge: Judge, found: Found, body: Body) -> list[Found]:
-    """Give the best of the poses that small turns about the axes lead to, moved."""
-    here = Poses.of([body.placed(found.placement)])
-    turns = [
-        judge.fixed(body.of_files(turn))
-        for axis in range(3)
-        for turn in turned_about(here, body, axis, np.radians(NUDGES_DEG).tolist()).placements()
-    ]
-    return [judge.refined(each, DERIVATIVES) for each in sorted(turns, key=loss_of)[:HOPS]]
 
 
 def _elsewhere(

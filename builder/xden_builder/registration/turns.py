@@ -14,7 +14,7 @@ from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.placement import Found, RigidPlacement
 from xden_builder.registration.shortlist import Poses, Search, turned_about
 
-__all__ = ["half_turned", "least_turns", "same_share"]
+__all__ = ["half_turned", "least_turns", "same_share", "slightly_turned"]
 
 SOFT: Final = (2.0, 0.004)
 """A turn about an axis whose cost is at most so many times that of the pose, and so much more, may
@@ -23,6 +23,9 @@ SAME, SAME_CM = 0.002, 0.02
 """Of the radius, and at least in cm: turns that put surfaces nearer to each other are one."""
 HALVES_CLOSE: Final = 8.0
 """A half turn whose loss is more times that of the pose is not given."""
+SLIGHT_DEG: Final = (-8, -6, -4, -2, 2, 4, 6, 8)
+"""Over to the next trough of what is seen from its edge."""
+MOST_SLIGHT: Final = 2
 MOST_JUDGED: Final = 72
 MOST: Final = 5
 """Turns that are looked at, and that are given."""
@@ -157,6 +160,17 @@ def half_turned(judge: Judge, found: Found, likeness: Likeness, body: Body) -> l
         if apart(found.placement, there, likeness, body, same_share(body))
     ]
     return [each for each in close_to_best([found, *halves], HALVES_CLOSE) if each is not found]
+
+
+def slightly_turned(judge: Judge, found: Found, body: Body) -> list[Found]:
+    """Turn a pose by a few degrees about each principal axis; the two of least loss first."""
+    here, angles = Poses.of([body.placed(found.placement)]), np.radians(SLIGHT_DEG).tolist()
+    turns = [
+        judge.fixed(there)
+        for axis in range(3)
+        for there in _of_files(turned_about(here, body, axis, angles), body)
+    ]
+    return sorted(turns, key=loss_of)[:MOST_SLIGHT]
 
 
 def _of_files(poses: Poses, body: Body) -> list[RigidPlacement]:
