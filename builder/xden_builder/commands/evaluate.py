@@ -34,6 +34,11 @@ SEED = 4711
     is_flag=True,
     help="With several --rebuilt of one CAPTURES: compare voxels and radiographs, not parts.",
 )
+@click.option(
+    "--poses",
+    is_flag=True,
+    help="With --rebuilt: compare where the objects stand (needs the extra import).",
+)
 @click.option("--count", type=click.IntRange(min=1), default=200, show_default=True)
 @click.option("--seed", type=click.IntRange(min=0), default=SEED, show_default=True)
 @click.option("--size", type=click.IntRange(min=64), default=512, show_default=True)
@@ -56,6 +61,7 @@ def evaluate(
     captures: tuple[Path, ...],
     rebuilt: tuple[Path, ...],
     by_voxel: bool,
+    poses: bool,
     count: int,
     seed: int,
     size: int,
@@ -69,17 +75,24 @@ def evaluate(
     CAPTURES is a folder of simulated captures of a tube, evaluated whole; without it, objects are
     simulated by --count, --seed and --size, with every effect of the scanner, pores, and labels
     that err. With --rebuilt nothing is fitted: the dataset folders are compared with the truth,
-    with --by-voxel whatever their parts are, such as those of X-Field or an outer surface alone.
+    with --by-voxel whatever their parts are, such as those of X-Field or an outer surface alone,
+    and with --poses by where the objects stand.
     Exits with 3 if some object could not be evaluated.
     """
     if out and not out.parent.is_dir():
         raise click.UsageError(f"--out: there is no folder {out.parent}")
+    if by_voxel and poses:
+        raise click.UsageError("expected --by-voxel or --poses, got both")
     if by_voxel:
         if len(captures) != 1 or not rebuilt:
             raise click.UsageError("--by-voxel: expected one folder CAPTURES, and --rebuilt")
         return _compare_interiors(captures[0], rebuilt, out, workers, as_json)
     if len(captures) != len(rebuilt) if rebuilt else len(captures) > 1:
         raise click.UsageError("expected one folder CAPTURES, or as many as --rebuilt")
+    if poses:
+        if not rebuilt:
+            raise click.UsageError("--poses: expected --rebuilt")
+        return _compare_poses(dict(zip(captures, rebuilt, strict=True)), out, workers, as_json)
     if rebuilt:
         return _compare(dict(zip(captures, rebuilt, strict=True)), out, as_json)
     with TemporaryDirectory(prefix="xden-evaluate-") as scratch:
@@ -115,6 +128,22 @@ def _compare_interiors(
     tables = interiors_markdown([str(root) for root in roots], found)
     values = {"rebuilt": [str(root) for root in roots], **found.to_dict()} if as_json else None
     _tell(tables, values, out, _failed(found.failures))
+
+
+def _compare_poses(
+    folders: Mapping[Path, Path], out: Path | None, workers: int, as_json: bool
+) -> None:
+    from xden_builder.evaluate.poses import compare_poses, poses_markdown
+
+    sets = {}
+    with progress_bar() as bar:
+        for captures, root in folders.items():
+            sets[str(captures)] = compare_poses(
+                captures, root, workers=workers, on_done=lambda _: bar.update()
+            )
+    values = {name: each.to_dict() for name, each in sets.items()} if as_json else None
+    lacking = [line for each in sets.values() for line in _failed(each.failures)]
+    _tell(poses_markdown(sets), values, out, lacking)
 
 
 def _failed(failures: Sequence[tuple[str, str]]) -> list[str]:

@@ -1,0 +1,99 @@
+"""How far the poses of rebuilt objects are off."""
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
+
+from xden_builder.cli import cli
+from xden_builder.evaluate.poses import PoseError, PoseErrors, pose_error, poses_markdown
+from xden_builder.phantoms import Scanner, write_captures
+
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
+SHIFT_CM = np.array([0.1, 0.0, 0.0])
+HALF_TURN = Rotation.from_euler("z", 180, degrees=True)
+
+
+def box(*middle_cm):
+    return trimesh.creation.box((2.0, 4.0, 6.0)).apply_translation(middle_cm)
+
+
+def still(points_cm):
+    return points_cm
+
+
+@pytest.fixture(autouse=True)
+def _distances():
+    pytest.importorskip("igl")
+
+
+def test_a_shift_counts_as_far_as_the_surface_moves_and_as_the_turn_that_moves_the_rim_so():
+    error = pose_error([box(0, 0, 0)], ["oak"], still, lambda points: points + SHIFT_CM)
+    assert error.off_mm == pytest.approx(1.0)
+    assert error.off_deg == pytest.approx(np.degrees(0.1 / np.sqrt(14)))
+    assert not error.right
+
+
+def test_a_body_turned_onto_itself_is_where_it_was():
+    assert pose_error([box(0, 0, 0)], ["oak"], still, HALF_TURN.apply).right
+
+
+@pytest.mark.parametrize(
+    ("materials", "right"), [(["oak", "oak"], True), (["oak", "steel"], False)]
+)
+def test_parts_that_change_places_are_right_if_they_are_of_one_material(materials, right):
+    parts = [box(-1, 0, 0), box(1, 0, 0)]
+    assert pose_error(parts, materials, still, HALF_TURN.apply).right is right
+
+
+def test_a_small_part_elsewhere_is_wrong_however_large_the_rest_of_its_kind():
+    ear = trimesh.creation.icosphere(radius=0.2).apply_translation([1.5, 0, 0])
+    parts = [box(0, 0, 0), ear]
+    assert not pose_error(parts, ["oak", "oak"], still, HALF_TURN.apply).right
+
+
+def test_only_flags_of_the_pose_are_kept():
+    error = pose_error([box(0, 0, 0)], ["oak"], still, still, ["pose_ambiguous", "uncertain"])
+    assert error.flags == ("pose_ambiguous",)
+
+
+def test_objects_that_are_wrong_are_counted_by_flag_and_listed_the_worst_first():
+    found = PoseErrors(
+        {
+            "ball-0000": PoseError(0.1, 0.1, ()),
+            "axe-0000": PoseError(0.3, 0.1, ("pose_ambiguous",)),
+            "pen-0000": PoseError(2.0, 0.4, ("pose_not_found",)),
+            "comb-0000": PoseError(3.0, 0.4, ()),
+            "pin-0000": PoseError(0.4, 0.9, ()),
+        },
+        (),
+    )
+    text = poses_markdown({"set": found})
+    (row,) = [line for line in text.splitlines() if line.startswith("| set") and "%" in line]
+    cells = [cell.strip() for cell in row.split("|")[1:-1]]
+    assert cells == ["set", "5", "2 (40.0%)", "1", "2 (40.0%)", "1", "0.20", "0.28"]
+    assert text.index("comb-0000") < text.index("pen-0000") < text.index("pin-0000")
+    assert "axe-0000" not in text
+
+
+def test_poses_of_nothing_rebuilt_are_refused(tmp_path):
+    answer = CliRunner().invoke(cli, ["evaluate", str(tmp_path), "--poses"])
+    assert answer.exit_code == 2
+    assert "--poses: expected --rebuilt" in answer.output
+
+
+@pytest.mark.slow
+def test_meshes_that_err_a_little_stand_nearer_to_the_truth_once_they_are_rebuilt(tmp_path):
+    captures, built = tmp_path / "captures", tmp_path / "built"
+    write_captures(captures, 1, 5, scanner=Scanner.realistic(192), categories=["mug"])
+    run = CliRunner().invoke(cli, ["run", str(captures), "--out", str(built), "--workers", "1"])
+    assert run.exit_code == 0, run.output
+    command = ["evaluate", str(captures), "--rebuilt", str(built), "--poses", "--json"]
+    scored = CliRunner().invoke(cli, command)
+    assert scored.exit_code == 0, scored.output
+    (error,) = json.loads(scored.stdout)[str(captures)]["objects"].values()
+    assert error["off_mm"] < 0.5
