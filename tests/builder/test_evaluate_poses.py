@@ -31,11 +31,30 @@ def _distances():
     pytest.importorskip("igl")
 
 
-def test_a_shift_counts_as_far_as_the_surface_moves_and_as_the_turn_that_moves_the_rim_so():
-    error = pose_error([box(0, 0, 0)], ["oak"], still, lambda points: points + SHIFT_CM)
-    assert error.off_mm == pytest.approx(1.0)
-    assert error.off_deg == pytest.approx(np.degrees(0.1 / np.sqrt(14)))
-    assert not error.right
+def turned(degrees):
+    return Rotation.from_euler("x", degrees, degrees=True).apply
+
+
+def test_a_shift_a_turn_and_a_size_are_told_apart():
+    parts, materials = [box(-2, 0, 1), box(2, 1, 0)], ["oak", "steel"]
+    error = pose_error(parts, materials, still, lambda points: 1.01 * turned(0.5)(points))
+    assert error.turn_deg == pytest.approx(0.5, rel=0.02)
+    assert error.size_share == pytest.approx(0.01, rel=0.03)
+    shifted = pose_error(parts, materials, still, lambda points: points + SHIFT_CM)
+    assert shifted.shift_mm == pytest.approx(1.0, rel=0.01)
+    assert shifted.turn_deg == pytest.approx(0.0, abs=0.01)
+    for each in (error, shifted):
+        assert each.left_mm < 0.02
+        assert not each.right
+
+
+@pytest.mark.parametrize("degrees", [0.7, 90.0, 200.0])
+def test_a_round_body_turned_about_its_axis_is_not_turned(degrees):
+    bottle = trimesh.creation.cylinder(3.0, 20.0, sections=64)
+    turn = Rotation.from_euler("z", degrees, degrees=True)
+    error = pose_error([bottle], ["oak"], still, turn.apply)
+    assert error.right
+    assert error.turn_deg < 0.1
 
 
 def test_a_body_turned_onto_itself_is_where_it_was():
@@ -64,18 +83,19 @@ def test_only_flags_of_the_pose_are_kept():
 def test_objects_that_are_wrong_are_counted_by_flag_and_listed_the_worst_first():
     found = PoseErrors(
         {
-            "ball-0000": PoseError(0.1, 0.1, ()),
-            "axe-0000": PoseError(0.3, 0.1, ("pose_ambiguous",)),
-            "pen-0000": PoseError(2.0, 0.4, ("pose_not_found",)),
-            "comb-0000": PoseError(3.0, 0.4, ()),
-            "pin-0000": PoseError(0.4, 0.9, ()),
+            "ball-0000": PoseError(0.1, 0.1, 0.001, 0.1, ()),
+            "axe-0000": PoseError(0.2, 0.3, -0.003, 0.1, ("pose_ambiguous",)),
+            "pen-0000": PoseError(0.1, 0.1, 0.0, 2.0, ("pose_not_found",)),
+            "comb-0000": PoseError(0.1, 3.0, 0.0, 0.1, ()),
+            "pin-0000": PoseError(0.4, 0.4, 0.0, 0.1, ()),
         },
         (),
     )
     text = poses_markdown({"set": found})
-    (row,) = [line for line in text.splitlines() if line.startswith("| set") and "%" in line]
+    row = next(line for line in text.splitlines() if line.startswith("| set  ") and "(" in line)
     cells = [cell.strip() for cell in row.split("|")[1:-1]]
-    assert cells == ["set", "5", "2 (40.0%)", "1", "2 (40.0%)", "1", "0.20", "0.28"]
+    spread = ["0.15 (0.19)", "0.20 (0.28)", "0.20 (0.28)"]
+    assert cells == ["set", "5", "2 (40.0%)", "1", "2 (40.0%)", "1", *spread]
     assert text.index("comb-0000") < text.index("pen-0000") < text.index("pin-0000")
     assert "axe-0000" not in text
 
@@ -96,4 +116,5 @@ def test_meshes_that_err_a_little_stand_nearer_to_the_truth_once_they_are_rebuil
     scored = CliRunner().invoke(cli, command)
     assert scored.exit_code == 0, scored.output
     (error,) = json.loads(scored.stdout)[str(captures)]["objects"].values()
-    assert error["off_mm"] < 0.5
+    assert error["turn_deg"] < 0.3
+    assert max(error["shift_mm"], error["left_mm"]) < 0.5
