@@ -75,6 +75,15 @@ def test_a_small_part_elsewhere_is_wrong_however_large_the_rest_of_its_kind():
     assert not pose_error(parts, ["oak", "oak"], still, HALF_TURN.apply).right
 
 
+def test_a_turn_of_something_long_about_itself_hardly_counts_at_the_rim():
+    pen = [trimesh.creation.box((0.8, 1.2, 15.0))]
+    turn = Rotation.from_euler("z", 0.6, degrees=True)
+    error = pose_error(pen, ["oak"], still, turn.apply)
+    assert error.turn_deg == pytest.approx(0.6, rel=0.05)
+    assert error.rim_deg == pytest.approx(error.turn_deg * np.hypot(0.4, 0.6) / 7.53, rel=0.02)
+    assert error.right
+
+
 def test_only_flags_of_the_pose_are_kept():
     error = pose_error([box(0, 0, 0)], ["oak"], still, still, ["pose_ambiguous", "uncertain"])
     assert error.flags == ("pose_ambiguous",)
@@ -83,19 +92,19 @@ def test_only_flags_of_the_pose_are_kept():
 def test_objects_that_are_wrong_are_counted_by_flag_and_listed_the_worst_first():
     found = PoseErrors(
         {
-            "ball-0000": PoseError(0.1, 0.1, 0.001, 0.1, ()),
-            "axe-0000": PoseError(0.2, 0.3, -0.003, 0.1, ("pose_ambiguous",)),
-            "pen-0000": PoseError(0.1, 0.1, 0.0, 2.0, ("pose_not_found",)),
-            "comb-0000": PoseError(0.1, 3.0, 0.0, 0.1, ()),
-            "pin-0000": PoseError(0.4, 0.4, 0.0, 0.1, ()),
+            "ball-0000": PoseError(0.9, 0.1, 0.1, 0.001, 0.1, ()),
+            "axe-0000": PoseError(0.2, 0.2, 0.3, -0.003, 0.1, ("pose_ambiguous",)),
+            "pen-0000": PoseError(0.1, 0.1, 0.1, 0.0, 2.0, ("pose_not_found",)),
+            "comb-0000": PoseError(0.1, 0.1, 3.0, 0.0, 0.1, ()),
+            "pin-0000": PoseError(0.4, 0.4, 0.4, 0.0, 0.1, ()),
         },
         (),
     )
     text = poses_markdown({"set": found})
     row = next(line for line in text.splitlines() if line.startswith("| set  ") and "(" in line)
     cells = [cell.strip() for cell in row.split("|")[1:-1]]
-    spread = ["0.15 (0.19)", "0.20 (0.28)", "0.20 (0.28)"]
-    assert cells == ["set", "5", "2 (40.0%)", "1", "2 (40.0%)", "1", *spread]
+    spread = ["0.55 (0.83)", "0.15 (0.19)", "0.20 (0.28)", "0.20 (0.28)"]
+    assert cells == ["set", "5", "2 (40.0%)", "1", "2 (40.0%)", "1", "1", *spread]
     assert text.index("comb-0000") < text.index("pen-0000") < text.index("pin-0000")
     assert "axe-0000" not in text
 
@@ -116,5 +125,5 @@ def test_meshes_that_err_a_little_stand_nearer_to_the_truth_once_they_are_rebuil
     scored = CliRunner().invoke(cli, command)
     assert scored.exit_code == 0, scored.output
     (error,) = json.loads(scored.stdout)[str(captures)]["objects"].values()
-    assert error["turn_deg"] < 0.3
+    assert error["rim_deg"] < 0.3
     assert max(error["shift_mm"], error["left_mm"]) < 0.5
