@@ -111,6 +111,20 @@ def test_an_entry_gets_a_table_of_its_own_and_copies_no_other(run: Run, truth: P
     assert re.search(r"^\| 1 +\| test +\| 100.0 +\| 100.0 +\|", page, re.MULTILINE)
 
 
+def test_rows_to_read_others_by_stand_in_the_table_of_every_track(run: Run, truth: Path) -> None:
+    values(run("segment", "submit", truth, "--out", "results", "--json"))
+    (own,) = read_entries(Path("results"))
+    method = {**own["method"], "name": "xray-clusters", "inputs": ["mesh", "xray"]}
+    guest = {**own, "method": method, "track": "xray", "submission_sha256": "0" * 64}
+    geometry, xray, _ = render([own, guest]).split("\n## ", 2)
+    assert re.search(r"^\| 1 +\| test ", geometry, re.MULTILINE)
+    assert re.search(r"^\| +\| \*xray-clusters\* ", geometry, re.MULTILINE)
+    assert "- **xray-clusters**: entered for the track `xray`" in geometry
+    assert "| test " not in xray
+    other_split = {**guest, "dataset": {**own["dataset"], "split": "unseen"}}
+    assert "xray-clusters" not in render([own, other_split]).split("\n## ")[0]
+
+
 def changed(path: Path, out: str, **arrays: Any) -> str:
     """A copy of a submission with other arrays, or other words in its meta data."""
     with np.load(path) as found:

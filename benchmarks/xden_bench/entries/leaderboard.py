@@ -12,7 +12,7 @@ from xden1k.errors import DataError
 from xden1k.values.modality import TRACKS
 from xden_bench.entries.durable import write_text
 from xden_bench.entries.markdown import code, link, plain
-from xden_bench.entries.merging import few_seeds, merged_rows, seed_spread, silent_on_cost
+from xden_bench.entries.merging import few_seeds, merged_rows, place, seed_spread, silent_on_cost
 from xden_bench.entries.ranking import (
     TRIVIAL,
     Entry,
@@ -137,7 +137,7 @@ def render(entries: Iterable[Entry], sections: Sequence[str] = ()) -> str:
     older = [rows for rows in every if rows not in ranked]
     return "\n\n".join(
         [
-            *(map(_section, current) if current else ["No entries yet."]),
+            *([_section(rows, _guests(rows, every)) for rows in current] or ["No entries yet."]),
             *filter(None, drops),
             *sections,
             *_part(OLD_VERSIONS, old),
@@ -240,7 +240,26 @@ def _table_key(entry: Entry) -> tuple[Any, ...]:
     )
 
 
-def _section(rows: Sequence[Entry]) -> str:
+def _guests(rows: Sequence[Entry], every: Sequence[Sequence[Entry]]) -> list[Entry]:
+    """Rows to read a table of segments by that were entered for another track."""
+    if rows[0]["protocol"] not in SEGMENT_PROTOCOLS:
+        return []
+    *key, track = _table_key(rows[0])
+    others = (other for other in every if _table_key(other[0]) != (*key, track))
+    alike = (row for other in others if [*_table_key(other[0])][:-1] == key for row in other)
+    return [row for row in alike if unranked_because(row) == TRIVIAL]
+
+
+def _with_guests(rows: Sequence[Entry], guests: Sequence[Entry]) -> list[tuple[Entry, str]]:
+    """Rows with their ranks, and guests without one where their means belong."""
+    found = [*zip(rows, rank_labels(rows), strict=True)]
+    for guest in guests:
+        worse = (number for number, (row, _) in enumerate(found) if place(row) > place(guest))
+        found.insert(next(worse, len(found)), (guest, ""))
+    return found
+
+
+def _section(rows: Sequence[Entry], guests: Sequence[Entry] = ()) -> str:
     """One table with its title and notes."""
     rules = load_rules(rows[0]["protocol"])
     metrics = [one for one in PRINTED if any(one in row["metrics"] for row in rows)]
@@ -252,14 +271,13 @@ def _section(rows: Sequence[Entry]) -> str:
     costs = [key for key in COSTS if any(row["method"].get(key) is not None for row in rows)]
     headings += ["trained on", "external data", "s / object"]
     headings += [*(COSTS[key] for key in costs), "status", "date"]
-    labels = rank_labels(rows)
-    table = [_row(row, label, metrics, costs) for row, label in zip(rows, labels, strict=True)]
+    table = [_row(row, label, metrics, costs) for row, label in _with_guests(rows, guests)]
     return "\n\n".join(
         [
             _title(rows[0]),
             tabulate(table, headings, tablefmt="pipe", disable_numparse=True),
             "How each row was made, and its footnotes:",
-            "\n".join(_details(row) for row in rows),
+            "\n".join([*map(_details, rows), *map(_elsewhere, guests)]),
         ]
     )
 
@@ -376,6 +394,12 @@ def _details(row: Entry) -> str:
         *(link(method[key]) for key in ("paper", "code") if method[key]),
     ]
     return "- " + "; ".join(facts)
+
+
+def _elsewhere(guest: Entry) -> str:
+    """One list item of a row that stands in its own table too."""
+    name, track = plain(guest["method"]["name"]), guest["track"]
+    return f"- **{name}**: entered for the track `{track}`, shown to read the others by"
 
 
 def _seed_notes(row: Entry) -> list[str]:
