@@ -197,16 +197,16 @@ $(ROWS)/segments/%.npz: $(ROWS)/data/manifest.json
 	mkdir -p $(@D)
 	$(BIN)/xden-bench baseline $(*F) --task segments --split $(*D) --root $(ROWS)/data --out $@
 
-# Learned once, when the row of `test` is made. File, method, settings.
+# Learned once, when the row of `test` is made. File, method, settings, budget if another.
 define FIELD_ROWS
 $(ROWS)/segments/test/$(1).npz: $(ROWS)/data/manifest.json
 	mkdir -p $$(@D) $(ROWS)/fits
 	$(BIN)/xden-bench baseline $(2) --task segments $(3) --set size=$(FIELD_SIZE) \
-	  --budget $(FIELD_BUDGET) --save $(ROWS)/fits/$(1) --root $(ROWS)/data --out $$@
+	  --budget $(or $(4),$(FIELD_BUDGET)) --save $(ROWS)/fits/$(1) --root $(ROWS)/data --out $$@
 
-$(ROWS)/segments/unseen/$(1).npz: $(ROWS)/segments/test/$(1).npz
+$(foreach split,unseen val,$(ROWS)/segments/$(split)/$(1).npz): $(ROWS)/segments/test/$(1).npz
 	mkdir -p $$(@D)
-	$(BIN)/xden-bench baseline $(2) --task segments --split unseen $(3) \
+	$(BIN)/xden-bench baseline $(2) --task segments --split $$(notdir $$(@D)) $(3) \
 	  --model $(ROWS)/fits/$(1) --root $(ROWS)/data --out $$@
 
 $(foreach how,$(DISTURBANCES),$(ROWS)/segments/val-$(how)/$(1).npz): \
@@ -229,6 +229,8 @@ $(foreach method,$(FIELDS),$(foreach seed,$(SEEDS),$(eval \
   $(call FIELD_ROWS,$(method)-$(seed),$(method),--seed $(seed)))))
 $(foreach part,scale attention third,$(eval \
   $(call FIELD_ROWS,x-field-paper-no-$(part),x-field-paper,--set without=$(part))))
+$(eval $(call FIELD_ROWS,x-field-paper-long,x-field-paper,--seed 0,1600s))
+$(eval $(call FIELD_ROWS,x-field-paper-longer,x-field-paper,--seed 0,3200s))
 EXACT := $(foreach error,deg shift scale gain,--set jitter_$(error)=0)
 $(eval $(call FIELD_ROWS,x-field-exact,x-field,$(EXACT)))
 
@@ -236,18 +238,24 @@ $(foreach how,$(DISTURBANCES),$(ROWS)/val-$(how)/manifest.json): \
   $(ROWS)/val-%/manifest.json: $(ROWS)/data/manifest.json
 	$(BIN)/xden-bench disturb $(ROWS)/data --out $(@D) --split val $(disturb-$*)
 
-# Scored, compared and not entered: the paper's X-Field without one of its parts, X-Field that
-# learned without errors of alignment, and what disturbed radiographs cost.
+# Scored, compared and not entered: the paper's X-Field without one of its parts or trained longer,
+# X-Field that learned without errors of alignment, and what disturbed radiographs cost.
 ABLATED := x-field-paper-0 x-field-paper-no-scale x-field-paper-no-attention x-field-paper-no-third \
-  x-field-0 x-field-exact
+  x-field-paper-long x-field-paper-longer x-field-0 x-field-exact
 DISTURBED := x-field-0 x-field-exact x-field-rays-0 x-field-voxel-0 x-field-both-0 x-field-paper-0
+UNDISTURBED := $(DISTURBED) x-field-geometry-contrastive-1
 
 ablations: $(ABLATED:%=$(ROWS)/segments/test/%.npz)
 	for file in $^; do \
 	  $(BIN)/xden-bench segment score $$file --root $(ROWS)/data --split test || exit 1; \
 	done
 
-robustness: $(foreach how,$(DISTURBANCES),$(DISTURBED:%=$(ROWS)/segments/val-$(how)/%.npz))
+robustness: $(UNDISTURBED:%=$(ROWS)/segments/val/%.npz) \
+    $(foreach how,$(DISTURBANCES),$(DISTURBED:%=$(ROWS)/segments/val-$(how)/%.npz))
+	for row in $(UNDISTURBED); do \
+	  echo $$row && $(BIN)/xden-bench segment score $(ROWS)/segments/val/$$row.npz \
+	    --root $(ROWS)/data --split val || exit 1; \
+	done
 	for how in $(DISTURBANCES); do \
 	  for row in $(DISTURBED); do \
 	    echo $$row, $$how && $(BIN)/xden-bench segment score $(ROWS)/segments/val-$$how/$$row.npz \
@@ -256,13 +264,13 @@ robustness: $(foreach how,$(DISTURBANCES),$(DISTURBED:%=$(ROWS)/segments/val-$(h
 	done
 
 # Densities of the fits that segment, on the board of `xray`.
-DENSE := x-field-0 x-field-paper-0
+DENSE := x-field-0 x-field-paper-longer
 DENSE_OF = $(foreach row,$(DENSE),$(ROWS)/$(1)/$(row).npz)
 $(foreach split,test unseen,$(foreach row,$(DENSE),$(eval \
   $(ROWS)/$(split)/$(row).npz: $(ROWS)/segments/test/$(row).npz)))
 $(foreach split,test unseen,$(DENSE:%=$(ROWS)/$(split)/%.npz)):
 	mkdir -p $(@D)
-	$(BIN)/xden-bench baseline $(patsubst %-0,%,$(basename $(@F))) --split $(notdir $(@D)) \
+	$(BIN)/xden-bench baseline $(patsubst %-longer,%,$(patsubst %-0,%,$(basename $(@F)))) --split $(notdir $(@D)) \
 	  --model $(ROWS)/fits/$(basename $(@F)) --set size=$(FIELD_SIZE) --root $(ROWS)/data --out $@
 
 densities: densities-test densities-unseen
@@ -271,17 +279,24 @@ densities: densities-test densities-unseen
 densities-test densities-unseen: densities-%: $$(call DENSE_OF,%)
 	$(call ENTERED,submit)
 
-# Where points are lost, what differs beyond doubt, and six objects.
+# Where points are lost, what differs beyond doubt (of each seed, on both splits), and six objects.
 LOSING := x-field-0 x-field-1 x-field-geometry-contrastive-1
 SIX := soap_dispenser-0009,teapot-0012,scissors-0010,rubber_ball-0006,remote_control-0005,picture_frame-0013
-RIVALS := x-field-geometry-contrastive-0 xray-clusters surface-parts
+BESIDE := xray-clusters surface-parts
+COMPARED = $(foreach seed,$(SEEDS),$(FIELDS:%=%-$(seed)))
 
-kinds: $(patsubst %,$(ROWS)/segments/test/%.npz,$(sort $(LOSING) $(RIVALS) $(FIELDS:%=%-0)))
-	$(BIN)/xden-bench segment kinds $(LOSING:%=$(ROWS)/segments/test/%.npz) --root $(ROWS)/data
-	for row in $(FIELDS:%=%-0); do for other in $(RIVALS); do \
-	  $(BIN)/xden-bench segment compare $(ROWS)/segments/test/$$row.npz \
-	    $(ROWS)/segments/test/$$other.npz --root $(ROWS)/data || exit 1; \
-	done; done
+kinds: $(foreach split,test unseen,$(patsubst %,$(ROWS)/segments/$(split)/%.npz, \
+    $(sort $(LOSING) $(BESIDE) $(COMPARED))))
+	for split in test unseen; do \
+	  $(BIN)/xden-bench segment kinds $(foreach row,$(LOSING),$(ROWS)/segments/$$split/$(row).npz) \
+	    --root $(ROWS)/data --split $$split || exit 1; \
+	  for row in $(filter-out x-field-geometry-contrastive-%,$(COMPARED)); do \
+	    for other in x-field-geometry-contrastive-$${row##*-} $(BESIDE); do \
+	      $(BIN)/xden-bench segment compare $(ROWS)/segments/$$split/$$row.npz \
+	        $(ROWS)/segments/$$split/$$other.npz --root $(ROWS)/data --split $$split || exit 1; \
+	    done; \
+	  done; \
+	done
 	$(BIN)/xden-bench segment show $(SIX) $(ROWS)/segments/test/x-field-0.npz \
 	  $(ROWS)/segments/test/x-field-geometry-contrastive-1.npz --root $(ROWS)/data \
 	  --picture docs/images/x-field.png
@@ -295,6 +310,7 @@ loop: $(ROWS)/segments/test/x-field-0.npz
 	$(BIN)/python -m xden_baselines.xfield parts $(ROWS)/fits/x-field-0 $(LOOP)/whole \
 	  --out $(LOOP)/parts || test $$? = 3
 	$(BIN)/xden-build run $(LOOP)/captures --out $(LOOP)/proposed --parts $(LOOP)/parts || test $$? = 3
+	$(BIN)/xden-build audit $(LOOP)/proposed --captures $(LOOP)/captures || test $$? = 3
 	$(BIN)/xden-build run $(LOOP)/captures --out $(LOOP)/annotated || test $$? = 3
 	$(BIN)/xden-build evaluate $(LOOP)/captures --by-voxel --rebuilt $(LOOP)/whole \
 	  --rebuilt $(LOOP)/proposed --rebuilt $(LOOP)/annotated
