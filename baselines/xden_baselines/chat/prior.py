@@ -6,14 +6,14 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable
 
 import numpy as np
-import trimesh
 
 from xden1k.errors import DataError
 from xden1k.predictor import Example, Examples
+from xden1k.values.thickness import plate_thickness_cm
 from xden_baselines.chat.candidates import MAX_CANDIDATES, Candidate, Picture, Range
 from xden_baselines.materials import check_target, density_range_g_cm3, material_of
 
-__all__ = ["PriorProposer", "plate_thickness_cm"]
+__all__ = ["PriorProposer"]
 
 QUARTILES = (0.25, 0.75)
 
@@ -58,17 +58,6 @@ class PriorProposer:
         common = _commonest(self._by_category.get(category, Counter()))
         names = dict.fromkeys([*common, *_commonest(self._overall)])
         return tuple(self._candidates[name] for name in list(names)[:MAX_CANDIDATES])
-
-
-def plate_thickness_cm(mesh: trimesh.Trimesh) -> float:
-    """Thickness of a wide plate of the same volume and surface: 2 V / A.
-
-    Examples
-    --------
-    >>> round(plate_thickness_cm(trimesh.creation.box((100, 100, 0.2))), 2)
-    0.2
-    """
-    return 2 * abs(float(mesh.volume)) / float(mesh.area)
 
 
 def _survey(train: Iterable[Example]) -> tuple[dict[str, Counter[str]], dict[str, list[float]]]:
