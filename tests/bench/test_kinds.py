@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,18 +25,25 @@ RULES = load_segment_protocol()
 CORE = Box("core", (-1, -1, -1), (1, 1, 1), 0.9)
 CASE = Box("case", (-2, -2, -2), (2, 2, 2), 1.5, hole=((-1, -1, -1), (1, 1, 1)))
 LEAD_CASE = Box("case", (-2, -2, -2), (2, 2, 2), 11.3, hole=((-1, -1, -1), (1, 1, 1)))
+BLOCK = Box("block", (-2, -2, -2), (2, 2, 2), 1.5)
+FOAM = Box("foam", (-2, -2, 2), (2, 2, 2.5), 0.005)
 CUP = Box("cup", (-2, -2, -2), (2, 2, 2), 1.5, hole=((-1, -1, -1), (1, 1, 1)))
 
 
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory: pytest.TempPathFactory) -> SegmentReference:
     """One filled case, one empty."""
-    root = tmp_path_factory.mktemp("kinds") / "dataset"
-    objects = [
-        box_object("case-0001", (CASE, CORE), split="test", category="case"),
-        box_object("cup-0001", (CUP,), split="test", category="cup"),
+    return reference_of(tmp_path_factory.mktemp("kinds"), {"case": (CASE, CORE), "cup": (CUP,)})
+
+
+def reference_of(folder: Path, objects: Mapping[str, Sequence[Box]]) -> SegmentReference:
+    """One object of each category."""
+    root = folder / "dataset"
+    made = [
+        box_object(f"{category}-0001", boxes, split="test", category=category)
+        for category, boxes in objects.items()
     ]
-    write_folder(objects, root, version="0.1.0", builder="tests")
+    write_folder(made, root, version="0.1.0", builder="tests")
     return SegmentReference(open_folder(root), "test", RULES)
 
 
@@ -57,6 +65,7 @@ def test_the_truth_is_found_whole_in_every_kind(reference: SegmentReference, tmp
         "objects of 2 regions": (2, 100),
         "transparent objects": (2, 100),
         "visible parts": (2, 100),
+        "visible parts, in an X-ray": (2, 100),
         "hidden parts, in an X-ray": (1, 100),
         "enclosed voids": (1, 100),
     }
@@ -70,6 +79,16 @@ def test_of_one_cluster_a_part_has_its_share_of_the_volume(
     assert found["hidden parts, in an X-ray"].iou == pytest.approx(core, abs=1.5)
     assert found["enclosed voids"].iou == pytest.approx(core, abs=1.5)
     assert found["visible parts"].iou == pytest.approx(100 - core, abs=1.5)
+
+
+def test_a_visible_part_too_light_for_x_rays_counts_apart_from_those_in_one(tmp_path: Path):
+    block_and_foam = reference_of(tmp_path, {"block": (BLOCK, FOAM)})
+    one = written(tmp_path / "one.npz", block_and_foam, mistaken=True)
+    found = segment_kinds(one, block_and_foam)
+    foam = 100 * 0.5 / 4.5
+    assert found["visible parts, in an X-ray"].iou == pytest.approx(100 - foam, abs=1.5)
+    assert found["visible parts, in no X-ray"].iou == pytest.approx(foam, abs=1.5)
+    assert (found["visible parts"].count, found["visible parts"].iou) == (2, pytest.approx(50))
 
 
 def test_a_part_behind_lead_is_in_no_x_ray_and_its_object_is_opaque():

@@ -42,6 +42,8 @@ KINDS: Final = (
     "transparent objects",
     "opaque objects",
     "visible parts",
+    "visible parts, in an X-ray",
+    "visible parts, in no X-ray",
     "hidden parts, in an X-ray",
     "hidden parts, in no X-ray",
     "enclosed voids",
@@ -206,7 +208,7 @@ def _of_object(truth: Regions, answer: Segmentation, seen: Seen) -> Iterator[tup
 def _of_parts(
     drawn: DrawnObject, truth: Regions, answer: Segmentation, seen: Seen
 ) -> Iterator[tuple[str, float]]:
-    """IoU of each part, by its kind; nothing of an object of a single part."""
+    """IoU of each part, by each of its kinds; nothing of an object of a single part."""
     ious = part_ious(truth.parts, answer)
     if len(ious) == 1:
         return
@@ -214,7 +216,8 @@ def _of_parts(
     for part, iou in ious.items():
         if part == VOID:
             yield "enclosed voids", iou
-        elif part in visible:
+            continue
+        ray = "an X-ray" if seen.shown(part) else "no X-ray"
+        yield f"{'visible' if part in visible else 'hidden'} parts, in {ray}", iou
+        if part in visible:
             yield "visible parts", iou
-        else:
-            yield f"hidden parts, in {'an' if seen.shown(part) else 'no'} X-ray", iou
