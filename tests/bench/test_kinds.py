@@ -1,4 +1,4 @@
-"""Which parts count as hidden, shown in an X-ray or opaque, on boxes of known truth."""
+"""Which parts count as hidden, shown in an X-ray, opaque or thin, on boxes of known truth."""
 
 from __future__ import annotations
 
@@ -47,6 +47,12 @@ def reference_of(folder: Path, objects: Mapping[str, Sequence[Box]]) -> SegmentR
     return SegmentReference(open_folder(root), "test", RULES)
 
 
+def shell(wall_cm: float) -> Box:
+    """Hollow cube of 4 cm."""
+    inner = 2 - wall_cm
+    return Box("shell", (-2,) * 3, (2,) * 3, 1.5, hole=((-inner,) * 3, (inner,) * 3))
+
+
 def written(path: Path, reference: SegmentReference, mistaken: bool) -> Path:
     """The truth, or all of it as one cluster."""
     with SegmentsWriter(path) as writer:
@@ -67,6 +73,7 @@ def test_the_truth_is_found_whole_in_every_kind(reference: SegmentReference, tmp
         "visible parts": (2, 100),
         "visible parts, in an X-ray": (2, 100),
         "hidden parts, in an X-ray": (1, 100),
+        "thick parts": (3, 100),
         "enclosed voids": (1, 100),
     }
 
@@ -89,6 +96,16 @@ def test_a_visible_part_too_light_for_x_rays_counts_apart_from_those_in_one(tmp_
     assert found["visible parts, in an X-ray"].iou == pytest.approx(100 - foam, abs=1.5)
     assert found["visible parts, in no X-ray"].iou == pytest.approx(foam, abs=1.5)
     assert (found["visible parts"].count, found["visible parts"].iou) == (2, pytest.approx(50))
+
+
+def test_a_shell_is_thin_by_its_wall_however_large_it_is_and_from_2_mm_on_thick(tmp_path: Path):
+    walls_cm = {"thick": 0.21, "thin": 0.19}
+    shells = reference_of(tmp_path, {name: (shell(wall),) for name, wall in walls_cm.items()})
+    found = segment_kinds(written(tmp_path / "one.npz", shells, mistaken=True), shells)
+    for name, wall_cm in walls_cm.items():
+        of_wall = 100 * (1 - (1 - wall_cm / 2) ** 3)
+        assert found[f"{name} parts"].count == 1
+        assert found[f"{name} parts"].iou == pytest.approx(of_wall, abs=1)
 
 
 def test_a_part_behind_lead_is_in_no_x_ray_and_its_object_is_opaque():

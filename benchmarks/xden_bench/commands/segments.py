@@ -250,7 +250,7 @@ def compare(
 def kinds(
     submissions: tuple[Path, ...], root: Path | str | None, split: str, as_json: bool
 ) -> None:
-    """Tell where submissions lose: by number of regions, dark metal, hidden parts, voids.
+    """Tell where submissions lose: by number of regions, dark metal, hidden or thin parts, voids.
 
     Objects are scored by protocol A, parts by the cluster that fits each best.
     """

@@ -1,4 +1,4 @@
-"""Where segments are lost: by the number of regions, and by what of each part can be seen.
+"""Where segments are lost: by the number of regions, what of a part can be seen, and its thickness.
 
 Needs the extra ``build``.
 """
@@ -20,6 +20,7 @@ from xden1k.predictions import raise_errors
 from xden1k.rays import PathLengths, path_lengths
 from xden1k.segmentation import Segmentation, Segments
 from xden1k.segmentation.points import owner_voxels
+from xden1k.values.thickness import plate_thickness_cm
 from xden1k.values.types import DensityObject
 from xden1k.values.views import XRayView
 from xden_bench.scoring.overlap import PERCENT, iou_matrix, many_to_one, score_segments
@@ -33,6 +34,8 @@ DARK: Final = 0.01
 """Transmission below which a ray tells nothing, and the least change of it that shows a part."""
 OPAQUE_SHARE: Final = 0.1
 """Share of the rays through an object that tell nothing, in one view, which makes it opaque."""
+THIN_CM: Final = 0.2
+"""Mean thickness below which a part is thin."""
 VOID: Final = 0
 
 KINDS: Final = (
@@ -46,6 +49,8 @@ KINDS: Final = (
     "visible parts, in no X-ray",
     "hidden parts, in an X-ray",
     "hidden parts, in no X-ray",
+    "thin parts",
+    "thick parts",
     "enclosed voids",
 )
 
@@ -158,7 +163,8 @@ def segment_kinds(
 ) -> Mapping[str, Kind]:
     """Mean IoU of each kind of objects and of parts that there is, in the order of ``KINDS``.
 
-    A part is visible if one of its voxels of the 256³ grid has a face that is outside the object.
+    A part is visible if one of its voxels of the 256³ grid has a face that is outside the object,
+    and thin if a plate of its volume and surface would be thinner than 2 mm.
 
     Parameters
     ----------
@@ -221,3 +227,5 @@ def _of_parts(
         yield f"{'visible' if part in visible else 'hidden'} parts, in {ray}", iou
         if part in visible:
             yield "visible parts", iou
+        thin = plate_thickness_cm(drawn.meshes[part - 1]) < THIN_CM
+        yield "thin parts" if thin else "thick parts", iou
