@@ -15,6 +15,7 @@ The commands turn each of them into one line on stderr and exit code 1.
 
 import difflib
 import importlib
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,6 +32,7 @@ __all__ = [
     "about",
     "did_you_mean",
     "install_command",
+    "of_dataset",
     "require",
 ]
 
@@ -46,7 +48,7 @@ class DataError(XDenError, ValueError):
 
 
 class ObjectError(DataError):
-    """One object of a dataset cannot be used; the message begins with its id."""
+    """One object of a dataset cannot be used; the message names it."""
 
 
 class SubmissionError(DataError):
@@ -72,15 +74,13 @@ class MissingExtraError(XDenError, ImportError):
 
 
 @contextmanager
-def about(object_id: str, root: object = "") -> Iterator[None]:
-    """Name the object in whatever is found wrong in this block.
+def about(object_id: str) -> Iterator[None]:
+    """Name the object in whatever is found wrong in this block, unless it is named.
 
     Parameters
     ----------
     object_id
         As in the dataset.
-    root
-        The dataset, to be named before it; where it is not known here, nothing.
 
     Raises
     ------
@@ -99,9 +99,36 @@ def about(object_id: str, root: object = "") -> Iterator[None]:
     except ObjectError:
         raise
     except DataError as err:
-        text = str(err)
-        named = text if text.startswith(object_id) else f"{object_id}: {text}"
-        raise ObjectError(f"{root}: {named}" if root else named) from err
+        named = re.search(rf"(?<![\w/-]){re.escape(object_id)}(?![\w/-])", str(err))
+        raise ObjectError(f"{err}" if named else f"{object_id}: {err}") from err
+
+
+@contextmanager
+def of_dataset(root: object) -> Iterator[None]:
+    """Name the dataset beside an object that is found wrong in this block, unless it is named.
+
+    Parameters
+    ----------
+    root
+        Its folder or URL.
+
+    Raises
+    ------
+    ObjectError
+        In place of one that names the object alone.
+
+    Examples
+    --------
+    >>> with of_dataset("data"), about("mug-0001"):
+    ...     raise DataError("part 0 is not a closed mesh")
+    Traceback (most recent call last):
+    xden1k.errors.ObjectError: data: mug-0001: part 0 is not a closed mesh
+    """
+    try:
+        yield
+    except ObjectError as err:
+        named = re.match(rf"{re.escape(str(root))}[:/]", str(err))
+        raise ObjectError(f"{err}" if named else f"{root}: {err}") from err
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

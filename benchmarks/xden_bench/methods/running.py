@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from xden1k.errors import DataError, about
+from xden1k.errors import DataError, about, of_dataset
 from xden1k.folder import DatasetFolder
 from xden1k.predictions import MethodMeta, Target
 from xden1k.predictor import (
@@ -33,7 +33,7 @@ from xden_bench.methods.partial import (
     partial_run,
 )
 from xden_bench.methods.rebuilt import Rebuilt
-from xden_bench.methods.scope import TRAIN, FolderScope, Scope, Task, of_dataset
+from xden_bench.methods.scope import TRAIN, FolderScope, Scope, Task
 from xden_bench.scoring.reference import private_refusal, xray_refusal
 from xden_bench.scoring.submission import Progress
 
@@ -166,7 +166,7 @@ def run_predictor(
     seen = (predictor.reads, options.target, options.pictures, options.command)
     task = Task.of(folder, split, options.train_objects, options.seed)
     scope = FolderScope(folder, task, *seen)
-    with of_dataset(folder):
+    with of_dataset(folder.root):
         return run_within(scope, predictor, out, options, progress)
 
 

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from xden1k.errors import DataError, ObjectError
+from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder
 from xden1k.predictions import Target
 from xden1k.predictor import Examples, PictureSource, SampleView
 from xden1k.values.modality import Modality
 
-__all__ = ["FolderScope", "Scope", "Task", "of_dataset"]
+__all__ = ["FolderScope", "Scope", "Task"]
 
 TRAIN = "train"
 """The split that is learned from."""
@@ -169,18 +168,3 @@ class FolderScope:
     def command(self) -> str:
         """Return the command that runs this again."""
         return self.told_command
-
-
-@contextmanager
-def of_dataset(folder: DatasetFolder) -> Iterator[None]:
-    """Name the dataset beside an object that is found wrong in this block.
-
-    Raises
-    ------
-    ObjectError
-        In place of one that names the object alone.
-    """
-    try:
-        yield
-    except ObjectError as err:
-        raise ObjectError(f"{folder.root}: {err}") from err

@@ -12,7 +12,7 @@ import numpy as np
 import trimesh
 from jaxtyping import UInt8
 
-from xden1k.errors import DataError, about
+from xden1k.errors import DataError, about, of_dataset
 from xden1k.format.records import split_meshes
 from xden1k.format.shards import Row
 from xden1k.rays import CubeGrid, outer_surface
@@ -129,7 +129,7 @@ class SegmentReference(Reference):
         """
         row = self._row(object_id, _COLUMNS)
         grid = segment_grid(np.array(row["grid_origin_cm"]), row["voxel_size_cm"])
-        with about(object_id, self.folder.root):
+        with of_dataset(self.folder.root), about(object_id):
             meshes = split_meshes(row)
             outer = outer_surface(meshes)
             points = draw_points(outer, grid, object_id, self.rules.points_seed)

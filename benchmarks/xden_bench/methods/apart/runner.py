@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import IO, Any, Final, cast
 
 from xden1k.access.hub import ROOT_VARIABLE
-from xden1k.errors import DataError, XDenError
+from xden1k.errors import DataError, XDenError, of_dataset
 from xden1k.folder import DatasetFolder
 from xden1k.predictions import open_predictions
 from xden1k.predictor import Fingerprinted, PictureSource, Predictor, Segmenter
@@ -22,7 +22,7 @@ from xden_bench.methods.apart.channel import read_requests, told, untold, write_
 from xden_bench.methods.apart.process import Described, Job
 from xden_bench.methods.baseline import find_method
 from xden_bench.methods.running import Options, Report, refuse_without_radiographs
-from xden_bench.methods.scope import Task, of_dataset
+from xden_bench.methods.scope import Task
 from xden_bench.scoring.submission import Progress
 
 __all__ = ["Method", "run_apart"]
@@ -90,7 +90,7 @@ def run_apart(
         outcome = _answered(process, job, answers)
     if outcome is None:
         raise DataError(f"the process of the method {method.name} ended {_how(process)}")
-    with of_dataset(folder):
+    with of_dataset(folder.root):
         return _report(out, predictor, options, outcome)
 
 
