@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import binary_erosion
@@ -16,13 +19,16 @@ from tests.baselines.pixie_scenes import written
 from tests.phantoms import APPARENT, CUBE, Box, box_object, geometry
 from xden1k.access.samples import Example, Examples, SampleView
 from xden1k.errors import DataError
-from xden1k.folder import DatasetFolder, open_folder, write_folder
-from xden1k.format.cache import PieceCache
+from xden1k.folder import DatasetFolder, open_folder, write_rows
+from xden1k.format.cache import LIMIT_VARIABLE, PieceCache
+from xden1k.format.records import object_row
+from xden1k.format.schema import RADIOGRAPH_COLUMNS
 from xden1k.values.modality import Modality
 from xden1k.values.physics import PAPER_MAC_CM2_G
 from xden1k.values.types import DensityObject
 from xden1k.values.views import ViewGeometry
 from xden_baselines.xfield import lessons
+from xden_baselines.xfield.__main__ import cli
 from xden_baselines.xfield.batches import gathered, inputs_of, mirrored
 from xden_baselines.xfield.crops import Crop, Cube, projection
 from xden_baselines.xfield.lessons import Lesson, kept_lesson, lesson, third_view
@@ -38,8 +44,9 @@ FULL = (SHELL, Box("core", (-1, -1, -1), (1, 1, 1), 4.0))
 HALF = (SHELL, Box("core", (-1, -0.5, -0.5), (1, 0.5, 0.5), 8.0))
 
 
-def folder_of(root: Path, obj: DensityObject) -> DatasetFolder:
-    write_folder([obj], root, version="0.1.0", builder="tests")
+def folder_of(root: Path, obj: DensityObject, **columns: object) -> DatasetFolder:
+    """A dataset of one object, with these columns in place of its own."""
+    write_rows([object_row(obj) | columns], root, version="0.1.0", builder="tests")
     return open_folder(root)
 
 
@@ -252,22 +259,53 @@ def masked(obj: DensityObject) -> DensityObject:
     return replace(obj, views=(replace(obj.views[0], valid=nothing), obj.views[1]))
 
 
+def same(obj: DensityObject) -> DensityObject:
+    return obj
+
+
+NO_LAT = {name: None for name in RADIOGRAPH_COLUMNS if "lat" in name}
+Damage = Callable[[DensityObject], DensityObject]
+
+
 @pytest.mark.parametrize(
-    ("damage", "message"),
+    ("damage", "columns", "message"),
     [
-        (dark, "cube-0001: view pa shows nothing where the object is"),
-        (away, "cube-0001: view lat .* must show the whole object, .* pixels beyond"),
-        (masked, "cube-0001: view pa must have valid pixels on and beside the object"),
-        (lambda obj: replace(obj, views=()), "cube-0001 has no radiographs"),
+        (dark, {}, "cube-0001: view pa shows nothing where the object is"),
+        (away, {}, "cube-0001: view lat .* must show the whole object, .* pixels beyond it"),
+        (masked, {}, "cube-0001: view pa must have valid pixels on and beside the object"),
+        (lambda obj: replace(obj, views=()), {}, "cube-0001 has no radiographs"),
+        (same, NO_LAT, "cube-0001: column xray_lat: expected an array, got nothing"),
     ],
 )
-def test_radiographs_that_do_not_show_the_object_are_refused(
-    tmp_path: Path, damage, message: str
+def test_radiographs_that_do_not_show_the_object_are_refused_with_it_and_its_dataset_named_once(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    damage: Damage,
+    columns: dict[str, None],
+    message: str,
 ) -> None:
+    monkeypatch.setenv(LIMIT_VARIABLE, "1")
     obj = damage(box_object("cube-0001", CUBE, shape=(48, 48), split="train"))
-    sample: SampleView = example(folder_of(tmp_path / "dataset", obj)).sample
+    folder = folder_of(tmp_path / "dataset", obj, **columns)
     with pytest.raises(DataError, match=message):
-        seen(sample, 8, 32)
+        seen(example(folder).sample, 8, 32)
+    assert re.fullmatch(f"Error: {folder.root}: {message}\n", refused_training(folder))
+
+
+def refused_training(folder: DatasetFolder) -> str:
+    ran = CliRunner().invoke(cli, ["train", "x-field", "--root", str(folder.root)])
+    assert ran.exit_code == 1
+    return ran.stderr
+
+
+def test_an_object_without_target_is_refused_with_it_and_its_dataset_named_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(LIMIT_VARIABLE, "1")
+    obj = box_object("cube-0001", CUBE, shape=(48, 48), split="train", density_known=False)
+    folder = folder_of(tmp_path / "dataset", obj)
+    told = "cube-0001 has no density, only attenuation: take apparent_density"
+    assert refused_training(folder) == f"Error: {folder.root}: {told}\n"
 
 
 def test_a_dark_radiograph_divides_nothing_either(tmp_path: Path) -> None:

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
 from tests.baselines.pixie_scenes import dataset
 from xden1k.access.samples import Examples
-from xden1k.folder import DatasetFolder, open_folder
+from xden1k.folder import DatasetFolder, open_folder, write_rows
+from xden1k.format.records import object_row, row_object
+from xden1k.format.shards import Row
 from xden1k.rays import outer_surface
 from xden1k.rays.manifolds import solid_of
 from xden1k.values.closed import EdgeFaults, edge_faults
@@ -115,6 +120,37 @@ def test_the_folder_of_a_fit_is_as_good_as_its_state(
     shutil.copytree(fit, tmp_path / "FIT" / "state")
     assert "2 made" in run(tmp_path / "FIT", whole, tmp_path / "parts").output
     assert "0 made, 2 kept" in run(tmp_path / "FIT" / "state", whole, tmp_path / "parts").output
+
+
+def lightless(row: Row) -> Row:
+    """Return the row with a radiograph of nothing but air."""
+    obj = row_object(row)
+    pa = replace(obj.views[0], transmission=np.ones_like(obj.views[0].transmission))
+    return object_row(replace(obj, views=(pa, obj.views[1])))
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lightless, ": view pa shows nothing where the object is"),
+    ],
+)
+def test_an_object_that_is_refused_is_named_once_and_so_is_its_dataset(
+    whole: DatasetFolder,
+    fit: Path,
+    tmp_path: Path,
+    damage: Callable[[Row], Row],
+    message: str,
+) -> None:
+    first, second = whole.ids()
+    rows = [damage(whole.row(first)), whole.row(second)]
+    write_rows(rows, tmp_path / "damaged", version="0.1.0", builder="tests")
+    told = f"{tmp_path / 'damaged'}: {first}{message}"
+    said = run(fit, open_folder(tmp_path / "damaged"), tmp_path / "parts")
+    assert said.exit_code == 3, said.output
+    assert said.stderr == f"refused: {told}\n"
+    assert "1 made, 0 kept, 1 refused" in said.stdout
+    assert [path.name for path in (tmp_path / "parts").iterdir()] == [second]
 
 
 def test_a_variant_without_densities_is_refused(

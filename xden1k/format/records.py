@@ -13,7 +13,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float32, Shaped, UInt16
 
-from xden1k.errors import DataError
+from xden1k.errors import DataError, about
 from xden1k.format.codec import (
     MAX_TRANSMISSION,
     Buffer,
@@ -266,14 +266,15 @@ def decode_target(row: Mapping[str, Any], object_id: str, target: str) -> Grid:
 
     Raises
     ------
-    DataError
+    ObjectError
         If only the object's attenuation is known, or nothing, or the bytes do not make a grid.
     """
-    if row[target] is None and target == "apparent_density":
-        raise DataError(f"{object_id} has no {target}: its answers are withheld")
-    if row[target] is None:
-        raise DataError(f"{object_id} has no {target}, only attenuation: take apparent_density")
-    return decode_array(row, target)
+    with about(object_id):
+        if row[target] is None and target == "apparent_density":
+            raise DataError(f"{object_id} has no {target}: its answers are withheld")
+        if row[target] is None:
+            raise DataError(f"{object_id} has no {target}, only attenuation: take apparent_density")
+        return decode_array({**row, "object_id": object_id}, target)
 
 
 def row_object(row: Mapping[str, Any]) -> DensityObject:

@@ -50,7 +50,7 @@ def parts(fit: Path, root: Path, out: Path, device: str, threads: int, as_json: 
     """
     from tqdm import tqdm
 
-    from xden1k.errors import DataError
+    from xden1k.errors import ObjectError, about, of_dataset
     from xden1k.folder import open_folder
     from xden_baselines.xfield.parts import write_parts
     from xden_baselines.xfield.saved import saved_method
@@ -61,8 +61,9 @@ def parts(fit: Path, root: Path, out: Path, device: str, threads: int, as_json: 
     refused: dict[str, str] = {}
     for object_id in tqdm(folder.ids(), unit="object", disable=None, leave=False):
         try:
-            made[object_id] = write_parts(method, fit, folder, object_id, out)
-        except DataError as err:
+            with of_dataset(folder.root), about(object_id):
+                made[object_id] = write_parts(method, fit, folder, object_id, out)
+        except ObjectError as err:
             refused[object_id] = str(err)
     if as_json:
         print_json({"out": str(out), "objects": made, "refused": refused})
@@ -70,8 +71,8 @@ def parts(fit: Path, root: Path, out: Path, device: str, threads: int, as_json: 
         states = list(made.values())
         counts = [f"{states.count(state)} {state}" for state in ("made", "kept")]
         click.echo(f"{out}: {', '.join(counts)}, {len(refused)} refused, by {method.name}")
-    for object_id, why in refused.items():
-        click.echo(f"refused: {object_id}: {why}", err=True)
+    for why in refused.values():
+        click.echo(f"refused: {why}", err=True)
     if refused:
         raise SystemExit(DONE_IN_PART)
 
@@ -99,7 +100,7 @@ def train(
     budget and settings takes it up from there and learns no more. Without torchrun it is one
     process. Run again after a kill to go on after the last epoch.
     """
-    from xden1k.errors import DataError
+    from xden1k.errors import DataError, of_dataset
     from xden1k.format.cache import LIMIT_VARIABLE, cache_limit
     from xden1k.predictor import Budget, Examples
     from xden_baselines.xfield.crew import joined
@@ -110,7 +111,7 @@ def train(
     folder = open_root(root)
     if not cache_limit():
         raise DataError(f"{LIMIT_VARIABLE} is 0: what is trained would not be kept")
-    with joined(chosen.settings.device) as crew:
+    with joined(chosen.settings.device) as crew, of_dataset(folder.root):
         report = chosen.train_ahead(
             Examples(folder, "train", chosen.reads), seed=seed, budget=allowed, crew=crew
         )
