@@ -129,10 +129,16 @@ def lightless(row: Row) -> Row:
     return object_row(replace(obj, views=(pa, obj.views[1])))
 
 
+def unseen(row: Row) -> Row:
+    return object_row(replace(row_object(row), views=()))
+
+
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
         (lightless, ": view pa shows nothing where the object is"),
+        (lambda row: row | {"xray_lat": None}, ": column xray_lat: expected an array, got nothing"),
+        (unseen, " has no radiographs"),
     ],
 )
 def test_an_object_that_is_refused_is_named_once_and_so_is_its_dataset(

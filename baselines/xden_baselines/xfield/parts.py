@@ -248,7 +248,8 @@ def _digest(method: Predicting, fit: Path, folder: DatasetFolder, object_id: str
     digest = hashlib.sha256(f"{method.name} {method.version}".encode())
     digest.update((fit / WEIGHTS_FILE).read_bytes())
     for value in folder.row(object_id, list(ROW)).values():
-        digest.update(value.encode() if isinstance(value, str) else value)
+        if value is not None:
+            digest.update(value.encode() if isinstance(value, str) else value)
     return digest.hexdigest()
 
 
