@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,13 +17,14 @@ from hypothesis import strategies as st
 from scipy.ndimage import binary_erosion
 
 from tests.baselines.pixie_scenes import written
-from tests.phantoms import APPARENT, CUBE, Box, box_object, geometry
+from tests.phantoms import APPARENT, BAR, CUBE, NAN, Box, box_object, geometry
 from xden1k.access.samples import Example, Examples, SampleView
 from xden1k.errors import DataError
 from xden1k.folder import DatasetFolder, open_folder, write_rows
 from xden1k.format.cache import LIMIT_VARIABLE, PieceCache
 from xden1k.format.records import object_row
 from xden1k.format.schema import RADIOGRAPH_COLUMNS
+from xden1k.predictions import Target
 from xden1k.values.modality import Modality
 from xden1k.values.physics import PAPER_MAC_CM2_G
 from xden1k.values.types import DensityObject
@@ -315,9 +317,21 @@ def test_a_dark_radiograph_divides_nothing_either(tmp_path: Path) -> None:
         mean_lac_per_cm(sample, np.zeros((3, 3)))
 
 
-def test_a_part_without_density_cannot_be_learned_from(tmp_path: Path) -> None:
-    obj = box_object("cube-0001", CUBE, shape=(48, 48), split="train", density_known=False)
-    folder = folder_of(tmp_path / "dataset", obj)
-    sample = SampleView(folder, "cube-0001", READS)
-    with pytest.raises(DataError, match="cube-0001: a part has no known density"):
+@pytest.mark.parametrize(
+    ("target", "unknown"),
+    [
+        ("density", {"density_g_cm3": NAN, "density_source": "none"}),
+        ("apparent_density", {"apparent_density_g_cm3": NAN}),
+        ("density", {"lac_per_cm": NAN}),
+    ],
+)
+def test_a_part_whose_figure_is_to_be_learned_and_is_unknown_is_refused_by_name(
+    tmp_path: Path, target: Target, unknown: dict[str, Any]
+) -> None:
+    obj = box_object("bar-0001", BAR, shape=(48, 48), split="train")
+    steel = replace(obj.parts[1], **unknown)
+    folder = folder_of(tmp_path / "dataset", replace(obj, parts=(obj.parts[0], steel)))
+    sample = SampleView(folder, "bar-0001", READS, target=target)
+    wanted = f"bar-0001: the part steel must have a finite {next(iter(unknown))} to be learned from"
+    with pytest.raises(DataError, match=f"^{wanted}, got nan$"):
         lesson(Example(sample, sample.envelope), TINY)

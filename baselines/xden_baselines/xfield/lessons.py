@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float16, Float32, UInt8
+from jaxtyping import Float16, Float32, Float64, UInt8
 
 from xden1k.access.samples import Example
 from xden1k.errors import DataError
@@ -23,7 +23,7 @@ from xden1k.segmentation import GRID_SIZE
 from xden1k.segmentation.points import draw_points, point_owners, segment_grid
 from xden1k.values.arrays import Image
 from xden1k.values.modality import Modality
-from xden1k.values.types import DensityObject, Part
+from xden1k.values.types import DensityObject
 from xden1k.values.views import ViewGeometry
 from xden_baselines.xfield.crops import Cube
 from xden_baselines.xfield.seen import Seen, seen
@@ -126,9 +126,7 @@ def third_view(truth: DensityObject, cube: Cube, size: int) -> Image:
     DataError
         If the attenuation of a part is not known.
     """
-    lac_per_cm = np.array([part.lac_per_cm for part in truth.parts])
-    if not np.isfinite(lac_per_cm).all():
-        raise DataError(f"{truth.object_id}: a part has no known attenuation")
+    lac_per_cm = _known(truth, "lac_per_cm")
     paths = path_lengths(
         [part.mesh for part in truth.parts], range(len(truth.parts)), _from_above(cube, size)
     )
@@ -153,14 +151,19 @@ def _from_above(cube: Cube, size: int) -> ViewGeometry:
 
 def _densities_g_cm3(truth: DensityObject, target: Target) -> Float32[np.ndarray, "owners"]:
     """Target of void and of each part."""
-    densities = np.array([0.0, *(_density(part, target) for part in truth.parts)], dtype=np.float32)
-    if not np.isfinite(densities).all():
-        raise DataError(f"{truth.object_id}: a part has no known {target}")
-    return densities
+    return np.array([0.0, *_known(truth, f"{target}_g_cm3")], dtype=np.float32)
 
 
-def _density(part: Part, target: Target) -> float:
-    return part.density_g_cm3 if target == "density" else part.apparent_density_g_cm3
+def _known(truth: DensityObject, figure: str) -> Float64[np.ndarray, "parts"]:
+    """Return a figure of each part, all of them numbers."""
+    found = [getattr(part, figure) for part in truth.parts]
+    for part, value in zip(truth.parts, found, strict=True):
+        if not np.isfinite(value):
+            raise DataError(
+                f"{truth.object_id}: the part {part.name} must have a finite {figure} to be "
+                f"learned from, got {value}"
+            )
+    return np.array(found)
 
 
 def _name(example: Example, size: Size) -> str:
@@ -168,8 +171,9 @@ def _name(example: Example, size: Size) -> str:
     sample, truth = example.sample, example.truth
     recipe = (VERSION, POINTS_SEED, sample.object_id, sample.target, sample.reads.inputs)
     digest = hashlib.sha256(f"{recipe} {size.points} {size.crop_px} {size.plane}".encode())
+    density = f"{sample.target}_g_cm3"
     for part in truth.parts:
-        digest.update(f"{part.lac_per_cm} {_density(part, sample.target)}".encode())
+        digest.update(f"{part.lac_per_cm} {getattr(part, density)}".encode())
         _add(digest, part.mesh.vertices, part.mesh.faces)
     if Modality.XRAY in sample.reads:
         for view in sample.views:
