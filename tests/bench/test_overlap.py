@@ -41,8 +41,9 @@ def by_loops(regions: np.ndarray, clusters: np.ndarray) -> np.ndarray:
 def by_permutations(iou: np.ndarray) -> float:
     """The best of all ways to give each region a cluster of its own, or none."""
     regions, clusters = iou.shape
-    padded = np.hstack([iou, np.zeros((regions, regions))])
-    ways = permutations(range(clusters + regions), regions)
+    none = max(0, regions - clusters)  # where there are enough, having none is never better
+    padded = np.hstack([iou, np.zeros((regions, none))])
+    ways = permutations(range(clusters + none), regions)
     return max(sum(padded[row, column] for row, column in enumerate(way)) for way in ways)
 
 
@@ -54,7 +55,7 @@ def test_overlap_agrees_with_loops(regions: np.ndarray, clusters: np.ndarray) ->
 @given(
     npst.arrays(
         np.float64,
-        st.tuples(st.integers(1, 5), st.integers(1, 3)),
+        st.just((5, 5)) | st.tuples(st.integers(1, 5), st.integers(1, 5)),
         elements=st.floats(0, 1),
     )
 )
@@ -93,6 +94,28 @@ def test_one_to_one_is_never_above_many_to_one(
     found = score_segments(regions, regions, Segmentation(rows, free))
     assert 0 < found["iou_a"] <= found["iou_b_material"] + 1e-9
     assert 0 < found["iou_c"] <= 100
+
+
+@given(ids, ids, npst.arrays(np.bool_, POINTS))
+def test_an_added_mask_never_lowers_many_to_one(
+    regions: np.ndarray, clusters: np.ndarray, mask: np.ndarray
+) -> None:
+    iou, added = iou_matrix(regions, clusters), iou_matrix(regions, mask)[:, -1:]
+    assert many_to_one(np.hstack([iou, added])) >= many_to_one(iou)
+
+
+@given(ids, ids, labels, labels)
+def test_masks_of_another_number_of_clusters_never_lower_b(
+    materials: np.ndarray, parts: np.ndarray, rows: np.ndarray, others: np.ndarray
+) -> None:
+    materials[:2] = parts[:2] = 0, 1
+    few = np.broadcast_to(rows[0], rows.shape).copy()
+    more = np.vstack([few[:1], others[1:]])
+    found, least = (
+        score_segments(materials, parts, Segmentation(one, rows[0])) for one in (more, few)
+    )
+    for name in ("iou_b_material", "iou_b_part"):
+        assert found[name] >= least[name]
 
 
 def test_three_regions_by_hand() -> None:
