@@ -91,6 +91,18 @@ def test_a_point_lies_in_the_crop_where_its_ray_meets_the_radiograph(
     assert (np.abs(found) <= 1 / 1.05 + 1e-9).all(), "the crop is the cube with its margin"
 
 
+@given(views(), st.sampled_from([8, 33]))
+def test_places_go_from_the_crop_to_the_radiograph_and_back(view: ViewGeometry, size: int) -> None:
+    crop = Crop.around(Cube(np.array([0.5, -0.25, 1.0]), 2.0), view, size)
+    window = crop.geometry(view)
+    column, row = np.random.default_rng(0).uniform(-0.5, size - 0.5, (2, 50))
+    there = view.project(window.pixel_centres_cm(row, column))[:, :2]
+    back = (there - [crop.left, crop.top]) / crop.width - 0.5
+    assert np.allclose(back, np.stack([column, row], axis=1), atol=1e-6)
+    again = window.project(view.pixel_centres_cm(there[:, 1], there[:, 0]))[:, :2]
+    assert np.allclose(again, back, atol=1e-6)
+
+
 def test_averaging_keeps_a_ramp_and_passes_over_dead_pixels() -> None:
     rows, columns = np.indices((30, 40))
     ramp = (2 * rows - columns).astype(np.float32)
