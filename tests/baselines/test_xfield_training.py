@@ -317,7 +317,8 @@ def test_a_tiny_network_learns_eight_objects_by_heart(tmp_path: Path, kept: Piec
     write_folder(objects, tmp_path / "eight", version="0.1.0", builder="tests")
     read = Examples(open_folder(tmp_path / "eight"), "train", Modality.GEOMETRY | Modality.XRAY)
     eight = [lesson(example, replace(SIZES["tiny"], points=128)) for example in read]
-    # each twice, so that the one held out is learned too: 800 steps
+    # each twice, so that the one held out is learned too: 800 steps, since after 400 of them 9 % of
+    # the variance are left
     exact = Settings(**EXACT, mirrored=False, batch=8, held_out=1 / 16, epochs=400)
     model, _ = train([*eight, *eight], "pixel", "density", exact, seed=0, kept=kept)
     batch = training.gathered(eight, 2000, np.random.default_rng(1))
