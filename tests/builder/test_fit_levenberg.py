@@ -66,6 +66,12 @@ def test_a_cut_step_is_solved_for_again():
     np.testing.assert_allclose(box_minimum(curvature, slope, low, high), [1.1, 0.0])
 
 
+def test_a_way_next_to_none_is_no_overflow():
+    slope, bound = np.array([1e-309, -1.0]), np.ones(2)
+    step = box_minimum(np.eye(2), slope, -2 * bound, 2 * bound)
+    np.testing.assert_allclose(step, [0.0, 1.0], atol=1e-300)
+
+
 def test_a_step_never_promises_a_rise():
     rng = np.random.default_rng(51)
     for size in rng.integers(1, 12, 500):

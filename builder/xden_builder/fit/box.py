@@ -67,7 +67,8 @@ def _advance(
     rest = slope + curvature @ step
     way[free] = -np.linalg.solve(curvature[np.ix_(free, free)], rest[free])
     room = np.full(len(step), np.inf)
-    np.divide(np.where(way > 0, high, low) - step, way, out=room, where=way != 0)
+    with np.errstate(over="ignore"):  # a way next to none leaves room without end
+        np.divide(np.where(way > 0, high, low) - step, way, out=room, where=way != 0)
     share = float(np.clip(room.min(initial=np.inf), 0.0, 1.0))
     blocked = room <= share if share < 1 else np.zeros(len(step), dtype=bool)
     step += share * way
