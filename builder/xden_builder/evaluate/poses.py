@@ -299,17 +299,13 @@ def _found(rebuilt: DensityObject) -> Callable[[Points], Points]:
     meta = rebuilt.meta
     if not (refined := (meta.get("poly") or {}).get("pose")):
         raise DataError(f"{rebuilt.object_id}: expected a pose, got a rebuild without")
-    placement, size = meta.get("registration"), size_of(rebuilt)
-    there = None if placement is None else RigidPlacement.from_dict(placement)
-    pose = Pose.from_dict(refined)
-    turn = Rotation.from_rotvec(pose.rotation_rad).as_matrix()
-    centre_cm, shift_cm = np.array(pose.centre_cm), np.array(pose.shift_cm)
-
-    def moved(points_cm: Points) -> Points:
-        registered = points_cm if there is None else there.apply(points_cm)
-        return np.asarray((size.applied(registered) - centre_cm) @ turn.T + centre_cm + shift_cm)
-
-    return moved
+    size, registered = size_of(rebuilt), meta.get("registration")
+    sized = RigidPlacement(np.eye(3), (1 - size.factor) * size.centre_cm, size.factor)
+    refine = sized.followed_by(Pose.from_dict(refined)).apply
+    if registered is None:
+        return refine
+    register = RigidPlacement.from_dict(registered).apply
+    return lambda points_cm: refine(register(points_cm))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
