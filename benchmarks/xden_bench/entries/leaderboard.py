@@ -244,9 +244,9 @@ def _guests(rows: Sequence[Entry], every: Sequence[Sequence[Entry]]) -> list[Ent
     """Rows to read a table of segments by that were entered for another track."""
     if rows[0]["protocol"] not in SEGMENT_PROTOCOLS:
         return []
-    *key, track = _table_key(rows[0])
-    others = (other for other in every if _table_key(other[0]) != (*key, track))
-    alike = (row for other in others if [*_table_key(other[0])][:-1] == key for row in other)
+    *own, track = _table_key(rows[0])
+    keys = ((other, *_table_key(other[0])) for other in every)
+    alike = (row for other, *key, its in keys if key == own and its != track for row in other)
     return [row for row in alike if unranked_because(row) == TRIVIAL]
 
 
