@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -14,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from tests.builder.fit_scenes import FLAT
 from tests.builder.poly_scenes import (
     TUBE,
+    Solid,
     box,
     capture_of,
     composition,
@@ -110,12 +113,14 @@ def test_a_coarse_pixel_lies_in_the_middle_of_its_pixels():
 # refinement
 
 
-def refined(true: Pose, size: int = 256, factor: float = 1.1) -> PoseFit:
+def refined(
+    true: Pose, size: int = 256, factor: float = 1.1, solids: Sequence[Solid] = (), rays: int = 4
+) -> PoseFit:
     """Show an object in a pose, and look for it from rest and from wrong densities."""
-    solids, scanner = tool(), geometries(size)
+    solids, scanner = solids or tool(), geometries(size)
     views = [
         replace(
-            radiograph(solids, name, posed(geometry, true, shifted_rows=name == "lat")),
+            radiograph(solids, name, posed(geometry, true, shifted_rows=name == "lat"), rays=rays),
             geometry=geometry,
         )
         for name, geometry in scanner.items()
@@ -161,6 +166,14 @@ def test_refinement_says_how_well_it_went(lost_and_found):
     assert (fit.sd > 0).all()
     assert np.degrees(fit.sd[:3]).max() < 0.5
     assert fit.sd[3:].max() < 0.05
+
+
+@pytest.mark.parametrize("turn_rad", [(0.02, 0.005, -0.01), (-0.012, -0.01, -0.008)])
+def test_a_brick_of_twenty_pixels_that_lies_along_them_is_turned_to_half_a_degree(turn_rad):
+    brick = Solid("brick", trimesh.creation.box((3.2, 1.6, 1.0)), "pp", 0.91)
+    fit = refined(Pose(turn_rad, (0.02, -0.03, 0.01)), size=96, solids=[brick], rays=11)
+    left = Rotation.from_rotvec(fit.pose.rotation_rad) * Rotation.from_rotvec(turn_rad).inv()
+    assert np.degrees(left.magnitude()) < 0.5  # two rays along a side of a pixel: 1.1 and 1.5
 
 
 @pytest.mark.slow

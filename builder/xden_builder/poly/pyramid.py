@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from math import isqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -45,6 +46,10 @@ Rotations and a change of size move the rim as far.
 """
 DENSITY_SHARES: Final = (0.3, 10.0)
 """Least and most density in shares of the first guess: a part that fades away has no pose."""
+RAYS: Final = 30_000
+"""Through the object in a view, about: the fewer pixels it has, the more of them stand in each."""
+MOST_SUBRAYS: Final = 8
+"""Along each side of a pixel."""
 KEPT_POSES: Final = 2
 """Whose path lengths are kept."""
 PIXEL_SD: Final = 0.05
@@ -147,6 +152,8 @@ class Level:
     at_least: Sequence[Bool[np.ndarray, "_p"]]
     weights: Sequence[Float64[np.ndarray, "_p groups"]]
     """Shares of the energy groups in the open field of the compared pixels."""
+    subrays: Sequence[int]
+    """Rays along each side of a pixel of each view."""
     step_cm: float = STEPS_CM
     """Of a central difference, for each pixel that is averaged along a side."""
     latest: dict[tuple[int, bytes], PathLengths] = field(default_factory=dict, init=False)
@@ -160,8 +167,13 @@ class Level:
         windows: Sequence[Window],
         binning: int,
         images: Sequence[Averaged] | None = None,
+        rays: int = RAYS,
     ) -> Level:
-        """Compare images in a window of each; they are averaged here, if they are not yet."""
+        """Compare images in a window of each; they are averaged here, if they are not yet.
+
+        With two rays along each side an outline that runs along the pixels is felt in steps of half
+        a pixel; a small object, of which hardly more is to be seen, is turned by a degree by it.
+        """
         if images is None:
             pairs = zip(target.views, target.saturated, strict=True)
             images = [Averaged.of(view, saturated, binning) for view, saturated in pairs]
@@ -175,7 +187,14 @@ class Level:
             at_least.append(full[mask])
             weights.append(beam.weights(np.flatnonzero(mask), binning))
         panels = [coarse(beam.geometry, binning) for beam in target.beams]
-        return cls(target, poses, binning, panels, masks, places, measured, at_least, weights)
+        at_rest = [
+            poses.geometry(number, panel, np.zeros(poses.count))
+            for number, panel in enumerate(panels)
+        ]
+        subrays = [_subrays(target, geometry, binning, rays) for geometry in at_rest]
+        return cls(
+            target, poses, binning, panels, masks, places, measured, at_least, weights, subrays
+        )
 
     @property
     def parts(self) -> int:
@@ -371,9 +390,7 @@ class Level:
     def seen(self, number: int, pose: Float64[np.ndarray, "q"]) -> PathLengths:
         """Path lengths of a view with the object in a pose."""
         geometry = self.poses.geometry(number, self.panels[number], pose)
-        return path_lengths(
-            self.target.meshes, self.target.order, geometry, max(self.binning // 2, 2)
-        )
+        return path_lengths(self.target.meshes, self.target.order, geometry, self.subrays[number])
 
     def _compared(
         self, number: int, seen: PathLengths
@@ -386,6 +403,13 @@ class Level:
         if inside.all():
             return places, seen.lengths_cm, self.weights[number][places]
         return places[inside], seen.lengths_cm[inside], self.weights[number][places[inside]]
+
+
+def _subrays(target: Target, geometry: ViewGeometry, binning: int, rays: int) -> int:
+    """Rays along each side of a pixel, for about so many to meet the object."""
+    least = max(binning // 2, 2)
+    pixels = len(path_lengths(target.meshes, target.order, geometry).pixels)
+    return max(min(isqrt(rays // max(pixels, 1)), MOST_SUBRAYS), least) if pixels else least
 
 
 def window(geometry: ViewGeometry, points: Float[np.ndarray, "n 3"], binning: int) -> Window:

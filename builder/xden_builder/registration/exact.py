@@ -43,6 +43,8 @@ BINNING: Final = 2
 STEP_PX: Final = 0.6
 """Of a central difference, in compared pixels: a tenth feels how few rays a pixel has, and leads
 into the next of many small troughs."""
+RAYS: Final = 10_000
+"""Through the object in a view, about: three times as many cost a third more, and find no more."""
 PIXEL_SD: Final = 0.05
 DENSITY_STEPS: Final = 2
 SHARES: Final = (0.01, 30.0)
@@ -219,7 +221,7 @@ class Judge:
             _joined(window(view.geometry, target.points_cm, self.binning), around)
             for view, around in zip(scene.views, self.around, strict=True)
         ]
-        level = Level.of(target, poses, windows, self.binning, self.images)
+        level = Level.of(target, poses, windows, self.binning, self.images, RAYS)
         pitch_cm = min(float(np.linalg.norm(view.geometry.column_step_cm)) for view in scene.views)
         return replace(level, step_cm=STEP_PX * pitch_cm), self.density_g_cm3
 
