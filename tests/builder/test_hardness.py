@@ -164,7 +164,18 @@ def test_parts_farther_off_than_assumed_are_told_and_leave_errors_as_they_are():
     for seed in range(5):
         found = join(parts_of(2.0, 40, seed=seed))
         assert found.error_scale > 1.1
-        assert found.applied(PolySettings()).composition == 1
+        settings = found.applied(PolySettings())
+        assert settings.composition == 1
+        assert settings.evidence_share == PolySettings().evidence_share
+
+
+@pytest.mark.parametrize(("error_scale", "times"), [(0.1, 10), (0.5, 4), (1.0, 1), (2.0, 1)])
+def test_small_errors_let_images_tell_materials_apart_and_never_by_more_than_they_say(
+    error_scale, times
+):
+    settings = Hardness(0.0, 0.01, 30, 10, None, error_scale).applied(PolySettings())
+    assert settings.evidence_share == pytest.approx(times * PolySettings().evidence_share)
+    assert settings.evidence_share <= 1
 
 
 def test_few_parts_hardly_move_the_errors():

@@ -74,6 +74,8 @@ class Hardness:
 
         Errors may become smaller than assumed, not larger: where labels lie farther off, it is the
         labels and what they leave unsaid, and images that counted for less would believe them.
+        Materials are told apart by as much more of what the images say as the squares of their
+        errors are smaller.
         """
         scale = min(self.error_scale, 1.0)
         return replace(
@@ -84,6 +86,7 @@ class Hardness:
             model_share=scale * settings.model_share,
             stray_share=scale * settings.stray_share,
             clear_floor=scale * settings.clear_floor,
+            evidence_share=min(settings.evidence_share / scale**2, 1.0),
         )
 
     @property
