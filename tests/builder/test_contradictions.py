@@ -13,7 +13,7 @@ from tests.builder.poly_scenes import Solid, box, captured, cylinder, relabelled
 from xden1k.errors import DataError
 from xden_builder.capture import Capture, CapturePart
 from xden_builder.reconstruct.object import reconstruct
-from xden_builder.reconstruct.plausible import check_twins
+from xden_builder.reconstruct.plausible import check_size, check_twins
 
 SIZE_PX = 96
 SLOW = pytest.mark.slow
@@ -130,6 +130,16 @@ def test_twins_of_other_triangles_are_twins() -> None:
     parts = [CapturePart("one", one, "abs"), CapturePart("two", one.subdivide(), "abs")]
     with pytest.raises(DataError, match="one and two are the same mesh"):
         check_twins(parts)
+
+
+def test_air_that_is_misjudged_is_no_shadow_of_meshes_in_other_units() -> None:
+    capture = captured([ALUMINIUM], size=64)
+    drawn = max(
+        np.ptp(view.geometry.project(capture.parts[0].mesh.vertices)[:, :2], axis=0).max()
+        for view in capture.views
+    )
+    mesh = capture.parts[0].mesh.copy().apply_scale(64 / (2.54 * drawn))
+    check_size([replace(capture.parts[0], mesh=mesh)], capture.views, [1.2, 1.2])
 
 
 @pytest.mark.parametrize("factor", [0.1, *(pytest.param(one, marks=SLOW) for one in (0.01, 2.54))])

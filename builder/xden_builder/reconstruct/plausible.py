@@ -37,6 +37,9 @@ FEW_POINTS, MANY_POINTS = 300, 5000
 points of the other lie about half as far from each other."""
 SAME_SIZE = 0.2
 """Sizes that differ by less than this share may be the same."""
+WHOLE = 0.98
+"""Share of an image's side, of a shadow that reaches from edge to edge: it is air that was
+misjudged, or an object that both edges cut, and tells no size."""
 UNIT_RATIOS = {"100": 100.0, "10": 10.0, "25.4": 25.4, "2.54": 2.54, "39.4": 39.37}
 
 
@@ -141,6 +144,8 @@ def check_size(
 ) -> None:
     """Refuse meshes in the wrong units: both shadows are larger or smaller by a unit's factor.
 
+    A shadow that reaches from edge to edge tells no size.
+
     Parameters
     ----------
     parts, views
@@ -160,7 +165,10 @@ def check_size(
         if not shadow.any():
             return
         drawn = float(np.ptp(view.geometry.project(points)[:, :2], axis=0).max())
-        sizes.append((_longest_side(shadow), drawn))
+        seen = _longest_side(shadow)
+        if seen >= WHOLE * max(shadow.shape):
+            return
+        sizes.append((seen, drawn))
     for name, factor in UNIT_RATIOS.items():
         for power, words in ((1, f"{name} times"), (-1, f"1/{name} of")):
             if all(abs(seen / (drawn * factor**power) - 1) < SAME_SIZE for seen, drawn in sizes):
