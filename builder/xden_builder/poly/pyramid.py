@@ -409,7 +409,9 @@ def _subrays(target: Target, geometry: ViewGeometry, binning: int, rays: int) ->
     """Rays along each side of a pixel, for about so many to meet the object."""
     least = max(binning // 2, 2)
     pixels = len(path_lengths(target.meshes, target.order, geometry).pixels)
-    return max(min(isqrt(rays // max(pixels, 1)), MOST_SUBRAYS), least) if pixels else least
+    if not pixels:
+        return least
+    return max(min(isqrt(rays // pixels), MOST_SUBRAYS), least)
 
 
 def window(geometry: ViewGeometry, points: Float[np.ndarray, "n 3"], binning: int) -> Window:
