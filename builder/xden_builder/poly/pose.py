@@ -25,7 +25,7 @@ from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.frames import Pose
 from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import gain_prior
-from xden_builder.poly.model.size import Size
+from xden_builder.poly.model.size import SIZE_SDS_MOST, Size
 from xden_builder.poly.pyramid import Level, Target, Window, density_bounds, window
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import Guess
@@ -38,9 +38,6 @@ TURNED_BINNINGS: Final = ((8, 3), (4, 3), (2, 2))
 """The same where a view has a pose of its own, farther off."""
 SMALL_PX: Final = 384
 """Of images that are smaller half as many pixels are averaged, where no view was turned."""
-SIZE_SDS_MOST: Final = 3.0
-"""A size is never farther off than so many standard deviations: what looks so is something else,
-such as wrong units or a part without a mesh."""
 SCANNER_SD: Final = 0.001
 """Relative, of a size by a scanner whose distances are as told: half a millimetre in half a metre
 (assumed)."""

@@ -33,6 +33,7 @@ __all__ = [
     "Target",
     "Window",
     "density_bounds",
+    "subrays_of",
     "window",
 ]
 
@@ -167,9 +168,11 @@ class Level:
         windows: Sequence[Window],
         binning: int,
         images: Sequence[Averaged] | None = None,
-        rays: int = RAYS,
+        subrays: Sequence[int] | None = None,
     ) -> Level:
         """Compare images in a window of each; they are averaged here, if they are not yet.
+
+        Rays are counted for meshes at rest, if they are not told.
 
         With two rays along each side an outline that runs along the pixels is felt in steps of half
         a pixel; a small object, of which hardly more is to be seen, is turned by a degree by it.
@@ -187,11 +190,11 @@ class Level:
             at_least.append(full[mask])
             weights.append(beam.weights(np.flatnonzero(mask), binning))
         panels = [coarse(beam.geometry, binning) for beam in target.beams]
-        at_rest = [
-            poses.geometry(number, panel, np.zeros(poses.count))
-            for number, panel in enumerate(panels)
-        ]
-        subrays = [_subrays(target, geometry, binning, rays) for geometry in at_rest]
+        if subrays is None:
+            subrays = [
+                subrays_of(_pixels_met(target, poses, number, panel), binning)
+                for number, panel in enumerate(panels)
+            ]
         return cls(
             target, poses, binning, panels, masks, places, measured, at_least, weights, subrays
         )
@@ -210,8 +213,8 @@ class Level:
         """Sum of squares, large ones tempered, with priors; and half its derivatives."""
         mean, precision = self._prior()
         gradient, hessian = (unknowns - mean) * precision, np.diag(precision)
-        for (counts, off), slope in zip(self._counted(residuals), slopes, strict=True):
-            weighted = slope * (self._share * counts * huber.weights(off))[:, None]
+        for (counts, off), slope in zip(self.counted(residuals), slopes, strict=True):
+            weighted = slope * (self.share * counts * huber.weights(off))[:, None]
             gradient = gradient + weighted.T @ off
             hessian = hessian + weighted.T @ slope
         return Evaluation(self.loss(unknowns, residuals), gradient, hessian, ())
@@ -222,11 +225,11 @@ class Level:
         """Sum of squares as of :meth:`evaluate`, without derivatives."""
         mean, precision = self._prior()
         loss = float(((unknowns - mean) * precision) @ (unknowns - mean))
-        for _, off in self._counted(residuals):
-            loss += self._share * huber.tempered(off)
+        for _, off in self.counted(residuals):
+            loss += self.share * huber.tempered(off)
         return loss
 
-    def _counted(
+    def counted(
         self, residuals: Sequence[Float64[np.ndarray, "_n"]]
     ) -> Iterator[tuple[Bool[np.ndarray, "_n"], Float64[np.ndarray, "_n"]]]:
         """Yield which residuals of a view count, and all of them, zero where they do not."""
@@ -235,7 +238,8 @@ class Level:
             yield counts, np.where(counts, each, 0.0)
 
     @property
-    def _share(self) -> float:
+    def share(self) -> float:
+        """What a pixel counts."""
         return min(1.0, WORTH / max(sum(map(len, self.measured)), 1))
 
     def residuals(self, unknowns: Float64[np.ndarray, "u"]) -> list[Float64[np.ndarray, "_n"]]:
@@ -270,6 +274,11 @@ class Level:
         """Densities, gains and poses."""
         rest = self.parts + len(self.target.beams)
         return unknowns[: self.parts], unknowns[self.parts : rest], unknowns[rest:]
+
+    @property
+    def precision(self) -> Float64[np.ndarray, "u"]:
+        """One over the variances of the unknowns before the images."""
+        return self._prior()[1]
 
     def _prior(self) -> tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u"]]:
         """Means, and one over the variances."""
@@ -405,13 +414,22 @@ class Level:
         return places[inside], seen.lengths_cm[inside], self.weights[number][places[inside]]
 
 
-def _subrays(target: Target, geometry: ViewGeometry, binning: int, rays: int) -> int:
-    """Rays along each side of a pixel, for about so many to meet the object."""
+def _pixels_met(target: Target, poses: Poses, number: int, panel: ViewGeometry) -> int:
+    """Count pixels of a view that meet the object at rest."""
+    geometry = poses.geometry(number, panel, np.zeros(poses.count))
+    return len(path_lengths(target.meshes, target.order, geometry).pixels)
+
+
+def subrays_of(pixels: int, binning: int, rays: int = RAYS) -> int:
+    """Rays along each side of a pixel, for about so many to meet an object of so many pixels.
+
+    Examples
+    --------
+    >>> [subrays_of(pixels, 2) for pixels in (40000, 3000, 10)]
+    [2, 3, 8]
+    """
     least = max(binning // 2, 2)
-    pixels = len(path_lengths(target.meshes, target.order, geometry).pixels)
-    if not pixels:
-        return least
-    return max(min(isqrt(rays // pixels), MOST_SUBRAYS), least)
+    return max(min(isqrt(rays // max(pixels, 1)), MOST_SUBRAYS), least)
 
 
 def window(geometry: ViewGeometry, points: Float[np.ndarray, "n 3"], binning: int) -> Window:

@@ -16,7 +16,7 @@ from xden1k.rays import CubeGrid, part_fractions
 from xden1k.values.arrays import Vec3
 from xden_builder.registration.placement import RigidPlacement
 
-__all__ = ["Body", "Cloud"]
+__all__ = ["Body", "Cloud", "spread_directions"]
 
 SPIN_CELLS: Final = 24
 DIRECTIONS: Final = 100
@@ -101,7 +101,7 @@ class Body:
     @cached_property
     def rim_cm(self) -> Float64[np.ndarray, "n 3"]:
         """Outermost vertices in many directions: they tell the box around a shadow."""
-        reach = self.points_cm @ _directions(DIRECTIONS).T
+        reach = self.points_cm @ spread_directions(DIRECTIONS).T
         return np.asarray(self.points_cm[np.unique(reach.argmax(axis=0))])
 
     @cached_property
@@ -158,7 +158,7 @@ class Body:
         return Cloud(points, lac[lac > 0] * float(np.prod(extent_cm / cells)))
 
 
-def _directions(count: int) -> Float64[np.ndarray, "n 3"]:
+def spread_directions(count: int) -> Float64[np.ndarray, "n 3"]:
     """Spread unit vectors over the sphere by a golden spiral (doi:10.1007/s11004-009-9257-x)."""
     place = np.arange(count) + 0.5
     height = 1 - 2 * place / count

@@ -11,10 +11,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from xden_builder.capture import Capture
 from xden_builder.poly.estimate import estimate
 from xden_builder.poly.line import sampled
-from xden_builder.poly.pyramid import PIXEL_SD, WORTH
+from xden_builder.poly.model.size import Size
+from xden_builder.poly.pyramid import WORTH
 from xden_builder.poly.settings import PolySettings
 from xden_builder.registration.kinds import loss_of, most_of_rivals
 from xden_builder.registration.placement import Found
@@ -30,8 +33,8 @@ FITS_A_PART: Final = 120.0
 """Deviance for each part, of a fit that tells poses apart: four times what its pixels are worth.
 More is left where something is missing, a part perhaps; large residuals count least in the loss.
 """
-SETTINGS: Final = PolySettings(size=False)
-"""An object gets its size where it stands."""
+SETTINGS: Final = PolySettings(pose=False, size=False)
+"""The pose is judged as it was found."""
 
 
 def told_apart(
@@ -62,21 +65,31 @@ def told_apart(
     small, _ = reduced(capture, shadows, WIDE_PX)
     fitted = [_fitted(small, order, each) for each in rivals]
     fits = min(map(_deviance, fitted)) <= FITS_A_PART * len(small.parts)
-    return [*sorted(fitted, key=_deviance if fits else loss_of), *found[len(rivals) :]]
+    return [*sorted(fitted, key=_improbability if fits else loss_of), *found[len(rivals) :]]
 
 
 def _fitted(capture: Capture, order: Sequence[int], found: Found) -> Found:
-    """Refine a pose and fit densities, materials and stray light in it."""
-    placed = replace(capture, parts=found.placement.of_parts(capture.parts))
-    samples = sampled(placed, order, SETTINGS)
-    assert samples.pose is not None
-    placement = found.placement.followed_by(samples.pose.pose)
+    """Fit densities, materials and stray light in a pose, with the size that was found there."""
+    parts = found.placement.of_parts(capture.parts)
+    points = np.concatenate([np.asarray(part.mesh.vertices) for part in parts])
+    size = Size(float(np.exp(found.growth)), 0.0, (points.min(axis=0) + points.max(axis=0)) / 2)
+    grown = tuple(replace(part, mesh=size.enlarged(part.mesh)) for part in parts)
+    samples = sampled(replace(capture, parts=grown), order, SETTINGS)
     solution = estimate(samples, None, SETTINGS)
     inside = solution.problem.evaluate(solution.minimum.unknowns).loss
-    outlines = WORTH * (samples.pose.rms_after / PIXEL_SD) ** 2
-    return Found(placement, found.loss, solution.density_g_cm3, inside + outlines)
+    deviance = inside + WORTH * found.loss
+    return replace(found, density_g_cm3=solution.density_g_cm3, deviance=deviance)
 
 
 def _deviance(found: Found) -> float:
     assert found.deviance is not None
     return found.deviance
+
+
+def _improbability(found: Found) -> float:
+    """Give what fitted poses are sorted by.
+
+    Neither what the fit leaves nor what the outlines leave has a known scale, since what is left of
+    both is what is not modelled. So they are compared by their shares, which multiply.
+    """
+    return _deviance(found) * found.loss

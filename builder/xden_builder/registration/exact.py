@@ -12,24 +12,26 @@ from scipy.ndimage import binary_dilation
 
 from xden1k.rays import PathLengths
 from xden1k.values.arrays import Mask
+from xden1k.values.views import ViewGeometry
 from xden_builder.capture import Capture
 from xden_builder.fit import huber
 from xden_builder.poly.descent import descend
-from xden_builder.poly.model.frames import Pose
+from xden_builder.poly.model.frames import Pose, coarse
 from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import gain_prior
+from xden_builder.poly.model.size import SIZE_SDS_MOST
 from xden_builder.poly.pyramid import (
     Averaged,
     Level,
     Target,
     Window,
     density_bounds,
+    subrays_of,
     window,
 )
 from xden_builder.poly.scene import Scene, set_scene
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import first_guess
-from xden_builder.registration.aside import moves_aside
 from xden_builder.registration.body import Body
 from xden_builder.registration.middles import own_shifts
 from xden_builder.registration.placement import Found, RigidPlacement
@@ -43,8 +45,10 @@ BINNING: Final = 2
 STEP_PX: Final = 0.6
 """Of a central difference, in compared pixels: a tenth feels how few rays a pixel has, and leads
 into the next of many small troughs."""
-RAYS: Final = 10_000
-"""Through the object in a view, about: three times as many cost a third more, and find no more."""
+FEW_RAYS: Final = 10_000
+"""Through the object in a view, about: enough for images of few pixels."""
+FEW_SUBRAYS: Final = 2
+"""Along each side of a pixel, at most, where many poses are compared."""
 PIXEL_SD: Final = 0.05
 DENSITY_STEPS: Final = 2
 SHARES: Final = (0.01, 30.0)
@@ -57,6 +61,9 @@ AIR: Final = 0.95
 """Quantile of the transmission that is taken for the open field."""
 OUTLINE_PX: Final = 2
 """By which outlines may differ, of the pixels of a large shadow."""
+
+
+Bounds = tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u"]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,6 +88,10 @@ class Judge:
         Of the scene's images to those that are compared.
     side
         Of the radiographs' pixels to those that are compared.
+    size_sd
+        Standard deviation of the logarithm of the object's size; 0 where it is not sought.
+    subrays
+        Rays along each side of a compared pixel, by view.
     """
 
     scene: Scene
@@ -93,6 +104,8 @@ class Judge:
     shadow_px: int
     binning: int
     side: int
+    size_sd: float
+    subrays: tuple[int, ...]
 
     @classmethod
     def of(
@@ -102,14 +115,31 @@ class Judge:
         body: Body,
         wide_px: int,
         likely: RigidPlacement,
+        *,
+        rays: int = FEW_RAYS,
+        sized: bool = False,
     ) -> Judge:
         """Average images until the longest shadow is about so many pixels wide.
 
         What the labels do not tell of the parts is taken from a likely pose.
+
+        Parameters
+        ----------
+        capture, shadows, body
+            What is compared with what.
+        wide_px
+            Width of the longest shadow.
+        likely
+            That pose.
+        rays
+            Through the object in a view, about.
+        sized
+            Whether the object's size beside its meshes is sought along with its pose.
         """
         small, binning = reduced(capture, shadows, wide_px)
         scene = set_scene(small, body.order, PolySettings())
         side = side_of(shadows, wide_px)
+        shadow_px = [int(shadow.mask.sum()) for shadow in shadows]
         again = side // binning
         guess = first_guess(replace(scene, parts=likely.of_parts(scene.parts)))
         return cls(
@@ -123,23 +153,40 @@ class Judge:
                 for view, saturated in zip(scene.views, scene.saturated, strict=True)
             ),
             tuple(_around(shadow, side) for shadow in shadows),
-            max(round(sum(int(shadow.mask.sum()) for shadow in shadows) / side**2), 1),
+            max(round(sum(shadow_px) / side**2), 1),
             again,
             side,
+            sized * scene.size_sd,
+            tuple(subrays_of(round(each / side**2), again, rays) for each in shadow_px),
         )
 
-    def fixed(self, placement: RigidPlacement) -> Found:
+    @property
+    def quick(self) -> Judge:
+        """The same by few rays."""
+        return replace(self, subrays=tuple(min(each, FEW_SUBRAYS) for each in self.subrays))
+
+    def panel(self, number: int) -> ViewGeometry:
+        """Of a view, in compared pixels."""
+        return coarse(self.scene.views[number].geometry, self.binning)
+
+    @property
+    def pixel_cm(self) -> float:
+        """Side of a compared pixel, where the object stands."""
+        view = self.scene.views[0].geometry
+        return self.binning * float(np.linalg.norm(view.column_step_cm))
+
+    def fixed(self, placement: RigidPlacement, growth: float = 0.0) -> Found:
         """Find densities and gains in a pose, and what they leave."""
         level, density = self._level(placement)
-        pose = self._start(level.poses, placement)
+        pose = self._start(level.poses, placement, growth)
         lengths = [level.seen(number, pose) for number in range(len(level.target.beams))]
         unknowns = level.target.start(density, np.empty(0))
         low, high = density_bounds(density, len(unknowns), SHARES)
-        best = Found(placement, np.inf, density)
+        best = Found(placement, np.inf, density, growth=growth)
         for _ in range(DENSITY_STEPS + 1):
             loss, gradient, curvature = self._evaluated(level, lengths, unknowns)
             if loss < best.loss:
-                best = Found(placement, loss, unknowns[: level.parts])
+                best = Found(placement, loss, unknowns[: level.parts], growth=growth)
             damped = curvature + np.diag(DAMPING * curvature.diagonal() + 1e-9)
             unknowns = (unknowns - np.linalg.solve(damped, gradient)).clip(low, high)
         return best
@@ -147,37 +194,39 @@ class Judge:
     def refined(self, found: Found, derivatives: int) -> Found:
         """Move a pose, and change its densities, along so many derivatives at most."""
         placement = found.placement
-        level, density = self._level(placement)
-        target, poses = level.target, level.poses
-        start = target.start(found.density_g_cm3, self._start(poses, placement))
-        pose_at = len(start) - poses.count
-        if found.gains is not None:
-            start[level.parts : pose_at] = found.gains
-        bounds = density_bounds(density, len(start), SHARES)
+        level, start, bounds = self.unknowns(found)
         unknowns, _, _, residuals = descend(level, start, derivatives, *bounds)
-        density, gains, pose = np.split(unknowns, [level.parts, pose_at])
-        there = placement.followed_by(poses.of(self._untold(poses), pose))
-        return Found(there, self._loss(residuals, level), density, gains=gains)
+        return self.found(level, placement, unknowns, residuals)
 
-    def lines_aside(self, found: Found) -> list[list[RigidPlacement]]:
-        """Poses on lines that lead away from a converged one, the nearest of each line first.
+    def unknowns(self, found: Found) -> tuple[Level, Float64[np.ndarray, "u"], Bounds]:
+        """Give images and parts in a pose, its unknowns, and the least and most of these."""
+        level, density = self._level(found.placement)
+        pose = self._start(level.poses, found.placement, found.growth)
+        unknowns = level.target.start(found.density_g_cm3, pose)
+        if found.gains is not None:
+            unknowns[level.parts : len(unknowns) - level.poses.count] = found.gains
+        low, high = density_bounds(density, len(unknowns), SHARES)
+        if level.poses.sized:
+            low[-1], high[-1] = -SIZE_SDS_MOST * self.size_sd, SIZE_SDS_MOST * self.size_sd
+        return level, unknowns, (low, high)
 
-        They follow the ways in which the images tell the pose least, see :func:`moves_aside`.
-        """
-        level, _ = self._level(found.placement)
-        poses, rest = level.poses, level.parts + len(level.target.beams)
-        start = level.target.start(found.density_g_cm3, self._start(poses, found.placement))
-        here = level.evaluate(start, *level.residuals_and_slopes(start))
-        lines = moves_aside(here.hessian, here.loss, rest, level.target.radius_cm)
-        return [
-            [found.placement.followed_by(poses.origin.moved(np.append(move, 0.0))) for move in line]
-            for line in lines
-        ]
+    def found(
+        self,
+        level: Level,
+        placement: RigidPlacement,
+        unknowns: Float64[np.ndarray, "u"],
+        residuals: Sequence[Float64[np.ndarray, "_n"]],
+    ) -> Found:
+        """Read unknowns at a level of images and parts in a pose."""
+        density, gains, pose = np.split(unknowns, [level.parts, len(unknowns) - level.poses.count])
+        there = placement.followed_by(level.poses.of(self._untold(level.poses), pose))
+        growth = float(pose[-1]) if level.poses.sized else 0.0
+        return Found(there, self._loss(residuals, level), density, gains=gains, growth=growth)
 
-    def outline_shares(self, placement: RigidPlacement) -> dict[str, float]:
+    def outline_shares(self, found: Found) -> dict[str, float]:
         """Of each view: share of the pixels in either outline that lie well outside the other."""
-        level, density = self._level(self.fixed(placement).placement)
-        pose = self._start(level.poses, placement)
+        level, density = self._level(found.placement)
+        pose = self._start(level.poses, found.placement, found.growth)
         images = level.images(level.target.start(density, pose))
         px = OUTLINE_PX * BINNING // self.binning
         each = zip(
@@ -188,11 +237,14 @@ class Judge:
             for view, shadow, mask, model, seen in each
         }
 
-    def _start(self, poses: Poses, placement: RigidPlacement) -> Float64[np.ndarray, "p"]:
+    def _start(
+        self, poses: Poses, placement: RigidPlacement, growth: float
+    ) -> Float64[np.ndarray, "p"]:
         """Unknowns of the poses: at rest, turned views shifted onto their shadows."""
         own = self.body.placed(placement)
         linear, shift = own.scale * own.rotation, own.translation_cm
         start = np.zeros(poses.count)
+        start[poses.size_places] = growth
         for number, shadow in enumerate(self.shadows):
             if shadow.turned:
                 more = own_shifts(shadow, self.body.rim_cm, linear[None], shift[None])[0]
@@ -216,12 +268,12 @@ class Judge:
             self.mac_cm2_g,
         )
         x, y, z = target.centre_cm.tolist()
-        poses = Poses(scene.turned, Pose(centre_cm=(x, y, z)))
+        poses = Poses(scene.turned, Pose(centre_cm=(x, y, z)), self.size_sd)
         windows = [
             _joined(window(view.geometry, target.points_cm, self.binning), around)
             for view, around in zip(scene.views, self.around, strict=True)
         ]
-        level = Level.of(target, poses, windows, self.binning, self.images, RAYS)
+        level = Level.of(target, poses, windows, self.binning, self.images, self.subrays)
         pitch_cm = min(float(np.linalg.norm(view.geometry.column_step_cm)) for view in scene.views)
         return replace(level, step_cm=STEP_PX * pitch_cm), self.density_g_cm3
 

@@ -21,7 +21,7 @@ __all__ = [
 
 APART_SHARE: Final = 0.01
 """Of the radius: poses that are nearer are one."""
-RIVAL: Final = (1.3, 0.05)
+RIVAL: Final = (1.3, 0.02)
 """A pose whose loss is at most so many times the least, and so much more, may be right too."""
 CLOSE: Final = 3.0
 """A pose whose loss is more times the least is no longer looked at."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 from typing import Final
 
 import numpy as np
@@ -24,6 +25,8 @@ NEIGHBOURS: Final = 4
 """Points that a distance is measured to, so that one on the other side of an edge does no harm."""
 FAR_QUANTILE: Final = 0.9
 FAR_SHARE: Final = 1 - FAR_QUANTILE
+STRICT_FAR_SHARE: Final = 0.02
+"""The same where a screwdriver's tip or a marker's clip must not be forgotten."""
 """Of the distances of a part, and how many of them are greater."""
 
 
@@ -34,12 +37,20 @@ class Likeness:
     lie on its own kind looks, and weighs, the same.
     """
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, body: Body, far_share: float = FAR_SHARE) -> None:
+        self._far_share = far_share
         levels = np.round(np.log(body.lac_per_cm), 1)
         self._kinds = [
             _Kind([mesh for mesh, its in zip(body.meshes, levels, strict=True) if its == level])
             for level in np.unique(levels)
         ]
+
+    @property
+    def strict(self) -> Likeness:
+        """The same, of which a smaller share of a part's surface makes poses unlike."""
+        other = copy(self)
+        other._far_share = STRICT_FAR_SHARE
+        return other
 
     def distance_cm(self, one: RigidPlacement, other: RigidPlacement) -> float:
         """How far the worst part's surface is from its kind's."""
@@ -54,7 +65,7 @@ class Likeness:
             kind.nearest_cm(points_cm, least_cm) >= least_cm
             for kind, points_cm in self._moved(one, other)
         )
-        return any(bool((each.mean(axis=1) > FAR_SHARE).any()) for each in far)
+        return any(bool((each.mean(axis=1) > self._far_share).any()) for each in far)
 
     def _moved(
         self, one: RigidPlacement, other: RigidPlacement

@@ -113,6 +113,8 @@ class Found:
         for the pose left; None where the loss alone tells the pose from all others.
     gains
         Of the views, where the pose has been moved with them.
+    growth
+        Logarithm of the object's size over that of its meshes, where it was sought along with it.
     """
 
     placement: RigidPlacement
@@ -120,6 +122,7 @@ class Found:
     density_g_cm3: Float64[np.ndarray, "k"]
     deviance: float | None = None
     gains: Float64[np.ndarray, "v"] | None = None
+    growth: float = 0.0
 
     def as_good_as(self, best: Found) -> bool:
         """Whether it explains the images about as well: by the loss, unless both were fitted."""

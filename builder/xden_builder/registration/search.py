@@ -16,6 +16,8 @@ from xden_builder.capture.saturation import completed
 from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.source import Tube
 from xden_builder.poly.materials.candidates import candidate_table
+from xden_builder.registration.around import Around
+from xden_builder.registration.ball import ball_turns, is_ball
 from xden_builder.registration.body import Body
 from xden_builder.registration.contest import told_apart
 from xden_builder.registration.exact import Judge, side_of
@@ -47,7 +49,7 @@ from xden_builder.registration.steps import (
     rescaled,
     settled,
 )
-from xden_builder.registration.turns import half_turned, least_turns, same_share, slightly_turned
+from xden_builder.registration.turns import least_turns, same_share, slightly_turned
 
 __all__ = ["register"]
 
@@ -64,12 +66,14 @@ ROUGH_DEG, FINE_DEG = 15, 5
 TURNS, HARDLY_CLOSE = 4, 5.0
 """Turns of the best that are followed, itself counted; neither of these nor of poses that have
 hardly moved one whose loss is more times the least."""
-MOVED: Final = 6
-"""Turns and half turns that are moved, the pose itself counted."""
 FINAL_APART: Final = 0.02
 """Of the radius: by how much poses differ that are moved on fine images."""
-BESIDE: Final = 2
-"""Poses that are kept of those beside the best, itself counted."""
+HOPS, WORTH_ANOTHER = 3, 0.85
+"""How often it is looked beside the best, and share of its loss that must be left for once more."""
+RIVALS_APART: Final = 2.0
+"""Poses that the whole fit tells apart, in what is one turn among others."""
+MANY_RAYS: Final = 30_000
+"""Through the object in a view, on fine images: by a third of them a hinge leaves twice as much."""
 SYMMETRY_DEG: Final = 15
 """Between turns that may leave the object where it is."""
 LISTED: Final = 6
@@ -157,7 +161,7 @@ def _finely(
 ) -> _Fine:
     """Move poses on fine images, and tell them apart."""
     found = coarse.found
-    fine = Judge.of(capture, shadows, body, FINE_PX, found[0].placement)
+    fine = _judge(capture, shadows, body, FINE_PX, found[0].placement)
     near = found
     if fine.side != coarse.judge.side:
         near = [fine.fixed(each.placement) for each in found]
@@ -165,8 +169,12 @@ def _finely(
     best = sorted([*best, *_turned(fine, best[0], coarse, likeness, body)], key=loss_of)
     if capture.mesh_scale == "unknown":
         best[0] = rescaled(fine, best[0], body, LAST_SCALE_SHARES)
-    beside = unlike_of(hopped(fine, best[0], likeness, body), likeness, body, BESIDE)
-    rivals = unlike_of([*beside, *best[1:]], likeness, body, LISTED)
+    for _ in range(HOPS):
+        before = best[0].loss
+        best = sorted([*hopped(fine, best[0], likeness, body), *best[1:]], key=loss_of)
+        if best[0].loss > WORTH_ANOTHER * before:
+            break
+    rivals = unlike_of(best, likeness.strict, body, LISTED, RIVALS_APART * same_share(body))
     told = told_apart(capture, body.order, shadows, rivals)
     listed = first_of_like([*told, *sorted(near, key=loss_of)], likeness, body, LISTED)
     there = _Fine(listed, fine)
@@ -188,12 +196,24 @@ def _on_finest(
     Thin metal is nothing but rim: what rays miss of it in a large pixel is no fault of the pose,
     and may have led beside it.
     """
-    finest = Judge.of(capture, shadows, body, FINEST_PX, listed[0].placement)
-    fixed = [finest.fixed(each.placement) for each in listed]
+    finest = _judge(capture, shadows, body, FINEST_PX, listed[0].placement)
+    fixed = [finest.fixed(each.placement, each.growth) for each in listed]
     tried = [*fixed, *slightly_turned(finest, fixed[0], body)]
     there = sorted((finest.refined(each, DERIVATIVES) for each in tried), key=loss_of)
     told = told_apart(capture, body.order, shadows, unlike_of(there, likeness, body, LISTED))
     return _Fine(first_of_like(told, likeness, body, LISTED), finest)
+
+
+def _judge(
+    capture: Capture,
+    shadows: Sequence[Shadow],
+    body: Body,
+    wide_px: int,
+    likely: RigidPlacement,
+) -> Judge:
+    """Compare fine images; the size beside the meshes follows, but for one that was found apart."""
+    sized = capture.mesh_scale != "unknown"
+    return Judge.of(capture, shadows, body, wide_px, likely, rays=MANY_RAYS, sized=sized)
 
 
 class _Fine(NamedTuple):
@@ -226,7 +246,7 @@ def _coarsely(
     there = [body.of_files(each) for each in poses.placements()]
     tiny = Judge.of(capture, shadows, body, TINY_PX, there[0])
     found = sorted((tiny.refined(tiny.fixed(each), 1) for each in there), key=loss_of)
-    found = [*found, *least_turns(tiny, found[0], search, likeness, body, ROUGH_DEG)]
+    found = [*found, *least_turns(tiny.fixed, found[0], search, likeness, body, ROUGH_DEG)]
     found = close_to_best(unlike_of(found, likeness, body, SOME), HARDLY_CLOSE)
     found = sorted((tiny.refined(each, DERIVATIVES) for each in found), key=loss_of)
     judge = tiny
@@ -252,11 +272,14 @@ def _turned(
     judge: Judge, best: Found, coarse: _Coarse, likeness: Likeness, body: Body
 ) -> list[Found]:
     """Turn a settled pose about its axes, and go down from where the loss is less than beside."""
-    turns = least_turns(judge, best, coarse.search, likeness, body, FINE_DEG, first=coarse.judge)
+    judged = Around.of(judge.quick, best).fixed
+    if is_ball(body, likeness):
+        turns = [judged(each) for each in ball_turns(judge, best)]
+    else:
+        here, strict = judged(best.placement), likeness.strict
+        turns = least_turns(judged, here, coarse.search, strict, body, FINE_DEG)
     turns = close_to_best([best, *turns], HARDLY_CLOSE)
-    turns = unlike_of(turns, likeness, body, TURNS, same_share(body))
-    turns = [*turns, *half_turned(judge, best, likeness, body)]
-    turns = unlike_of(turns, likeness, body, MOVED, same_share(body))
+    turns = unlike_of(turns, likeness.strict, body, TURNS, same_share(body))
     there = [best]
     for each in turns:
         if each is not best:
@@ -269,7 +292,7 @@ def _judged(capture: Capture, fine: _Fine, likeness: Likeness, body: Body) -> Re
     candidates = fine.found
     chosen = _chosen(capture, len(candidates))
     best = candidates[0].placement
-    outlines = fine.judge.outline_shares(candidates[chosen].placement)
+    outlines = fine.judge.outline_shares(candidates[chosen])
     told = isinstance(capture.pose, Candidate)
     raised = {
         "pose_ambiguous": not told

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
+from xden_builder.registration.around import Around
 from xden_builder.registration.body import Body
 from xden_builder.registration.exact import Judge
-from xden_builder.registration.kinds import apart, loss_of, most_of_rivals
+from xden_builder.registration.kinds import loss_of, most_of_rivals
 from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.placement import Found, RigidPlacement
+from xden_builder.registration.turns import half_turned, lowest_beside
 
 __all__ = ["DERIVATIVES", "all_settled", "hopped", "rescaled", "settled"]
 
@@ -19,13 +21,10 @@ CLOSE, CLOSE_UNMOVED = 2.0, 1.5
 HOPE: Final = 2.0
 """A pose is not moved on that would be no rival if it gained so many times as much as it just did.
 """
-HOPS: Final = 2
-"""Poses beside a converged one that are refined."""
-SOFT_LOSS: Final = 1.6
-"""Where the loss is less times that of the pose, which lies farther than where it should double,
-there may be another least one."""
-WALL: Final = 5.0
-"""Where the loss is more times that of the pose, a line that leads away is not followed on."""
+MOST_BESIDE: Final = 2
+PROMISING: Final = (1.02, 0.001)
+"""Turns beside a converged pose that are moved, and of how many times its loss, and so much more.
+"""
 DERIVATIVES, MOST_MOVES, SETTLED = 2, 8, 0.97
 """Taken on coarse images, at most on fine ones, and what is little to gain by one."""
 MOST_ROUNDS: Final = 4
@@ -58,33 +57,18 @@ def all_settled(judge: Judge, found: Sequence[Found]) -> list[Found]:
 def hopped(judge: Judge, found: Found, likeness: Likeness, body: Body) -> list[Found]:
     """Give a converged pose, and those that are reached from beside it, the least loss first.
 
-    Followed are lines along which the images tell the pose least.
+    What is nearly round or flat has several least losses in a row, and derivatives lead to the
+    nearest. Followed are small turns about each principal axis and half turns, all else following.
     """
-    lines = [
-        list(_promising(judge, found, _elsewhere(line, found, likeness, body)))
-        for line in judge.lines_aside(found)
-    ]
-    best = sorted((min(line, key=loss_of) for line in lines if line), key=loss_of)[:HOPS]
-    return sorted([found, *(settled(judge, each, found) for each in best)], key=loss_of)
-
-
-def _elsewhere(
-    line: Sequence[RigidPlacement], found: Found, likeness: Likeness, body: Body
-) -> list[RigidPlacement]:
-    """Leave out what puts the object where a pose does, because it is symmetric."""
-    return [each for each in line if apart(found.placement, each, likeness, body)]
-
-
-def _promising(judge: Judge, found: Found, line: Sequence[RigidPlacement]) -> Iterator[Found]:
-    """Yield poses on a line from a pose where the loss falls again, or has hardly grown."""
-    before = found
-    for placement in line:
-        here = judge.fixed(placement)
-        if here.loss < max(before.loss, SOFT_LOSS * found.loss):
-            yield here
-        if here.loss > WALL * found.loss:
-            return
-        before = here
+    around = Around.of(judge, found)
+    here = around.fixed(found.placement)
+    lines = [lowest_beside(around.fixed, here, axis, judge.pixel_cm, body) for axis in range(3)]
+    least = sorted((each for line in lines for each in line), key=loss_of)[:MOST_BESIDE]
+    times, more = PROMISING
+    beside = [each for each in least if each.loss <= times * found.loss + more]
+    halves = half_turned(around.fixed, here, likeness, body)
+    beside += [judge.refined(each, DERIVATIVES) for each in halves]
+    return sorted([found, *(settled(judge, each, found) for each in beside)], key=loss_of)
 
 
 def rescaled(judge: Judge, found: Found, body: Body, shares: Sequence[float]) -> Found:

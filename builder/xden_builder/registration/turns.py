@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -14,7 +15,7 @@ from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.placement import Found, RigidPlacement
 from xden_builder.registration.shortlist import Poses, Search, turned_about
 
-__all__ = ["half_turned", "least_turns", "same_share", "slightly_turned"]
+__all__ = ["half_turned", "least_turns", "lowest_beside", "same_share", "slightly_turned"]
 
 SOFT: Final = (2.0, 0.004)
 """A turn about an axis whose cost is at most so many times that of the pose, and so much more, may
@@ -23,24 +24,29 @@ SAME, SAME_CM = 0.002, 0.02
 """Of the radius, and at least in cm: turns that put surfaces nearer to each other are one."""
 HALVES_CLOSE: Final = 8.0
 """A half turn whose loss is more times that of the pose is not given."""
-SLIGHT_DEG: Final = (-8, -6, -4, -2, 2, 4, 6, 8)
+SLIGHT_DEG: Final = np.array([-8, -6, -4, -2, 2, 4, 6, 8])
 """Over to the next trough of what is seen from its edge."""
 MOST_SLIGHT: Final = 2
 MOST_JUDGED: Final = 72
 MOST: Final = 5
 """Turns that are looked at, and that are given."""
-WIDE: Final = 0.5
-"""Of the radius: about an axis from which the object reaches farther, coarse images tell turns."""
+STEPS_PX: Final = np.array([0.25, 0.5, 1, 1.5, 2.5, 4, 6, 9])
+"""By which the rim is moved beside a settled pose, or by less where that would turn it so far:"""
+LONGEST_DEG: Final = 3.0
+WALL: Final = 3.0
+"""Where the loss is more times that of the pose, a line that leads away is not followed on."""
+
+Judged = Callable[[RigidPlacement], Found]
+"""Judges a pose."""
 
 
 def least_turns(
-    judge: Judge,
+    judged: Judged,
     found: Found,
     search: Search,
     likeness: Likeness,
     body: Body,
     every_deg: float,
-    first: Judge | None = None,
 ) -> list[Found]:
     """Turn a pose about the principal axes, all around, and give where the loss is least.
 
@@ -49,19 +55,16 @@ def least_turns(
 
     Parameters
     ----------
-    judge
-        Compares turns exactly.
+    judged
+        Judges a pose.
     found
-        Is turned.
+        Is turned, judged likewise.
     search
         Says which turns few points on few pixels leave possible.
     likeness, body
         Whose axes they are, and which turns about them leave it where it is.
     every_deg
         Between turns.
-    first
-        Compares turns on coarser images where these tell them apart, so that few are compared
-        exactly: where a turn moves the rim by about one of their pixels.
 
     Returns
     -------
@@ -76,20 +79,13 @@ def least_turns(
     times, more = SOFT
     highest = min(times * cost + more, np.sort(costs, axis=None)[:MOST_JUDGED][-1])
     least: list[Found] = []
-    for axis, (ring, soft) in enumerate(zip(rings, costs <= highest, strict=True)):
-        if not soft.any():
-            continue
-        if first is None or _reach_share(body, axis) < WIDE:
-            least += _least_of_ring(judge, found, ring, soft, likeness, body)
-        else:
-            there = first.fixed(found.placement)
-            lowest = _least_of_ring(first, there, ring, soft, likeness, body)
-            least += [judge.fixed(each.placement) for each in lowest]
+    for ring, soft in zip(rings, costs <= highest, strict=True):
+        least += _least_of_ring(judged, found, ring, soft, likeness, body)
     return sorted(least, key=loss_of)[:MOST]
 
 
 def _least_of_ring(
-    judge: Judge,
+    judged: Judged,
     found: Found,
     ring: Poses,
     soft: Bool[np.ndarray, "n"],
@@ -98,24 +94,17 @@ def _least_of_ring(
 ) -> list[Found]:
     """Judge turns about one axis; one alone of those that are the same object at the same place."""
     same = _same_turns(found, ring, likeness, body)
-    judged: dict[int, Found] = {0: found}
+    known: dict[int, Found] = {0: found}
     losses = np.full(len(ring) + 1, np.inf)
     losses[0] = found.loss
     there = _of_files(ring, body)
     for number in (np.flatnonzero(soft) + 1).tolist():
-        like = next((k for k in judged if same[number - k]), number)
+        like = next((k for k in known if same[number - k]), number)
         if like == number:
-            judged[number] = judge.fixed(there[number - 1])
-        losses[number] = judged[like].loss
+            known[number] = judged(there[number - 1])
+        losses[number] = known[like].loss
     lowest = _lowest(losses)
-    return [each for number, each in judged.items() if number and lowest[number]]
-
-
-def _reach_share(body: Body, axis: int) -> float:
-    """How far the object reaches from one of the axes that it is turned about, of its radius."""
-    middle, axes = body.spin
-    across = np.cross(body.rim_cm - middle, axes[axis])
-    return float(np.linalg.norm(across, axis=1).max()) / body.radius_cm
+    return [each for number, each in known.items() if number and lowest[number]]
 
 
 def _same_turns(found: Found, ring: Poses, likeness: Likeness, body: Body) -> Bool[np.ndarray, "m"]:
@@ -123,6 +112,58 @@ def _same_turns(found: Found, ring: Poses, likeness: Likeness, body: Body) -> Bo
     here, least_cm = body.placed(found.placement), same_share(body) * body.radius_cm
     apart_there = [likeness.apart(here, turn, least_cm) for turn in ring.placements()]
     return ~np.array([False, *apart_there])
+
+
+def lowest_beside(
+    judged: Judged, found: Found, axis: int, pixel_cm: float, body: Body
+) -> list[Found]:
+    """Turn a pose about a principal axis to either side, and give what is least on the way.
+
+    Parameters
+    ----------
+    judged
+        Judges a pose.
+    found
+        Is turned, judged likewise.
+    axis
+        Number of the axis.
+    pixel_cm
+        By which the first turns move the rim, about.
+    body
+        Whose axes they are.
+    """
+    step_deg = min(np.degrees(pixel_cm / _reach_cm(body, axis)), LONGEST_DEG)
+    before, after = (
+        list(_until_wall(judged, found, _turned(found, body, axis, steps * step_deg)))
+        for steps in (-STEPS_PX, STEPS_PX)
+    )
+    line = [*before[::-1], found, *after]
+    losses = np.array([each.loss for each in line])
+    inner = (losses[1:-1] <= losses[:-2]) & (losses[1:-1] <= losses[2:])
+    return [line[k + 1] for k in np.flatnonzero(inner).tolist() if line[k + 1] is not found]
+
+
+def _until_wall(judged: Judged, found: Found, line: Sequence[RigidPlacement]) -> Iterator[Found]:
+    """Judge poses that lead away from one until they leave much more than it."""
+    for placement in line:
+        here = judged(placement)
+        yield here
+        if here.loss > WALL * found.loss:
+            return
+
+
+def _turned(
+    found: Found, body: Body, axis: int, angles_deg: Float64[np.ndarray, "n"]
+) -> list[RigidPlacement]:
+    here = Poses.of([body.placed(found.placement)])
+    return _of_files(turned_about(here, body, axis, np.radians(angles_deg).tolist()), body)
+
+
+def _reach_cm(body: Body, axis: int) -> float:
+    """How far the object reaches from one of the axes that it is turned about."""
+    middle, axes = body.spin
+    across = np.cross(body.rim_cm - middle, axes[axis])
+    return float(np.linalg.norm(across, axis=1).max())
 
 
 def _lowest(losses: Float64[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
@@ -141,7 +182,7 @@ def same_share(body: Body) -> float:
     return max(SAME, SAME_CM / body.radius_cm)
 
 
-def half_turned(judge: Judge, found: Found, likeness: Likeness, body: Body) -> list[Found]:
+def half_turned(judged: Judged, found: Found, likeness: Likeness, body: Body) -> list[Found]:
     """Turn a settled pose by half about each axis of its box, where that puts it elsewhere.
 
     A telephone turned by half leaves about what the telephone does. It must be turned about the
@@ -154,7 +195,7 @@ def half_turned(judge: Judge, found: Found, likeness: Likeness, body: Body) -> l
     """
     here = Poses.of([body.placed(found.placement)])
     halves = [
-        judge.fixed(there)
+        judged(there)
         for axis in range(3)
         for there in _of_files(turned_about(here, body, axis, [np.pi], boxed=True), body)
         if apart(found.placement, there, likeness, body, same_share(body))
@@ -164,11 +205,10 @@ def half_turned(judge: Judge, found: Found, likeness: Likeness, body: Body) -> l
 
 def slightly_turned(judge: Judge, found: Found, body: Body) -> list[Found]:
     """Turn a pose by a few degrees about each principal axis; the two of least loss first."""
-    here, angles = Poses.of([body.placed(found.placement)]), np.radians(SLIGHT_DEG).tolist()
     turns = [
-        judge.fixed(there)
+        judge.fixed(there, found.growth)
         for axis in range(3)
-        for there in _of_files(turned_about(here, body, axis, angles), body)
+        for there in _turned(found, body, axis, SLIGHT_DEG)
     ]
     return sorted(turns, key=loss_of)[:MOST_SLIGHT]
 

@@ -13,13 +13,18 @@ import trimesh
 from xden1k.values.arrays import Points, Vec3
 from xden_builder.capture.pose import MeshScale
 
-__all__ = ["SIZE_SDS", "Size"]
+__all__ = ["SIZE_SDS", "SIZE_SDS_MOST", "Size"]
 
 SIZE_SDS: Final[Mapping[MeshScale, float]] = MappingProxyType(
     {"known": 0.005, "near": 0.01, "unknown": 0.005}
 )
 """Standard deviation of the logarithm of the object's size over that of its meshes, before the
 images, by what is told of the meshes: assumptions. One that was unknown is found before."""
+SIZE_SDS_MOST: Final = 3.0
+"""A size is never farther off than so many standard deviations: what looks so is something else,
+such as wrong units or a part without a mesh."""
+NEARLY: Final = 0.999
+"""Share of that from which on a size is at its bound."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +59,16 @@ class Size:
         [[1.5, 0.0, 4.0]]
         """
         return np.asarray(self.factor * points_cm + (1 - self.factor) * self.centre_cm)
+
+    def at_bound(self, told: MeshScale) -> bool:
+        """Whether it is as far off as it may be, by what was told of the meshes.
+
+        Examples
+        --------
+        >>> [Size(factor, 0.001, np.zeros(3)).at_bound("known") for factor in (1.014, 1.0152)]
+        [False, True]
+        """
+        return abs(float(np.log(self.factor))) > NEARLY * SIZE_SDS_MOST * SIZE_SDS[told]
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Size:

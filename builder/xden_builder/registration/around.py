@@ -1,0 +1,98 @@
+"""Poses around a settled one, each judged by one rendering while all else follows linearly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.spatial.transform import Rotation
+
+from xden_builder.fit import huber
+from xden_builder.poly.pyramid import Level
+from xden_builder.registration.exact import Judge
+from xden_builder.registration.placement import Found, RigidPlacement
+
+__all__ = ["Around"]
+
+DAMPING: Final = 1e-2
+ROUNDS: Final = 1
+"""Of weights that temper large residuals."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Around:
+    """What turns of a settled pose would leave once all other unknowns had followed.
+
+    A turn of a nearly round object about its axis changes its images little, and takes with it
+    shifts, other turns, size, densities and gains. They follow by the derivatives of the settled
+    pose: one rendering tells of a turn what many would if it were refined.
+
+    Parameters
+    ----------
+    judge
+        Compares images.
+    found
+        The settled pose.
+    level
+        Its images.
+    start
+        Shape (u,): its unknowns.
+    slopes
+        Of each view, shape (pixels, u): derivatives of its residuals by them.
+    bounds
+        Shape (u,) each: least and most unknowns.
+    """
+
+    judge: Judge
+    found: Found
+    level: Level
+    start: Float64[np.ndarray, "u"]
+    slopes: Sequence[Float64[np.ndarray, "_n u"]]
+    bounds: tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u"]]
+
+    @classmethod
+    def of(cls, judge: Judge, found: Found) -> Around:
+        """Take derivatives at a settled pose."""
+        level, start, bounds = judge.unknowns(found)
+        return cls(judge, found, level, start, level.residuals_and_slopes(start)[1], bounds)
+
+    def fixed(self, placement: RigidPlacement) -> Found:
+        """Judge a pose: how all else follows, and what that would leave."""
+        at = self._at(placement)
+        fixed = self.level.residuals(at)
+        precision = self.level.precision
+        ahead, residuals = at, fixed
+        for _ in range(ROUNDS):
+            gradient, curvature = precision * (ahead - at), np.diag(precision)
+            for (counts, off), slope in zip(
+                self.level.counted(residuals), self.slopes, strict=True
+            ):
+                weighted = slope * (self.level.share * counts * huber.weights(off))[:, None]
+                gradient += weighted.T @ off
+                curvature += weighted.T @ slope
+            scale = 1 / np.sqrt(curvature.diagonal().clip(min=1e-12))
+            damped = curvature * np.outer(scale, scale) + DAMPING * np.eye(len(scale))
+            step = scale * np.linalg.solve(damped, scale * gradient)
+            ahead = (ahead - step).clip(*self.bounds)
+            residuals = [
+                off + slope @ (ahead - at) for off, slope in zip(fixed, self.slopes, strict=True)
+            ]
+        return self.judge.found(self.level, self.found.placement, ahead, residuals)
+
+    def _at(self, placement: RigidPlacement) -> Float64[np.ndarray, "u"]:
+        """Unknowns that put the object there and are else those of the settled pose."""
+        poses = self.level.poses
+        pose_at = len(self.start) - poses.count
+        here, centre = self.found.placement, np.array(poses.origin.centre_cm)
+        turn = placement.rotation @ here.rotation.T
+        shift = placement.translation_cm - turn @ (here.translation_cm - centre) - centre
+        own, start = self.start[pose_at:].copy(), self.start[pose_at:]
+        for number in range(len(poses.turned)):
+            turned, shifted = np.split(np.array(poses.places(number)[:6]), 2)
+            first = Rotation.from_rotvec(start[turned])
+            own[turned] = (first * Rotation.from_matrix(turn)).as_rotvec()
+            own[shifted] = first.apply(shift) + start[shifted]
+        return np.concatenate([self.start[:pose_at], own])
