@@ -212,6 +212,14 @@ def test_a_rebuilt_object_has_its_size_and_says_how_it_was_found(scanned: Captur
         )
 
 
+@pytest.mark.parametrize(("factor", "told"), [(1.05, "known"), (1.06, "near"), (1.0, "known")])
+def test_a_size_that_would_have_to_be_larger_than_it_may_is_said(
+    scanned: Capture, factor: float, told: str
+) -> None:
+    rebuilt = reconstruction.reconstruct(handed_over(scanned, factor, told))
+    assert ("size_at_bound" in rebuilt.flags) == (factor > 1)
+
+
 def test_without_a_spectrum_the_size_is_sought_where_it_is_asked_for_alone(scanned) -> None:
     light = replace(scanned, tube=Tube(energy_kev=60.0))
     true, sized = (reconstruction.reconstruct(each) for each in (light, handed_over(light, 1.01)))

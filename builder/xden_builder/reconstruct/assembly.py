@@ -125,11 +125,12 @@ def _thin_flags(regions: Sequence[trimesh.Trimesh], grids: ObjectGrids) -> list[
 
 
 def _object_flags(explained: Explained) -> tuple[str, ...]:
-    """Of the capture, of its pose, of its source, and of the scale."""
+    """Of the capture, of its pose, of its source, of the scale, and of the meshes' size."""
     capture, poly = explained.capture, explained.poly
     raised = {
         "attenuation_only": capture.tube is None,
         "weighed_disagrees": poly and poly.weighing and poly.weighing.disagrees,
+        "size_at_bound": explained.size and explained.size.at_bound(capture.mesh_scale),
     }
     views = () if poly is None else tuple(f"{view}:at_bound" for view in poly.views_at_bound)
     pose = () if explained.registration is None else explained.registration.flags
