@@ -37,7 +37,7 @@ from xden_builder.registration.search import register
 from xden_builder.registration.shadow import Shadow, shadow_of
 from xden_builder.registration.shortlist import Search, distinct, round_axis
 from xden_builder.registration.steps import settled
-from xden_builder.registration.turns import half_turned, least_turns, lowest_beside
+from xden_builder.registration.turns import box_turned, least_turns, lowest_beside
 
 LAC_PER_CM = 0.4
 SCANNER = Scanner(size_px=96, mesh_rotation_deg=0.0, mesh_shift_cm=0.0, mesh_scale_sd=0.0)
@@ -314,10 +314,26 @@ def test_a_box_of_unlike_ends_turned_by_half_is_turned_back(
     start = judge.fixed(at(half, body.middle_cm - half.apply(body.middle_cm)))
     for turns in (
         least_turns(judge.fixed, start, search, likeness, body, 30.0),
-        half_turned(judge.fixed, start, likeness, body),
+        box_turned(judge.fixed, start, likeness, body),
     ):
         assert turns[0].loss < 0.1 * start.loss
         assert likeness.distance_cm(body.placed(turns[0].placement), right) < 0.1
+
+
+@pytest.mark.parametrize(("size_cm", "count"), [((2, 3, 5), 3), ((2, 2, 5), 7), ((3, 3, 3), 23)])
+def test_a_box_has_as_many_turns_onto_itself_as_its_sides_let_it(
+    size_cm: tuple[float, float, float], count: int
+) -> None:
+    solid = box(size_cm, (1.0, -2.0, 0.5))
+    middle, turns = body_of([solid]).box_turns
+    points = np.asarray(solid.vertices) - solid.vertices.mean(axis=0)
+    assert middle == pytest.approx(np.zeros(3), abs=1e-9)
+    assert len(turns) == count
+    assert np.linalg.det(turns) == pytest.approx(1.0)
+    for turn in turns:
+        away = np.linalg.norm(points[:, None] - points @ turn.T, axis=2).min(axis=1)
+        assert away.max() < 1e-9
+        assert not np.allclose(turn, np.eye(3))
 
 
 def test_a_round_body_turned_about_itself_leaves_place_for_the_one_upside_down() -> None:

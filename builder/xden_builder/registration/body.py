@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import permutations, product
 from typing import Final
 
 import numpy as np
@@ -21,6 +22,8 @@ __all__ = ["Body", "Cloud", "spread_directions"]
 SPIN_CELLS: Final = 24
 DIRECTIONS: Final = 100
 """In which the outermost point of the object is looked for."""
+SQUARE: Final = 0.06
+"""Logarithm of the ratio of sides of a box that are taken for equal."""
 FLAT_SHARE: Final = 1e-4
 """Of the largest extent: what is thinner has no volume."""
 
@@ -116,6 +119,24 @@ class Body:
         middle = np.average(cloud.points_cm, axis=0, weights=cloud.weights_cm2)
         spread = np.cov(cloud.points_cm.T, aweights=cloud.weights_cm2)
         return middle, np.linalg.eigh(spread)[1].T
+
+    @cached_property
+    def box_turns(self) -> tuple[Vec3, Float64[np.ndarray, "n 3 3"]]:
+        """Middle of the least box around the object, and turns of the box onto itself but for none.
+
+        Half turns, of a box with a square section quarter turns too, and of a cube all 23.
+        """
+        oriented = trimesh.bounds.oriented_bounds(self.points_cm)  # type: ignore[no-untyped-call]
+        to_box, extents_cm = oriented
+        axes, away = to_box[:3, :3], to_box[:3, 3]
+        signed = [
+            np.array(signs)[:, None] * np.eye(3)[list(order)]
+            for order in permutations(range(3))
+            for signs in product((1, -1), repeat=3)
+            if np.abs(np.log(extents_cm[list(order)] / extents_cm)).max() < SQUARE
+        ]
+        turns = [each for each in signed if np.linalg.det(each) > 0][1:]
+        return -axes.T @ away, np.array([axes.T @ each @ axes for each in turns])
 
     def evened(self, share: float) -> Body:
         """Give the same parts, their attenuation by a share nearer to what is usual among them."""

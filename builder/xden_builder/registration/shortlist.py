@@ -333,14 +333,9 @@ def half_turns(poses: Poses, body: Body) -> Poses:
     )
 
 
-def turned_about(
-    poses: Poses, body: Body, axis: int, angles_rad: Sequence[float], *, boxed: bool = False
-) -> Poses:
-    """Poses turned about a principal axis by some angles, pose by pose.
-
-    That of the body's volume or, boxed, that of its vertices through the middle of its box.
-    """
-    middle, axes = (np.zeros(3), body.axes) if boxed else body.spin
+def turned_about(poses: Poses, body: Body, axis: int, angles_rad: Sequence[float]) -> Poses:
+    """Poses turned about a principal axis of the body's volume by some angles, pose by pose."""
+    middle, axes = body.spin
     turns = Rotation.from_rotvec(np.outer(angles_rad, axes[axis])).as_matrix()
     linear = (poses.linear[:, None] @ turns).reshape(-1, 3, 3)
     each = np.repeat(np.arange(len(poses)), len(turns))

@@ -12,7 +12,7 @@ from xden_builder.registration.exact import Judge
 from xden_builder.registration.kinds import loss_of, most_of_rivals
 from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.placement import Found, RigidPlacement
-from xden_builder.registration.turns import half_turned, lowest_beside
+from xden_builder.registration.turns import box_turned, lowest_beside
 
 __all__ = ["DERIVATIVES", "all_settled", "hopped", "rescaled", "settled"]
 
@@ -58,7 +58,8 @@ def hopped(judge: Judge, found: Found, likeness: Likeness, body: Body) -> list[F
     """Give a converged pose, and those that are reached from beside it, the least loss first.
 
     What is nearly round or flat has several least losses in a row, and derivatives lead to the
-    nearest. Followed are small turns about each principal axis and half turns, all else following.
+    nearest. Followed are small turns about each principal axis and those of the box, all else
+    following.
     """
     around = Around.of(judge, found)
     here = around.fixed(found.placement)
@@ -66,8 +67,8 @@ def hopped(judge: Judge, found: Found, likeness: Likeness, body: Body) -> list[F
     least = sorted((each for line in lines for each in line), key=loss_of)[:MOST_BESIDE]
     times, more = PROMISING
     beside = [each for each in least if each.loss <= times * found.loss + more]
-    halves = half_turned(around.fixed, here, likeness, body)
-    beside += [judge.refined(each, DERIVATIVES) for each in halves]
+    boxed = box_turned(around.fixed, here, likeness, body)
+    beside += [judge.refined(each, DERIVATIVES) for each in boxed]
     return sorted([found, *(settled(judge, each, found) for each in beside)], key=loss_of)
 
 

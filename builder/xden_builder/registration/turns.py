@@ -10,20 +10,20 @@ from jaxtyping import Bool, Float64
 
 from xden_builder.registration.body import Body
 from xden_builder.registration.exact import Judge
-from xden_builder.registration.kinds import apart, close_to_best, loss_of
+from xden_builder.registration.kinds import close_to_best, loss_of
 from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.placement import Found, RigidPlacement
 from xden_builder.registration.shortlist import Poses, Search, turned_about
 
-__all__ = ["half_turned", "least_turns", "lowest_beside", "same_share", "slightly_turned"]
+__all__ = ["box_turned", "least_turns", "lowest_beside", "same_share", "slightly_turned"]
 
 SOFT: Final = (2.0, 0.004)
 """A turn about an axis whose cost is at most so many times that of the pose, and so much more, may
 be right too: few points on few pixels do not tell."""
 SAME, SAME_CM = 0.002, 0.02
 """Of the radius, and at least in cm: turns that put surfaces nearer to each other are one."""
-HALVES_CLOSE: Final = 8.0
-"""A half turn whose loss is more times that of the pose is not given."""
+BOXED_CLOSE, MOST_BOXED = 8.0, 4
+"""A turn of the box whose loss is more times that of the pose is not given, nor are more turns."""
 SLIGHT_DEG: Final = np.array([-8, -6, -4, -2, 2, 4, 6, 8])
 """Over to the next trough of what is seen from its edge."""
 MOST_SLIGHT: Final = 2
@@ -182,25 +182,34 @@ def same_share(body: Body) -> float:
     return max(SAME, SAME_CM / body.radius_cm)
 
 
-def half_turned(judged: Judged, found: Found, likeness: Likeness, body: Body) -> list[Found]:
-    """Turn a settled pose by half about each axis of its box, where that puts it elsewhere.
+def box_turned(judged: Judged, found: Found, likeness: Likeness, body: Body) -> list[Found]:
+    """Turn a settled pose such that the box around it stays, where that puts it elsewhere.
 
-    A telephone turned by half leaves about what the telephone does. It must be turned about the
-    middle of its box: about that of its volume, where the battery is, its outlines would be off.
+    A telephone turned by half leaves about what the telephone does, a puzzle cube turned by a
+    quarter about what it does. They must be turned about the middle of the box: about that of the
+    volume, where the battery is, outlines would be off.
 
     Returns
     -------
     list of Found
         Those that may be right too, the least loss first.
     """
-    here = Poses.of([body.placed(found.placement)])
-    halves = [
-        judged(there)
-        for axis in range(3)
-        for there in _of_files(turned_about(here, body, axis, [np.pi], boxed=True), body)
-        if apart(found.placement, there, likeness, body, same_share(body))
+    own, (middle, turns) = body.placed(found.placement), body.box_turns
+    turned = [
+        RigidPlacement(
+            own.rotation @ turn,
+            own.translation_cm + own.scale * own.rotation @ (middle - turn @ middle),
+            own.scale,
+        )
+        for turn in turns
     ]
-    return [each for each in close_to_best([found, *halves], HALVES_CLOSE) if each is not found]
+    others = [
+        judged(body.of_files(each))
+        for each in turned
+        if likeness.apart(own, each, same_share(body) * body.radius_cm)
+    ]
+    close = close_to_best([found, *others], BOXED_CLOSE)
+    return [each for each in close if each is not found][:MOST_BOXED]
 
 
 def slightly_turned(judge: Judge, found: Found, body: Body) -> list[Found]:
