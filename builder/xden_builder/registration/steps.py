@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 from xden_builder.registration.around import Around
@@ -67,9 +68,15 @@ def hopped(judge: Judge, found: Found, likeness: Likeness, body: Body) -> list[F
     least = sorted((each for line in lines for each in line), key=loss_of)[:MOST_BESIDE]
     times, more = PROMISING
     beside = [each for each in least if each.loss <= times * found.loss + more]
-    boxed = box_turned(around.fixed, here, likeness, body)
+    boxed = box_turned(partial(_either, judge, around), here, likeness, body)
     beside += [judge.refined(each, DERIVATIVES) for each in boxed]
     return sorted([found, *(settled(judge, each, found) for each in beside)], key=loss_of)
+
+
+def _either(judge: Judge, around: Around, placement: RigidPlacement) -> Found:
+    """Judge a pose with all else following a little, or with densities alone, which may swap."""
+    anew = judge.fixed(placement, around.found.growth)
+    return min(around.fixed(placement), anew, key=loss_of)
 
 
 def rescaled(judge: Judge, found: Found, body: Body, shares: Sequence[float]) -> Found:

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float64
 
 from xden_builder.registration.body import Body
 from xden_builder.registration.exact import Judge
-from xden_builder.registration.kinds import close_to_best, loss_of
+from xden_builder.registration.kinds import loss_of
 from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.placement import Found, RigidPlacement
 from xden_builder.registration.shortlist import Poses, Search, turned_about
@@ -22,8 +22,10 @@ SOFT: Final = (2.0, 0.004)
 be right too: few points on few pixels do not tell."""
 SAME, SAME_CM = 0.002, 0.02
 """Of the radius, and at least in cm: turns that put surfaces nearer to each other are one."""
-BOXED_CLOSE, MOST_BOXED = 8.0, 4
-"""A turn of the box whose loss is more times that of the pose is not given, nor are more turns."""
+BOXED_CLOSE: Final = (8.0, 0.02)
+"""A turn of the box is given whose loss is at most so many times that of the pose, and so much
+more."""
+MOST_BOXED: Final = 4
 SLIGHT_DEG: Final = np.array([-8, -6, -4, -2, 2, 4, 6, 8])
 """Over to the next trough of what is seen from its edge."""
 MOST_SLIGHT: Final = 2
@@ -208,8 +210,9 @@ def box_turned(judged: Judged, found: Found, likeness: Likeness, body: Body) -> 
         for each in turned
         if likeness.apart(own, each, same_share(body) * body.radius_cm)
     ]
-    close = close_to_best([found, *others], BOXED_CLOSE)
-    return [each for each in close if each is not found][:MOST_BOXED]
+    times, more = BOXED_CLOSE
+    close = [each for each in others if each.loss <= times * found.loss + more]
+    return sorted(close, key=loss_of)[:MOST_BOXED]
 
 
 def slightly_turned(judge: Judge, found: Found, body: Body) -> list[Found]:
