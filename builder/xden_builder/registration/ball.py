@@ -9,12 +9,11 @@ into the table of each.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Complex128, Float64
+from jaxtyping import Bool, Complex128, Float64, Int64
 from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
@@ -29,6 +28,7 @@ from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.placement import Found, RigidPlacement
 from xden_builder.registration.rotations import spread_rotations
 from xden_builder.registration.shortlist import Poses, distinct
+from xden_builder.registration.turns import same_share
 
 __all__ = ["ball_turns", "is_ball"]
 
@@ -43,6 +43,8 @@ RINGS, ANGLES = 24, 120
 BLUR_PX: Final = 1.5
 """Of the rendered images: half of what turns that are looked up are off by."""
 MARGIN: Final = 1.1
+ALL_KNOWN: Final = 0.99
+"""Share of the pixels around a place that are known where it is."""
 MOST: Final = 8
 """Turns that are given."""
 
@@ -58,7 +60,7 @@ def is_ball(body: Body, likeness: Likeness) -> bool:
         for turn in spread_rotations(PROBED).as_matrix()
     ]
     like = not any(likeness.apart(here, each, BALL_SHARE * body.radius_cm) for each in turned)
-    least_cm = 0.002 * body.radius_cm
+    least_cm = same_share(body) * body.radius_cm
     return like and any(likeness.strict.apart(here, each, least_cm) for each in turned)
 
 
@@ -86,7 +88,8 @@ def ball_turns(judge: Judge, found: Found) -> list[RigidPlacement]:
         if not turned
     ]
     faces = _frames(spread_directions(DIRECTIONS))
-    table = _Table.of(judge, found, faces, eyes[0], rings)
+    density = own.scale * found.density_g_cm3  # of ways through meshes as they are
+    table = _Table.of(judge, density, faces, eyes[0], rings)
     costs = [table.costs(eye) for eye in eyes]
     rotations = _all_turns(eyes[0], faces)
     total = costs[0].ravel()
@@ -157,17 +160,20 @@ class _Eye:
     ) -> _Eye:
         """Read the measured image around the middle."""
         view, beam = judge.scene.views[number].geometry, judge.scene.outlines.beams[number]
-        panel, image = judge.panel(number), judge.images[number].image
+        panel, (image, known, at_least) = judge.panel(number), judge.images[number]
         way = _to_source(view, middle_cm)
         frame = _frames(way[None] / np.linalg.norm(way))[0]
         places = np.tensordot(rings.places_cm, scale * frame[:2], axes=(0, 0)) + middle_cm
         column, row, _ = panel.project(places.reshape(-1, 3)).T
         gain = 1.0 if found.gains is None else float(found.gains[number])
-        seen = map_coordinates(image / gain, [row, column], order=1, mode="nearest")
+        seen, told = (
+            map_coordinates(each, [row, column], order=1, mode="nearest").reshape(RINGS, ANGLES)
+            for each in (image / gain, np.float64(known & ~at_least))
+        )
         away = None if view.source_cm is None else float(np.linalg.norm(way)) / scale
         middle = int(np.ravel_multi_index((panel.shape[0] // 2, panel.shape[1] // 2), panel.shape))
         weights = beam.weights(np.array([middle]), judge.binning)
-        return cls(frame, away, rings.spectra(seen.reshape(RINGS, ANGLES)), weights)
+        return cls(frame, away, rings.spectra(_filled(seen, told > ALL_KNOWN)), weights)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,7 +192,14 @@ class _Table:
     powers: Float64[np.ndarray, "n"]
 
     @classmethod
-    def of(cls, judge: Judge, found: Found, faces: Frames, eye: _Eye, rings: _Rings) -> _Table:
+    def of(
+        cls,
+        judge: Judge,
+        density_g_cm3: Float64[np.ndarray, "k"],
+        faces: Frames,
+        eye: _Eye,
+        rings: _Rings,
+    ) -> _Table:
         """Render them, as far away as an eye is."""
         body, meshes = judge.body, judge.scene.meshes
         middle = body.middle_cm + body.spin[0]
@@ -209,7 +222,7 @@ class _Table:
                 seen.lengths_cm,
                 np.repeat(eye.weights, len(seen.pixels), axis=0),
                 judge.mac_cm2_g,
-                found.density_g_cm3,
+                density_g_cm3,
             )
             blurred = gaussian_filter(image.reshape(SIDE_PX, SIDE_PX), BLUR_PX)
             spectra.append(rings.spectra(map_coordinates(blurred, half + places[::-1], order=1)))
@@ -226,6 +239,15 @@ def _powers(spectra: Complex128[np.ndarray, "n rings waves"]) -> Float64[np.ndar
     """Sum squares around rings, by their transforms (Parseval)."""
     square = np.abs(spectra) ** 2
     return np.asarray((2 * square.sum(axis=(1, 2)) - square[..., -1].sum(axis=1)) / ANGLES)
+
+
+def _filled(
+    values: Float64[np.ndarray, "rings angles"], known: Bool[np.ndarray, "rings angles"]
+) -> Float64[np.ndarray, "rings angles"]:
+    """Give what is not known the mean of its ring, which no turn changes."""
+    counts = known.sum(axis=1, keepdims=True).clip(min=1)
+    mean = np.where(known, values, 0.0).sum(axis=1, keepdims=True) / counts
+    return np.where(known, values, mean)
 
 
 def _to_source(view: ViewGeometry, middle_cm: Vec3) -> Vec3:
@@ -257,7 +279,7 @@ def _all_turns(eye: _Eye, faces: Frames) -> Float64[np.ndarray, "b 3 3"]:
 
 def _looked_up(
     rotations: Float64[np.ndarray, "b 3 3"], eye: _Eye, faces: Frames
-) -> Sequence[np.ndarray]:
+) -> tuple[Int64[np.ndarray, "b"], Int64[np.ndarray, "b"]]:
     """Which face each rotation about shows an eye, and turned by which angle."""
     sight = eye.frame[2] @ rotations
     _, face = cKDTree(faces[:, 2]).query(sight)

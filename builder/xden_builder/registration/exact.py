@@ -171,7 +171,7 @@ class Judge:
 
     @property
     def pixel_cm(self) -> float:
-        """Side of a compared pixel, where the object stands."""
+        """Side of a compared pixel of the first view, on its panel."""
         view = self.scene.views[0].geometry
         return self.binning * float(np.linalg.norm(view.column_step_cm))
 
@@ -186,7 +186,8 @@ class Judge:
         for _ in range(DENSITY_STEPS + 1):
             loss, gradient, curvature = self._evaluated(level, lengths, unknowns)
             if loss < best.loss:
-                best = Found(placement, loss, unknowns[: level.parts], growth=growth)
+                density, gains = np.split(unknowns, [level.parts])
+                best = Found(placement, loss, density, gains=gains, growth=growth)
             damped = curvature + np.diag(DAMPING * curvature.diagonal() + 1e-9)
             unknowns = (unknowns - np.linalg.solve(damped, gradient)).clip(low, high)
         return best

@@ -25,9 +25,9 @@ NEIGHBOURS: Final = 4
 """Points that a distance is measured to, so that one on the other side of an edge does no harm."""
 FAR_QUANTILE: Final = 0.9
 FAR_SHARE: Final = 1 - FAR_QUANTILE
+"""Of the distances of a part, and how many of them are greater."""
 STRICT_FAR_SHARE: Final = 0.02
 """The same where a screwdriver's tip or a marker's clip must not be forgotten."""
-"""Of the distances of a part, and how many of them are greater."""
 
 
 class Likeness:
@@ -37,8 +37,8 @@ class Likeness:
     lie on its own kind looks, and weighs, the same.
     """
 
-    def __init__(self, body: Body, far_share: float = FAR_SHARE) -> None:
-        self._far_share = far_share
+    def __init__(self, body: Body) -> None:
+        self._far_share = FAR_SHARE
         levels = np.round(np.log(body.lac_per_cm), 1)
         self._kinds = [
             _Kind([mesh for mesh, its in zip(body.meshes, levels, strict=True) if its == level])

@@ -162,9 +162,7 @@ def _finely(
     """Move poses on fine images, and tell them apart."""
     found = coarse.found
     fine = _judge(capture, shadows, body, FINE_PX, found[0].placement)
-    near = found
-    if fine.side != coarse.judge.side:
-        near = [fine.fixed(each.placement) for each in found]
+    near = [fine.fixed(each.placement) for each in found]
     best = all_settled(fine, unlike_of(near, likeness, body, FINAL, FINAL_APART))
     best = sorted([*best, *_turned(fine, best[0], coarse, likeness, body)], key=loss_of)
     if capture.mesh_scale == "unknown":
@@ -273,17 +271,17 @@ def _turned(
 ) -> list[Found]:
     """Turn a settled pose about its axes, and go down from where the loss is less than beside."""
     judged = Around.of(judge.quick, best).fixed
+    here = judged(best.placement)
     if is_ball(body, likeness):
         turns = [judged(each) for each in ball_turns(judge, best)]
     else:
-        here, strict = judged(best.placement), likeness.strict
-        turns = least_turns(judged, here, coarse.search, strict, body, FINE_DEG)
-    turns = close_to_best([best, *turns], HARDLY_CLOSE)
+        turns = least_turns(judged, here, coarse.search, likeness.strict, body, FINE_DEG)
+    turns = close_to_best([here, *turns], HARDLY_CLOSE)
     turns = unlike_of(turns, likeness.strict, body, TURNS, same_share(body))
     there = [best]
     for each in turns:
-        if each is not best:
-            there.append(settled(judge, each, min(there, key=loss_of)))
+        if each is not here:
+            there.append(settled(judge, each, min(there, key=loss_of), predicted=True))
     return there[1:]
 
 

@@ -32,8 +32,15 @@ MOST_ROUNDS: Final = 4
 """Changes of a scale by one share."""
 
 
-def settled(judge: Judge, found: Found, best: Found | None = None) -> Found:
-    """Move a pose until that gains little, or it will be no rival to a better one."""
+def settled(
+    judge: Judge, found: Found, best: Found | None = None, *, predicted: bool = False
+) -> Found:
+    """Move a pose until that gains little, or it will be no rival to a better one.
+
+    A predicted loss, which was never rendered, is not compared with others.
+    """
+    if predicted:
+        found = judge.refined(found, 1)
     for _ in range(MOST_MOVES):
         ahead = judge.refined(found, 1)
         gained = found.loss - ahead.loss
@@ -67,8 +74,9 @@ def hopped(judge: Judge, found: Found, likeness: Likeness, body: Body) -> list[F
     lines = [lowest_beside(around.fixed, here, axis, judge.pixel_cm, body) for axis in range(3)]
     least = sorted((each for line in lines for each in line), key=loss_of)[:MOST_BESIDE]
     times, more = PROMISING
-    beside = [each for each in least if each.loss <= times * found.loss + more]
+    near = [each for each in least if each.loss <= times * found.loss + more]
     boxed = box_turned(partial(_either, judge, around), here, likeness, body)
+    beside = [judge.refined(each, 1) for each in near]
     beside += [judge.refined(each, DERIVATIVES) for each in boxed]
     return sorted([found, *(settled(judge, each, found) for each in beside)], key=loss_of)
 
