@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from xden_builder.fit import huber
 from xden_builder.poly.model.poses import RIGID
 from xden_builder.poly.pyramid import Level
-from xden_builder.registration.exact import Judge
+from xden_builder.registration.exact import Bounds, Judge
 from xden_builder.registration.placement import Found, RigidPlacement
 
 __all__ = ["Around"]
@@ -50,7 +50,7 @@ class Around:
     level: Level
     start: Float64[np.ndarray, "u"]
     slopes: Sequence[Float64[np.ndarray, "_n u"]]
-    bounds: tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u"]]
+    bounds: Bounds
 
     @classmethod
     def of(cls, judge: Judge, found: Found) -> Around:

@@ -38,7 +38,7 @@ from xden_builder.registration.placement import Found, RigidPlacement
 from xden_builder.registration.reduced import binning_of, reduced, widest_px
 from xden_builder.registration.shadow import Shadow
 
-__all__ = ["Judge", "side_of"]
+__all__ = ["Bounds", "Judge", "side_of"]
 
 BINNING: Final = 2
 """Of the pixels that the images are averaged to, but for small shadows."""
@@ -64,6 +64,7 @@ OUTLINE_PX: Final = 2
 
 
 Bounds = tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u"]]
+"""Least and most unknowns."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -281,7 +281,8 @@ def _turned(
     there = [best]
     for each in turns:
         if each is not here:
-            there.append(settled(judge, each, min(there, key=loss_of), predicted=True))
+            rendered = judge.refined(each, 1)
+            there.append(settled(judge, rendered, min(there, key=loss_of)))
     return there[1:]
 
 

@@ -32,15 +32,8 @@ MOST_ROUNDS: Final = 4
 """Changes of a scale by one share."""
 
 
-def settled(
-    judge: Judge, found: Found, best: Found | None = None, *, predicted: bool = False
-) -> Found:
-    """Move a pose until that gains little, or it will be no rival to a better one.
-
-    A predicted loss, which was never rendered, is not compared with others.
-    """
-    if predicted:
-        found = judge.refined(found, 1)
+def settled(judge: Judge, found: Found, best: Found | None = None) -> Found:
+    """Move a pose, whose loss was rendered, until that gains little or it will be no rival."""
     for _ in range(MOST_MOVES):
         ahead = judge.refined(found, 1)
         gained = found.loss - ahead.loss
