@@ -114,13 +114,23 @@ def test_a_coarse_pixel_lies_in_the_middle_of_its_pixels():
 
 
 def refined(
-    true: Pose, size: int = 256, factor: float = 1.1, solids: Sequence[Solid] = (), rays: int = 4
+    true: Pose,
+    size: int = 256,
+    factor: float = 1.1,
+    solids: Sequence[Solid] = (),
+    rays: int = 4,
+    unmeshed: Sequence[Solid] = (),
 ) -> PoseFit:
     """Show an object in a pose, and look for it from rest and from wrong densities."""
     solids, scanner = solids or tool(), geometries(size)
     views = [
         replace(
-            radiograph(solids, name, posed(geometry, true, shifted_rows=name == "lat"), rays=rays),
+            radiograph(
+                [*solids, *unmeshed],
+                name,
+                posed(geometry, true, shifted_rows=name == "lat"),
+                rays=rays,
+            ),
             geometry=geometry,
         )
         for name, geometry in scanner.items()
@@ -174,6 +184,16 @@ def test_a_brick_of_twenty_pixels_that_lies_along_them_is_turned_to_half_a_degre
     fit = refined(Pose(turn_rad, (0.02, -0.03, 0.01)), size=96, solids=[brick], rays=11)
     left = Rotation.from_rotvec(fit.pose.rotation_rad) * Rotation.from_rotvec(turn_rad).inv()
     assert np.degrees(left.magnitude()) < 0.5  # two rays along a side of a pixel: 1.1 and 1.5
+
+
+def test_a_part_without_a_mesh_pulls_no_other_aside():
+    true = Pose((0.01, -0.01, 0.01), (0.05, 0.05, -0.05), 0.01)
+    weight = Solid("counterweight", box((1.6, 1.2, 1.0), (-1.2, 0.6, 2.4)), "steel", 7.82)
+    fit = refined(true, unmeshed=[weight])
+    left = (
+        Rotation.from_rotvec(fit.pose.rotation_rad) * Rotation.from_rotvec(true.rotation_rad).inv()
+    )
+    assert np.degrees(left.magnitude()) < 0.1  # 0.2 to 0.3 where its shadow counts in full
 
 
 @pytest.mark.slow

@@ -11,6 +11,8 @@ __all__ = ["HUBER", "one_sided", "tempered", "weights"]
 
 HUBER: Final = 2.0
 """Standard deviations beyond which a residual counts linearly."""
+LOST_SD: Final = 1.0
+"""How fast a residual counts hardly more, beyond where light is taken for lost."""
 
 
 def one_sided(
@@ -26,24 +28,50 @@ def one_sided(
     return np.asarray(~at_least | (residuals < 0))
 
 
-def tempered(residuals: Float64[np.ndarray, "n"]) -> float:
+def tempered(residuals: Float64[np.ndarray, "n"], lost_from: float = np.inf) -> float:
     """Sum of squares of residuals in standard deviations, large ones linear.
+
+    Light that a model has and an image lacks may have been lost in what no mesh tells of: from
+    some residual on such light counts hardly more, in all by no more than pi HUBER LOST_SD.
+
+    Parameters
+    ----------
+    residuals
+        Shape (n,): model less measurement, in standard deviations.
+    lost_from
+        At least HUBER: from where on light is taken for lost; nowhere by default.
 
     Examples
     --------
     >>> tempered(np.array([1.0, -3.0]))
     9.0
+    >>> [round(tempered(np.array([off]), lost_from=2.0), 1) for off in (2.0, 3.0, 20.0, -20.0)]
+    [4.0, 7.1, 10.1, 76.0]
     """
-    size = np.abs(residuals)
-    return float(np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2).sum())
+    size, beyond = _split(residuals, lost_from)
+    inside = np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2)
+    return float((inside + 2 * HUBER * LOST_SD * np.arctan(beyond / LOST_SD)).sum())
 
 
-def weights(residuals: Float64[np.ndarray, "n"]) -> Float64[np.ndarray, "n"]:
-    """Weight of each residual, with which least squares has the same gradient.
+def weights(
+    residuals: Float64[np.ndarray, "n"], lost_from: float = np.inf
+) -> Float64[np.ndarray, "n"]:
+    """Weight of each residual, with which least squares has the gradient of :func:`tempered`.
 
     Examples
     --------
     >>> weights(np.array([1.0, -4.0])).tolist()
     [1.0, 0.5]
+    >>> weights(np.array([4.0]), lost_from=2.0).tolist()
+    [0.1]
     """
-    return np.asarray(HUBER / np.maximum(np.abs(residuals), HUBER))
+    _, beyond = _split(residuals, lost_from)
+    huber = HUBER / np.maximum(np.abs(residuals), HUBER)
+    return np.asarray(huber / (1 + (beyond / LOST_SD) ** 2))
+
+
+def _split(
+    residuals: Float64[np.ndarray, "n"], lost_from: float
+) -> tuple[Float64[np.ndarray, "n"], Float64[np.ndarray, "n"]]:
+    """Size of residuals up to where light is taken for lost, and what is beyond."""
+    return np.abs(np.minimum(residuals, lost_from)), np.maximum(residuals - lost_from, 0.0)

@@ -28,6 +28,7 @@ from xden_builder.poly.model.motion import Gradient, slopes_by_pose
 from xden_builder.poly.model.poses import Poses
 
 __all__ = [
+    "LOST_FROM",
     "Averaged",
     "Level",
     "Target",
@@ -54,6 +55,8 @@ MOST_SUBRAYS: Final = 8
 KEPT_POSES: Final = 2
 """Whose path lengths are kept."""
 PIXEL_SD: Final = 0.05
+LOST_FROM: Final = 2.5
+"""Of these: how much too bright the model is where something without a mesh took the light."""
 WORTH: Final = 400.0
 """Independent observations that all pixels together are worth: their errors hang together."""
 
@@ -157,6 +160,8 @@ class Level:
     """Rays along each side of a pixel of each view."""
     step_cm: float = STEPS_CM
     """Of a central difference, for each pixel that is averaged along a side."""
+    lost_from: float = LOST_FROM
+    """Residual from which on light is taken for lost in what has no mesh."""
     latest: dict[tuple[int, bytes], PathLengths] = field(default_factory=dict, init=False)
     """Path lengths of the views in the poses asked for last: a descent comes back to them."""
 
@@ -214,7 +219,7 @@ class Level:
         mean, precision = self._prior()
         gradient, hessian = (unknowns - mean) * precision, np.diag(precision)
         for (counts, off), slope in zip(self.counted(residuals), slopes, strict=True):
-            weighted = slope * (self.share * counts * huber.weights(off))[:, None]
+            weighted = slope * (self.share * counts * self.weights_of(off))[:, None]
             gradient = gradient + weighted.T @ off
             hessian = hessian + weighted.T @ slope
         return Evaluation(self.loss(unknowns, residuals), gradient, hessian, ())
@@ -226,8 +231,16 @@ class Level:
         mean, precision = self._prior()
         loss = float(((unknowns - mean) * precision) @ (unknowns - mean))
         for _, off in self.counted(residuals):
-            loss += self.share * huber.tempered(off)
+            loss += self.share * self.tempered(off)
         return loss
+
+    def tempered(self, off: Float64[np.ndarray, "_n"]) -> float:
+        """Sum squares of residuals that count, large ones tempered."""
+        return huber.tempered(off, self.lost_from)
+
+    def weights_of(self, off: Float64[np.ndarray, "_n"]) -> Float64[np.ndarray, "_n"]:
+        """Weights with which least squares has the gradient of :meth:`tempered`."""
+        return huber.weights(off, self.lost_from)
 
     def counted(
         self, residuals: Sequence[Float64[np.ndarray, "_n"]]

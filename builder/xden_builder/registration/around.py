@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.spatial.transform import Rotation
 
-from xden_builder.fit import huber
 from xden_builder.poly.model.poses import RIGID
 from xden_builder.poly.pyramid import Level
 from xden_builder.registration.exact import Bounds, Judge
@@ -68,7 +67,7 @@ class Around:
         precision = self.level.precision
         gradient, curvature = np.zeros(len(at)), np.diag(precision)
         for (counts, off), slope in zip(self.level.counted(fixed), self.slopes, strict=True):
-            weighted = slope * (self.level.share * counts * huber.weights(off))[:, None]
+            weighted = slope * (self.level.share * counts * self.level.weights_of(off))[:, None]
             gradient += weighted.T @ off
             curvature += weighted.T @ slope
         scale = 1 / np.sqrt(curvature.diagonal().clip(min=1e-12))

@@ -277,7 +277,7 @@ class Judge:
         ]
         level = Level.of(target, poses, windows, self.binning, self.images, self.subrays)
         pitch_cm = min(float(np.linalg.norm(view.geometry.column_step_cm)) for view in scene.views)
-        return replace(level, step_cm=STEP_PX * pitch_cm), self.density_g_cm3
+        return replace(level, step_cm=STEP_PX * pitch_cm, lost_from=np.inf), self.density_g_cm3
 
     def _evaluated(
         self, level: Level, lengths: Sequence[PathLengths], unknowns: Float64[np.ndarray, "u"]
@@ -293,7 +293,7 @@ class Judge:
             residuals.append(off)
             mine = np.where(huber.one_sided(off, level.at_least[number]), off, 0.0)
             slopes = np.column_stack([gain * by_density, model]) / PIXEL_SD
-            weighted = slopes * huber.weights(mine)[:, None]
+            weighted = slopes * level.weights_of(mine)[:, None]
             own = [*range(parts), parts + number]
             gradient[own] += weighted.T @ mine
             curvature[np.ix_(own, own)] += weighted.T @ slopes
@@ -305,7 +305,7 @@ class Judge:
             np.where(huber.one_sided(off, least), off, 0.0)
             for off, least in zip(residuals, level.at_least, strict=True)
         )
-        return sum(float(huber.tempered(off)) for off in counted) / self.shadow_px
+        return sum(level.tempered(off) for off in counted) / self.shadow_px
 
 
 def side_of(shadows: Sequence[Shadow], wide_px: int) -> int:
