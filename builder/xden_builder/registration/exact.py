@@ -21,6 +21,7 @@ from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.size import SIZE_SDS_MOST
 from xden_builder.poly.pyramid import (
+    LOST_FROM,
     Averaged,
     Level,
     Target,
@@ -93,6 +94,8 @@ class Judge:
         Standard deviation of the logarithm of the object's size; 0 where it is not sought.
     subrays
         Rays along each side of a compared pixel, by view.
+    incomplete
+        Whether light may be lost in what has no mesh. Where it may, wrong poses leave less too.
     """
 
     scene: Scene
@@ -107,6 +110,7 @@ class Judge:
     side: int
     size_sd: float
     subrays: tuple[int, ...]
+    incomplete: bool
 
     @classmethod
     def of(
@@ -119,6 +123,7 @@ class Judge:
         *,
         rays: int = FEW_RAYS,
         sized: bool = False,
+        incomplete: bool = False,
     ) -> Judge:
         """Average images until the longest shadow is about so many pixels wide.
 
@@ -136,6 +141,8 @@ class Judge:
             Through the object in a view, about.
         sized
             Whether the object's size beside its meshes is sought along with its pose.
+        incomplete
+            As of :class:`Judge`.
         """
         small, binning = reduced(capture, shadows, wide_px)
         scene = set_scene(small, body.order, PolySettings())
@@ -159,6 +166,7 @@ class Judge:
             side,
             sized * scene.size_sd,
             tuple(subrays_of(round(each / side**2), again, rays) for each in shadow_px),
+            incomplete,
         )
 
     @property
@@ -277,7 +285,9 @@ class Judge:
         ]
         level = Level.of(target, poses, windows, self.binning, self.images, self.subrays)
         pitch_cm = min(float(np.linalg.norm(view.geometry.column_step_cm)) for view in scene.views)
-        return replace(level, step_cm=STEP_PX * pitch_cm, lost_from=np.inf), self.density_g_cm3
+        lost_from = LOST_FROM if self.incomplete else np.inf
+        level = replace(level, step_cm=STEP_PX * pitch_cm, lost_from=lost_from)
+        return level, self.density_g_cm3
 
     def _evaluated(
         self, level: Level, lengths: Sequence[PathLengths], unknowns: Float64[np.ndarray, "u"]

@@ -13,7 +13,7 @@ from xden1k.values.views import ViewGeometry
 from xden_builder.registration.camera import Rotations, Shifts
 from xden_builder.registration.shadow import Shadow
 
-__all__ = ["own_shifts", "shifts_to_middles"]
+__all__ = ["led_to", "own_shifts", "shifts_to_middles"]
 
 ROUNDS: Final = 2
 WEAKLY: Final = 1e-6
@@ -42,15 +42,31 @@ def shifts_to_middles(
     """
     turned = np.einsum("bij,nj->bni", rotations, rim_cm)
     shifts = _between_rays(shadows) - (turned.max(axis=1) + turned.min(axis=1)) / 2
+    places = [(each.geometry, each.middle_px) for each in shadows if not each.turned]
+    return led_to(places, turned, shifts)
+
+
+def led_to(
+    places_px: Sequence[tuple[ViewGeometry, Float64[np.ndarray, "*_b 2"]]],
+    points_cm: Float64[np.ndarray, "b n 3"],
+    shifts: Shifts,
+) -> Shifts:
+    """Shift points until the middles of the boxes around their images come to lie in some places.
+
+    Parameters
+    ----------
+    places_px
+        Columns and rows of these places in each view, for all poses or each.
+    points_cm, shifts
+        Of some poses, and by which they are shifted to begin with.
+    """
     for _ in range(ROUNDS):
-        curvature = np.zeros((len(rotations), 3, 3))
-        gradient = np.zeros((len(rotations), 3))
-        for shadow in shadows:
-            if shadow.turned:
-                continue
-            off, slopes = _off_px(shadow, turned + shifts[:, None])
+        curvature = np.zeros((len(shifts), 3, 3))
+        gradient = np.zeros((len(shifts), 3))
+        for geometry, wanted_px in places_px:
+            middles_px, slopes = _middles_px(geometry, points_cm + shifts[:, None])
             curvature += np.einsum("bki,bkj->bij", slopes, slopes)
-            gradient += np.einsum("bki,bk->bi", slopes, off)
+            gradient += np.einsum("bki,bk->bi", slopes, wanted_px - middles_px)
         weakly = WEAKLY * np.trace(curvature, axis1=1, axis2=2)[:, None, None] * np.eye(3)
         shifts = shifts + np.linalg.solve(curvature + weakly, gradient[..., None])[..., 0]
     return np.asarray(shifts)
@@ -68,8 +84,9 @@ def own_shifts(
         return more
     turned = np.einsum("bij,nj->bni", rotations, rim_cm) + shifts[:, None]
     for _ in range(ROUNDS):
-        off, slopes = _off_px(shadow, turned + more[:, None])
-        more = more + (np.linalg.pinv(slopes) @ off[..., None])[..., 0]
+        middles_px, slopes = _middles_px(shadow.geometry, turned + more[:, None])
+        off_px = shadow.middle_px - middles_px
+        more = more + (np.linalg.pinv(slopes) @ off_px[..., None])[..., 0]
     return more
 
 
@@ -92,18 +109,18 @@ def _ray(geometry: ViewGeometry, place_px: Float64[np.ndarray, "2"]) -> tuple[Ve
     return end, way / np.linalg.norm(way)
 
 
-def _off_px(
-    shadow: Shadow, points_cm: Float64[np.ndarray, "b n 3"]
+def _middles_px(
+    geometry: ViewGeometry, points_cm: Float64[np.ndarray, "b n 3"]
 ) -> tuple[Float64[np.ndarray, "b 2"], Float64[np.ndarray, "b 2 3"]]:
-    """How far middles of boxes are off, and how the boxes' middles move with the object."""
-    geometry, inverse = shadow.geometry, np.linalg.inv(shadow.geometry.matrix)
+    """Middles of the boxes around images of points, and how these move with the points."""
+    inverse = np.linalg.inv(geometry.matrix)
     if geometry.source_cm is None:
         places = ((points_cm - geometry.pixel00_cm) @ inverse.T)[..., :2]
         middles = (places.max(axis=1) + places.min(axis=1)) / 2
-        return shadow.middle_px - middles, np.broadcast_to(inverse[:2], (len(places), 2, 3))
+        return middles, np.broadcast_to(inverse[:2], (len(places), 2, 3))
     along = (points_cm - geometry.source_cm) @ inverse.T
     depth = along[..., 2:].clip(min=0.05)
     places = along[..., :2] / depth
     middles = (places.max(axis=1) + places.min(axis=1)) / 2
     slopes = (inverse[:2] - middles[..., None] * inverse[2]) / np.median(depth, axis=1)[..., None]
-    return shadow.middle_px - middles, slopes
+    return middles, slopes

@@ -34,6 +34,7 @@ from xden_builder.registration.placement import Found, Registration, RigidPlacem
 from xden_builder.registration.reduced import USUAL_KEV
 from xden_builder.registration.shadow import Shadow, shadow_of
 from xden_builder.registration.shortlist import (
+    INCOMPLETE,
     USUAL,
     WIDE,
     Breadth,
@@ -135,6 +136,26 @@ def register(capture: Capture, order: Sequence[int]) -> Registration:
 def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness) -> _Fine:
     """Find unlike poses.
 
+    Where even the best leaves much, a part may have no mesh: its shadow leads all others astray. So
+    they are looked for once more by what light the meshes cannot have taken.
+    """
+    there = _searched_complete(capture, shadows, body, likeness)
+    if not there.doubted or capture.mesh_scale == "unknown":
+        return there
+    coarse = _coarsely(capture, shadows, body.evened(EVENED), likeness, INCOMPLETE)
+    both = coarse._replace(found=[*coarse.found, *there.found])
+    again = _finely(capture, shadows, body, likeness, both, incomplete=True)
+    best = again.found[0]
+    if there.judge.fixed(best.placement, best.growth).loss > DOUBTED_LOSS:
+        return again
+    return _finely(capture, shadows, body, likeness, coarse._replace(found=again.found))
+
+
+def _searched_complete(
+    capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness
+) -> _Fine:
+    """Find unlike poses of an object all of whose parts have meshes.
+
     Where the best leaves much, they are looked for once more, among more poses, by clouds of points
     that do not believe any label.
     """
@@ -157,11 +178,17 @@ def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness:
 
 
 def _finely(
-    capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness, coarse: _Coarse
+    capture: Capture,
+    shadows: Sequence[Shadow],
+    body: Body,
+    likeness: Likeness,
+    coarse: _Coarse,
+    *,
+    incomplete: bool = False,
 ) -> _Fine:
     """Move poses on fine images, and tell them apart."""
     found = coarse.found
-    fine = _judge(capture, shadows, body, FINE_PX, found[0].placement)
+    fine = _judge(capture, shadows, body, FINE_PX, found[0].placement, incomplete)
     near = [fine.fixed(each.placement) for each in found]
     best = all_settled(fine, unlike_of(near, likeness, body, FINAL, FINAL_APART))
     best = sorted([*best, *_turned(fine, best[0], coarse, likeness, body)], key=loss_of)
@@ -179,7 +206,7 @@ def _finely(
     leaves_much = REJUDGED_LOSS < listed[0].loss <= HOPELESS_LOSS
     if not leaves_much or side_of(shadows, FINEST_PX) == fine.side:
         return there
-    return _on_finest(capture, shadows, body, likeness, listed)
+    return _on_finest(capture, shadows, body, likeness, listed, incomplete)
 
 
 def _on_finest(
@@ -188,13 +215,14 @@ def _on_finest(
     body: Body,
     likeness: Likeness,
     listed: Sequence[Found],
+    incomplete: bool,
 ) -> _Fine:
     """Judge poses that leave much once more, on images of half the pixel.
 
     Thin metal is nothing but rim: what rays miss of it in a large pixel is no fault of the pose,
     and may have led beside it.
     """
-    finest = _judge(capture, shadows, body, FINEST_PX, listed[0].placement)
+    finest = _judge(capture, shadows, body, FINEST_PX, listed[0].placement, incomplete)
     fixed = [finest.fixed(each.placement, each.growth) for each in listed]
     tried = [*fixed, *slightly_turned(finest, fixed[0], body)]
     there = sorted((finest.refined(each, DERIVATIVES) for each in tried), key=loss_of)
@@ -208,10 +236,20 @@ def _judge(
     body: Body,
     wide_px: int,
     likely: RigidPlacement,
+    incomplete: bool,
 ) -> Judge:
     """Compare fine images; the size beside the meshes follows, but for one that was found apart."""
     sized = capture.mesh_scale != "unknown"
-    return Judge.of(capture, shadows, body, wide_px, likely, rays=MANY_RAYS, sized=sized)
+    return Judge.of(
+        capture,
+        shadows,
+        body,
+        wide_px,
+        likely,
+        rays=MANY_RAYS,
+        sized=sized,
+        incomplete=incomplete,
+    )
 
 
 class _Fine(NamedTuple):
@@ -222,8 +260,8 @@ class _Fine(NamedTuple):
 
     @property
     def doubted(self) -> bool:
-        """Whether even the best leaves much."""
-        return self.found[0].loss > DOUBTED_LOSS
+        """Whether even the best leaves much, or did before some of it was explained away."""
+        return self.judge.incomplete or self.found[0].loss > DOUBTED_LOSS
 
 
 class _Coarse(NamedTuple):
@@ -242,7 +280,8 @@ def _coarsely(
     told = _told_rotations(capture, body)
     poses, search = shortlist(shadows, body, likeness, told, scaled=scaled, breadth=breadth)
     there = [body.of_files(each) for each in poses.placements()]
-    tiny = Judge.of(capture, shadows, body, TINY_PX, there[0])
+    incomplete = breadth.incomplete
+    tiny = Judge.of(capture, shadows, body, TINY_PX, there[0], incomplete=incomplete)
     found = sorted((tiny.refined(tiny.fixed(each), 1) for each in there), key=loss_of)
     found = [*found, *least_turns(tiny.fixed, found[0], search, likeness, body, ROUGH_DEG)]
     found = close_to_best(unlike_of(found, likeness, body, SOME), HARDLY_CLOSE)
@@ -250,7 +289,8 @@ def _coarsely(
     judge = tiny
     for wide_px in _coarse_widths(shadows):
         if side_of(shadows, wide_px) != judge.side:
-            judge = Judge.of(capture, shadows, body, wide_px, found[0].placement)
+            likely = found[0].placement
+            judge = Judge.of(capture, shadows, body, wide_px, likely, incomplete=incomplete)
             found = [judge.fixed(each.placement) for each in found]
         found = close_to_best(unlike_of(found, likeness, body, COMPARED))
         found = sorted((judge.refined(each, DERIVATIVES) for each in found), key=loss_of)

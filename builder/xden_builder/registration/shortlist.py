@@ -17,6 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from xden_builder.registration.body import Body
 from xden_builder.registration.camera import Camera, Rotations, Shifts, rendered, seen
+from xden_builder.registration.content import shifts_to_content
+from xden_builder.registration.costs import explained, explained_in_part
 from xden_builder.registration.likeness import Likeness, unlike
 from xden_builder.registration.middles import own_shifts, shifts_to_middles
 from xden_builder.registration.placement import RigidPlacement
@@ -24,6 +26,7 @@ from xden_builder.registration.rotations import spread_rotations
 from xden_builder.registration.shadow import Shadow
 
 __all__ = [
+    "INCOMPLETE",
     "USUAL",
     "WIDE",
     "Breadth",
@@ -66,18 +69,23 @@ class Breadth:
         Rotations to begin with.
     first, second, last
         Poses that are kept for the coarse images, for the finer ones, and in the end.
+    incomplete
+        Whether a part of the object may have no mesh.
     """
 
     spread: int
     first: int
     second: int
     last: int
+    incomplete: bool = False
 
 
 USUAL: Final = Breadth(4608, 320, 50, 14)
 """Begins with rotations about ten degrees from any there is."""
 WIDE: Final = Breadth(4608, 640, 100, 20)
 """For an object that was hardly found."""
+INCOMPLETE: Final = Breadth(4608, 640, 100, 20, incomplete=True)
+"""For one that still was not."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,20 +137,46 @@ class Poses:
 class Search:
     """A body before its shadows, at one resolution."""
 
-    def __init__(self, shadows: Sequence[Shadow], body: Body, cells: int, wide_px: int) -> None:
+    def __init__(
+        self,
+        shadows: Sequence[Shadow],
+        body: Body,
+        cells: int,
+        wide_px: int,
+        *,
+        incomplete: bool = False,
+    ) -> None:
         self.shadows, self.rim_cm = shadows, body.rim_cm
         self.cameras = [Camera.of(shadow, wide_px) for shadow in shadows]
         self.cloud, self.radius_cm = body.cloud(cells), body.radius_cm
         self.seen = seen(self.cameras)
         self.step_cm = STEP_PX * min(camera.pixel_cm for camera in self.cameras)
+        self._explained = explained_in_part if incomplete else explained
 
     def judged(self, linear: Rotations, shifts: Shifts) -> Poses:
         """Work out the costs of poses."""
         costs = [
-            _explained(self._render(linear[start:][:BATCH], shifts[start:][:BATCH]), self.seen)[0]
+            self._explained(
+                self._render(linear[start:][:BATCH], shifts[start:][:BATCH]), self.seen
+            ).costs
             for start in range(0, len(linear), BATCH)
         ]
         return Poses(linear, shifts, np.concatenate([np.empty(0), *costs]))
+
+    def led_to_content(self, linear: Rotations, shifts: Shifts) -> Poses:
+        """Shift each pose to where it explains most of what is seen, boxes apart."""
+        told = [
+            camera
+            for camera, shadow in zip(self.cameras, self.shadows, strict=True)
+            if not shadow.turned
+        ]
+        tries = [
+            self.judged(linear, each)
+            for each in shifts_to_content(told, self.cloud, linear, shifts)
+        ]
+        costs, found = np.array([each.costs for each in tries]), [each.shifts for each in tries]
+        best = costs.argmin(axis=0)
+        return Poses(linear, np.choose(best[:, None], found), costs.min(axis=0))
 
     def _render(self, linear: Rotations, shifts: Shifts) -> Float32[np.ndarray, "b n"]:
         each = [shifts + own_shifts(shadow, self.rim_cm, linear, shifts) for shadow in self.shadows]
@@ -152,22 +186,25 @@ class Search:
         """Follow the derivatives from all poses at once (Levenberg-Marquardt)."""
         linear, shifts = poses.linear, poses.shifts
         images = self._render(linear, shifts)
-        costs, gains = _explained(images, self.seen)
+        costs, gains, weights = self._explained(images, self.seen)
         damping = np.full(len(linear), FIRST_DAMPING)
         for _ in range(steps):
             slopes = self._slopes(linear, shifts, images, gains, scaled=scaled)
             off = gains[:, None] * images - self.seen
-            moves = _step(slopes, off, damping).clip(
+            moves = _step(slopes, off, weights, damping).clip(
                 -LONGEST_STEP * self.radius_cm, LONGEST_STEP * self.radius_cm
             )
             new_linear, new_shifts = self._moved(linear, shifts, moves)
             new_images = self._render(new_linear, new_shifts)
-            new_costs, new_gains = _explained(new_images, self.seen)
-            better = new_costs < costs
+            there = self._explained(new_images, self.seen)
+            better = there.costs < costs
             linear = np.where(better[:, None, None], new_linear, linear)
             shifts = np.where(better[:, None], new_shifts, shifts)
             images = np.where(better[:, None], new_images, images)
-            costs, gains = np.where(better, new_costs, costs), np.where(better, new_gains, gains)
+            costs = np.where(better, there.costs, costs)
+            gains = np.where(better, there.gains, gains)
+            if weights is not None and there.weights is not None:
+                weights = np.where(better[:, None], there.weights, weights)
             damping = np.where(better, damping / 5, damping * 10)
         return Poses(linear, shifts, costs)
 
@@ -198,21 +235,16 @@ class Search:
         return growth * (turns @ linear), shifts + moves[:, 3:6]
 
 
-def _explained(
-    images: Float32[np.ndarray, "b n"], wanted: Float32[np.ndarray, "n"]
-) -> tuple[Float64[np.ndarray, "b"], Float64[np.ndarray, "b"]]:
-    """Share of the wanted features that each image leaves at its best gain, and that gain."""
-    alike = (images @ wanted).astype(np.float64)
-    own = np.einsum("bn,bn->b", images, images).astype(np.float64) + 1e-12
-    return 1 - alike**2 / (own * float(wanted @ wanted)), alike / own
-
-
 def _step(
     slopes: Float32[np.ndarray, "b u n"],
     off: Float64[np.ndarray, "b n"],
+    weights: Float64[np.ndarray, "b n"] | None,
     damping: Float64[np.ndarray, "b"],
 ) -> Float64[np.ndarray, "b m"]:
     """Damped Gauss-Newton steps, without that of the gain."""
+    if weights is not None:
+        root = np.sqrt(weights, dtype=np.float32)
+        slopes, off = slopes * root[:, None], off * root
     curvature = (slopes @ slopes.transpose(0, 2, 1)).astype(np.float64)
     gradient = np.einsum("bun,bn->bu", slopes, off)
     own = np.einsum("buu->bu", curvature)
@@ -255,9 +287,11 @@ def shortlist(
     linear = (spread_rotations(breadth.spread) if rotations is None else rotations).as_matrix()
     if scaled:
         linear = _scales(shadows, body.rim_cm, linear)[:, None, None] * linear
-    coarse = Search(shadows, body, COARSE_CELLS, COARSE_PX)
-    fine = Search(shadows, body, FINE_CELLS, FINE_PX)
-    first = coarse.judged(linear, shifts_to_middles(shadows, body.rim_cm, linear))
+    incomplete = breadth.incomplete
+    coarse = Search(shadows, body, COARSE_CELLS, COARSE_PX, incomplete=incomplete)
+    fine = Search(shadows, body, FINE_CELLS, FINE_PX, incomplete=incomplete)
+    shifts = shifts_to_middles(shadows, body.rim_cm, linear)
+    first = coarse.led_to_content(linear, shifts) if incomplete else coarse.judged(linear, shifts)
     first = first.best_first()
     axis = round_axis(body, likeness)
     some = range(breadth.first) if axis is None else distinct(first, breadth.first, axis)
