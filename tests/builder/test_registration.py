@@ -27,7 +27,7 @@ from xden_builder.registration.ball import ball_turns, is_ball
 from xden_builder.registration.body import Body
 from xden_builder.registration.camera import Camera
 from xden_builder.registration.contest import told_apart
-from xden_builder.registration.costs import LOST, explained_in_part
+from xden_builder.registration.costs import explained_in_part
 from xden_builder.registration.exact import Judge
 from xden_builder.registration.kinds import close_to_best, unlike_of
 from xden_builder.registration.likeness import Likeness, unlike
@@ -36,7 +36,14 @@ from xden_builder.registration.placement import Found, Registration, RigidPlacem
 from xden_builder.registration.rotations import spread_rotations
 from xden_builder.registration.search import register
 from xden_builder.registration.shadow import Shadow, shadow_of
-from xden_builder.registration.shortlist import Search, distinct, round_axis
+from xden_builder.registration.shortlist import (
+    INCOMPLETE,
+    WIDE,
+    Search,
+    distinct,
+    round_axis,
+    shortlist,
+)
 from xden_builder.registration.steps import settled
 from xden_builder.registration.turns import box_turned, least_turns, lowest_beside
 
@@ -102,15 +109,16 @@ def test_an_object_of_known_rotation_is_shifted_to_where_it_is(cone: bool) -> No
     assert shift == pytest.approx(turn.apply(body.middle_cm) + there, abs=0.1)
 
 
-def test_edges_tell_where_an_object_is_beside_what_has_no_mesh() -> None:
+@pytest.mark.parametrize("cone", [True, False])
+def test_edges_tell_where_an_object_is_beside_what_has_no_mesh(cone: bool) -> None:
     turn, there = Rotation.from_rotvec([0.3, -0.8, 1.1]), np.array([0.7, -1.2, 0.5])
     meshes = [trimesh.Trimesh(turn.apply(m.vertices) + there, m.faces) for m in pear()]
     beside = trimesh.creation.icosphere(3, 1.5).apply_translation([4.5, -3.5, -4.0])
-    seen, body = shadows([*meshes, beside]), body_of(pear())
+    seen, body = shadows([*meshes, beside], cone=cone), body_of(pear())
     wanted = turn.apply(body.middle_cm) + there
     linear = turn.as_matrix()[None]
     by_boxes = shifts_to_middles(seen, body.rim_cm, linear)
-    search = Search(seen, body, 16, 36, incomplete=True)
+    search = Search(seen, body, 16, 16, incomplete=True)
     by_edges = search.led_to_content(linear, by_boxes).shifts[0]
     assert np.linalg.norm(by_boxes[0] - wanted) > 1
     assert by_edges == pytest.approx(wanted, abs=search.cameras[0].pixel_cm)
@@ -127,8 +135,10 @@ def test_what_no_mesh_explains_is_forgiven_and_what_meshes_would_darken_is_not()
     assert here == pytest.approx(0, abs=1e-6)
     assert gain == pytest.approx(1)
     assert its == pytest.approx(1, abs=0.05)
-    assert forgiven * (more @ more) < 4 * LOST**2
-    assert refused * (less @ less) > 2 * 4 * LOST**2
+    empty = np.zeros_like(image)
+    assert explained_in_part(empty[None], more).costs == pytest.approx(1)
+    assert forgiven < 0.5
+    assert refused > 2 * forgiven
 
 
 def test_a_turned_view_shifts_its_own_shadow_and_no_other() -> None:
@@ -710,19 +720,45 @@ def test_registration_is_the_same_each_time(hammer: Capture) -> None:
     assert one == other
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("missing", ["grip", "level", "counterweight"])
-def test_an_object_is_found_without_the_mesh_of_one_part(missing: str) -> None:
-    solids = (
-        Solid("blade", box((0.7, 0.25, 4.5), (0.3, 0.2, 2.0)), "steel", 7.82),
-        Solid("grip", box((2.4, 2.0, 3.0), (0, 0, -1.5)), "pp", 0.91),
-        Solid("level", cylinder(0.9, 2.6, (1.9, 0.5, -1.2)), "water", 1.0),
-        Solid("counterweight", box((1.6, 1.2, 1.0), (-1.2, 0.6, 2.4)), "steel", 7.82),
+def without(missing: str) -> Capture:
+    """Give a tool in its place, unlike itself however turned, without one part's mesh."""
+    whole = captured(
+        (
+            Solid("blade", box((0.7, 0.25, 4.5), (0.3, 0.2, 2.0)), "steel", 7.82),
+            Solid("grip", box((2.4, 2.0, 3.0), (0, 0, -1.5)), "pp", 0.91),
+            Solid("level", cylinder(0.9, 2.6, (1.9, 0.5, -1.2)), "water", 1.0),
+            Solid("counterweight", box((1.6, 1.2, 1.0), (-1.2, 0.6, 2.4)), "steel", 7.82),
+        )
     )
-    whole = captured(solids)
-    rest = replace(whole, parts=tuple(part for part in whole.parts if part.name != missing))
+    return replace(whole, parts=tuple(part for part in whole.parts if part.name != missing))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("missing", ["blade", "grip", "level"])
+def test_a_search_for_what_meshes_explain_is_not_led_astray_by_a_part_without_one(
+    missing: str,
+) -> None:
+    capture = without(missing)
+    meshes = [part.mesh for part in capture.parts]
+    lac_per_cm = [2.0 if part.material == "steel" else 0.2 for part in capture.parts]
+    body = Body.of(meshes, [0, 1, 2], np.array(lac_per_cm))
+    views, likeness = [shadow_of(view) for view in capture.fitted_views], Likeness(body)
+    there = body.placed(at(Rotation.identity()))
+    wide, incomplete = (
+        [
+            likeness.distance_cm(there, each) / body.radius_cm
+            for each in shortlist(views, body, likeness, breadth=breadth)[0].placements()
+        ]
+        for breadth in (WIDE, INCOMPLETE)
+    )
+    assert incomplete[0] < 0.04 < min(wide)
+
+
+@pytest.mark.slow
+def test_an_object_without_the_mesh_of_a_part_is_found_and_doubted() -> None:
+    rest = without("level")
     registration = found(astray(rest))
-    assert largest_error_cm(rest, registration) < 0.02  # 0.023 to 0.026 where its shadow counts
+    assert largest_error_cm(rest, registration) < 0.02  # 0.026 where its shadow counts in full
     assert "pose_not_found" in registration.flags
 
 

@@ -26,7 +26,7 @@ from xden_builder.poly.model.frames import Pose
 from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.size import SIZE_SDS_MOST, Size
-from xden_builder.poly.pyramid import Level, Target, Window, density_bounds, window
+from xden_builder.poly.pyramid import LOST_FROM, Level, Target, Window, density_bounds, window
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import Guess
 
@@ -212,9 +212,12 @@ def refine_pose(
     if poses.sized:
         low[-1], high[-1] = -SIZE_SDS_MOST * size_sd, SIZE_SDS_MOST * size_sd
     best = rms_before = None
-    for binning, most in _binnings(views, any(poses.turned)):
+    binnings = _binnings(views, any(poses.turned))
+    for number, (binning, most) in enumerate(binnings, start=1):
         windows = _windows(target, poses, starts[0][-poses.count :], binning)
         level = Level.of(target, poses, windows, binning)
+        if number == len(binnings):  # not before: far off, its own shadow seems another's
+            level = replace(level, lost_from=LOST_FROM)
         if best is not None and not any(poses.turned):
             starts = [min(starts[0], _as_told(starts[0], poses), key=level.loss_at)]
         ends = [descend(level, start, most, low, high) for start in starts]

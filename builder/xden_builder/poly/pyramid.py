@@ -160,8 +160,8 @@ class Level:
     """Rays along each side of a pixel of each view."""
     step_cm: float = STEPS_CM
     """Of a central difference, for each pixel that is averaged along a side."""
-    lost_from: float = LOST_FROM
-    """Residual from which on light is taken for lost in what has no mesh."""
+    lost_from: float = np.inf
+    """Residual from which on light is taken for lost in what has no mesh; nowhere by default."""
     latest: dict[tuple[int, bytes], PathLengths] = field(default_factory=dict, init=False)
     """Path lengths of the views in the poses asked for last: a descent comes back to them."""
 
@@ -235,7 +235,7 @@ class Level:
         return loss
 
     def tempered(self, off: Float64[np.ndarray, "_n"]) -> float:
-        """Sum squares of residuals that count, large ones tempered."""
+        """Sum of squares of residuals that count, large ones tempered."""
         return huber.tempered(off, self.lost_from)
 
     def weights_of(self, off: Float64[np.ndarray, "_n"]) -> Float64[np.ndarray, "_n"]:

@@ -34,6 +34,8 @@ def shifts_to_content(
 ) -> Iterator[Shifts]:
     """Yield shifts with which images of the object resemble parts of the measured ones.
 
+    There are two places in each view, so that of v views 2**v shifts come for each pose.
+
     Parameters
     ----------
     cameras

@@ -22,7 +22,7 @@ class Explained(NamedTuple):
     Parameters
     ----------
     costs
-        Share of the wanted features' squares that is left.
+        What is left, as a share of what an empty image leaves.
     gains
         By which features are multiplied, of each pose.
     weights
@@ -55,8 +55,9 @@ def explained_in_part(
         alike = np.einsum("bn,bn,n->b", weights, images, wanted)
         gains = (alike / (np.einsum("bn,bn,bn->b", weights, images, images) + 1e-12)).clip(*GAINS)
     off, share = gains[:, None] * images - wanted, _lost_share(gains, images, wanted)
-    costs = np.einsum("bn,bn,bn->b", share, off, off) / float(wanted @ wanted)
-    return Explained(costs, gains, share**2)
+    left = np.einsum("bn,bn,bn->b", share, off, off)
+    empty = float((LOST**2 * wanted**2 / (LOST**2 + wanted**2)).sum())
+    return Explained(left / empty, gains, share**2)
 
 
 def _lost_share(

@@ -106,6 +106,7 @@ class Found:
         Of the meshes.
     loss
         Mean squared residual of transmission in units of 0.05, large ones tempered; of all views.
+        Where a part may have no mesh, light that the model has too much of hardly counts.
     density_g_cm3
         Shape (K,): the parts' densities that go with it, coarsely.
     deviance

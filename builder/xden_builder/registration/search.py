@@ -137,18 +137,27 @@ def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness:
     """Find unlike poses.
 
     Where even the best leaves much, a part may have no mesh: its shadow leads all others astray. So
-    they are looked for once more by what light the meshes cannot have taken.
+    they are looked for once more by what light the meshes cannot have taken, unless a scale is
+    sought or a view was turned: both are led by the boxes around the shadows.
     """
     there = _searched_complete(capture, shadows, body, likeness)
-    if not there.doubted or capture.mesh_scale == "unknown":
+    boxed = capture.mesh_scale == "unknown" or any(shadow.turned for shadow in shadows)
+    if boxed or not there.doubted:
         return there
     coarse = _coarsely(capture, shadows, body.evened(EVENED), likeness, INCOMPLETE)
     both = coarse._replace(found=[*coarse.found, *there.found])
     again = _finely(capture, shadows, body, likeness, both, incomplete=True)
     best = again.found[0]
-    if there.judge.fixed(best.placement, best.growth).loss > DOUBTED_LOSS:
+    if there.judge.fixed(best.placement, best.growth).loss <= DOUBTED_LOSS:
+        plain = _finely(capture, shadows, body, likeness, coarse._replace(found=again.found))
+        return min(there, plain, key=lambda each: each.found[0].loss)
+    stayed = settled(
+        again.judge, again.judge.fixed(there.found[0].placement, there.found[0].growth)
+    )
+    unlike = apart(best.placement, stayed.placement, likeness, body)
+    if not unlike or stayed.loss > most_of_rivals(best):
         return again
-    return _finely(capture, shadows, body, likeness, coarse._replace(found=again.found))
+    return again._replace(found=first_of_like([stayed, *again.found], likeness, body, LISTED))
 
 
 def _searched_complete(
@@ -189,7 +198,7 @@ def _finely(
     """Move poses on fine images, and tell them apart."""
     found = coarse.found
     fine = _judge(capture, shadows, body, FINE_PX, found[0].placement, incomplete)
-    near = [fine.fixed(each.placement) for each in found]
+    near = [fine.fixed(each.placement, each.growth) for each in found]
     best = all_settled(fine, unlike_of(near, likeness, body, FINAL, FINAL_APART))
     best = sorted([*best, *_turned(fine, best[0], coarse, likeness, body)], key=loss_of)
     if capture.mesh_scale == "unknown":
@@ -200,7 +209,7 @@ def _finely(
         if best[0].loss > WORTH_ANOTHER * before:
             break
     rivals = unlike_of(best, likeness.strict, body, LISTED, RIVALS_APART * same_share(body))
-    told = told_apart(capture, body.order, shadows, rivals)
+    told = rivals if incomplete else told_apart(capture, body.order, shadows, rivals)
     listed = first_of_like([*told, *sorted(near, key=loss_of)], likeness, body, LISTED)
     there = _Fine(listed, fine)
     leaves_much = REJUDGED_LOSS < listed[0].loss <= HOPELESS_LOSS
@@ -226,7 +235,9 @@ def _on_finest(
     fixed = [finest.fixed(each.placement, each.growth) for each in listed]
     tried = [*fixed, *slightly_turned(finest, fixed[0], body)]
     there = sorted((finest.refined(each, DERIVATIVES) for each in tried), key=loss_of)
-    told = told_apart(capture, body.order, shadows, unlike_of(there, likeness, body, LISTED))
+    told = unlike_of(there, likeness, body, LISTED)
+    if not incomplete:
+        told = told_apart(capture, body.order, shadows, told)
     return _Fine(first_of_like(told, likeness, body, LISTED), finest)
 
 

@@ -1,8 +1,9 @@
 """From no pose at all to a dozen unlike ones, by few points on few pixels.
 
 Rotations are spread evenly over all there are; each is shifted until its shadows lie where the
-measured ones do. The best few hundred follow the derivatives on very coarse images, the best few
-dozen of those on finer ones, together with their half turns, which outlines hardly tell apart.
+measured ones do or, where a part may have no mesh, until it looks like some of them. The best few
+hundred follow the derivatives on very coarse images, the best few dozen of those on finer ones,
+together with their half turns, which outlines hardly tell apart.
 """
 
 from __future__ import annotations
@@ -48,6 +49,9 @@ COARSE_STEPS, FINE_STEPS = 3, 4
 DISTINCT_RAD: Final = np.radians(6.0)
 ROUND_RAD: Final = np.radians([25, 70, 115, 160]).tolist()
 """Turns about an axis that leave only what is round where it was."""
+MOST_SHIFTING: Final = 3
+"""Views that say where an object is by what they show of it: pairs of places in each are combined.
+"""
 LEADING: Final = 6
 """How many are half turned too."""
 APART_SHARE: Final = 0.015
@@ -85,7 +89,7 @@ USUAL: Final = Breadth(4608, 320, 50, 14)
 WIDE: Final = Breadth(4608, 640, 100, 20)
 """For an object that was hardly found."""
 INCOMPLETE: Final = Breadth(4608, 640, 100, 20, incomplete=True)
-"""For one that still was not."""
+"""For one of which even the best pose leaves much."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,19 +168,20 @@ class Search:
         return Poses(linear, shifts, np.concatenate([np.empty(0), *costs]))
 
     def led_to_content(self, linear: Rotations, shifts: Shifts) -> Poses:
-        """Shift each pose to where it explains most of what is seen, boxes apart."""
-        told = [
-            camera
-            for camera, shadow in zip(self.cameras, self.shadows, strict=True)
-            if not shadow.turned
-        ]
+        """Shift poses, unless they are better as they are, to where they explain what is seen.
+
+        The boxes around the shadows play no part.
+        """
+        told = self.cameras[:MOST_SHIFTING]
         tries = [
             self.judged(linear, each)
-            for each in shifts_to_content(told, self.cloud, linear, shifts)
+            for each in (shifts, *shifts_to_content(told, self.cloud, linear, shifts))
         ]
-        costs, found = np.array([each.costs for each in tries]), [each.shifts for each in tries]
-        best = costs.argmin(axis=0)
-        return Poses(linear, np.choose(best[:, None], found), costs.min(axis=0))
+        costs, found = (
+            np.array(each) for each in zip(*((t.costs, t.shifts) for t in tries), strict=True)
+        )
+        best = costs.argmin(axis=0), np.arange(len(linear))
+        return Poses(linear, found[best], costs[best])
 
     def _render(self, linear: Rotations, shifts: Shifts) -> Float32[np.ndarray, "b n"]:
         each = [shifts + own_shifts(shadow, self.rim_cm, linear, shifts) for shadow in self.shadows]
