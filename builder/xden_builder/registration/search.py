@@ -276,10 +276,9 @@ class _Fine(NamedTuple):
 
 
 class _Coarse(NamedTuple):
-    """Few poses, the best first, what compared them, and what found them by points."""
+    """Few poses, the best first, and what found them by points."""
 
     found: list[Found]
-    judge: Judge
     search: Search
 
 
@@ -307,7 +306,7 @@ def _coarsely(
         found = sorted((judge.refined(each, DERIVATIVES) for each in found), key=loss_of)
     if scaled:
         found = sorted((rescaled(judge, each, body, SCALE_SHARES) for each in found), key=loss_of)
-    return _Coarse(found, judge, search)
+    return _Coarse(found, search)
 
 
 def _coarse_widths(shadows: Sequence[Shadow]) -> Iterator[int]:
