@@ -139,12 +139,12 @@ def test_slopes_by_a_shift_along_the_beam_are_those_of_the_images(beam) -> None:
         assert np.linalg.norm(told_by_others - seen) < 0.25 * np.linalg.norm(seen)
 
 
-def test_a_view_that_was_turned_by_hand_tells_nothing_of_the_size(scanned: Capture) -> None:
-    """Each view has its own way to the source then, which no other view tells."""
+def test_a_view_that_was_turned_by_hand_tells_little_of_the_size(scanned: Capture) -> None:
+    """Each view has its own way to the source then, told by how far off it may be laid alone."""
     both = size_of(handed_over(scanned, 1.006, "known"))
     turned = size_of(replace(handed_over(scanned, 1.006, "known"), turned=frozenset({"lat"})))
-    assert both.sd < 0.7 * SIZE_SDS["known"] < turned.sd
-    assert abs(turned.factor - 1) < abs(both.factor - 1)
+    assert both.sd < 0.3 * SIZE_SDS["known"] < 0.6 * turned.sd
+    assert abs(both.factor - 1.006) < abs(turned.factor - 1.006) < turned.sd
 
 
 def test_the_size_needs_no_source_to_be_known(scanned: Capture) -> None:

@@ -16,7 +16,7 @@ from xden1k.values.arrays import Vec3
 from xden_builder.poly.descent import descend
 from xden_builder.poly.model.frames import Pose, coarse
 from xden_builder.poly.model.poses import Poses
-from xden_builder.poly.pyramid import Level, Target, density_bounds, window
+from xden_builder.poly.pyramid import Level, Target, window
 
 __all__ = ["aligned"]
 
@@ -77,7 +77,7 @@ def _densities(
     windows = [window(view.geometry, shared.points_cm, binning) for view in shared.views]
     level = Level.of(shared, poses, windows, binning)
     start = shared.start(density_g_cm3, np.zeros(poses.count))
-    bounds = density_bounds(density_g_cm3, len(start))
+    bounds = shared.bounds(density_g_cm3, poses.count)
     return descend(level, start, MOST_DERIVATIVES, *bounds).unknowns[: len(density_g_cm3)]
 
 
@@ -122,7 +122,7 @@ def _search(whole: Level, density_g_cm3: Float64[np.ndarray, "k"], turn: Vec3) -
     around = window(geometry, target.points_cm, whole.binning)
     level = Level.of(target, poses, [around], whole.binning)
     start = target.start(density_g_cm3, pose)
-    bounds = density_bounds(density_g_cm3, len(start), TOLD_SHARES)
+    bounds = target.bounds(density_g_cm3, poses.count, TOLD_SHARES)
     return descend(level, start, MOST_DERIVATIVES, *bounds).unknowns
 
 

@@ -55,11 +55,12 @@ def descend(
 
     Derivatives cost a dozen times as much as residuals, so several steps share them. A step that
     gains nothing is refused; the same with more damping, which it would not feel, is passed over.
+    The images are believed anew with each derivative; the loss is as they are believed last.
     """
     damping, before = FIRST_DAMPING, None
     for _ in range(most):
         residuals, slopes = level.residuals_and_slopes(unknowns)
-        before = before or residuals
+        before, level = before or residuals, level.believed(residuals)
         here = first = level.evaluate(unknowns, residuals, slopes)
         refused = False
         for _ in range(MOST_STEPS):

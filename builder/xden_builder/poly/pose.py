@@ -26,15 +26,15 @@ from xden_builder.poly.model.frames import Pose
 from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.size import SIZE_SDS_MOST, Size
-from xden_builder.poly.pyramid import LOST_FROM, Level, Target, Window, density_bounds, window
+from xden_builder.poly.pyramid import LOST_FROM, Level, Target, Window, window
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import Guess
 
 __all__ = ["Placement", "PoseFit", "find_pose", "refine_pose"]
 
-BINNINGS: Final = ((8, 2), (4, 2), (2, 3))
+BINNINGS: Final = ((8, 2), (4, 2), (2, 5))
 """Pixels averaged along each side, and how often derivatives are taken on such images."""
-TURNED_BINNINGS: Final = ((8, 3), (4, 3), (2, 2))
+TURNED_BINNINGS: Final = ((8, 3), (4, 3), (2, 4))
 """The same where a view has a pose of its own, farther off."""
 SMALL_PX: Final = 384
 """Of images that are smaller half as many pixels are averaged, where no view was turned."""
@@ -208,7 +208,7 @@ def refine_pose(
     starts = [target.start(density_g_cm3, np.zeros(poses.count))]
     if any(poses.turned):
         starts = aligned(target, poses, density_g_cm3)
-    low, high = density_bounds(density_g_cm3, len(starts[0]))
+    low, high = target.bounds(density_g_cm3, poses.count)
     if poses.sized:
         low[-1], high[-1] = -SIZE_SDS_MOST * size_sd, SIZE_SDS_MOST * size_sd
     best = rms_before = None
@@ -217,13 +217,13 @@ def refine_pose(
         windows = _windows(target, poses, starts[0][-poses.count :], binning)
         level = Level.of(target, poses, windows, binning)
         if number == len(binnings):  # not before: far off, its own shadow seems another's
-            level = replace(level, lost_from=LOST_FROM)
+            level = replace(level, lost_from=LOST_FROM, weighs=True)
         if best is not None and not any(poses.turned):
             starts = [min(starts[0], _as_told(starts[0], poses), key=level.loss_at)]
         ends = [descend(level, start, most, low, high) for start in starts]
         if rms_before is None:
             rms_before = level.rms(ends[0].before)
-        best = min(ends, key=lambda end: end.there.loss)
+        best = min(ends, key=lambda end: level.loss(end.unknowns, end.residuals))
         starts = [best.unknowns]
     assert best is not None
     assert rms_before is not None
@@ -235,7 +235,7 @@ def refine_pose(
         unknowns=unknowns[-poses.count :],
         sd=np.sqrt(covariance.diagonal()[-poses.count :].clip(min=0)),
         density_g_cm3=unknowns[: len(meshes)],
-        gain=unknowns[len(meshes) : -poses.count],
+        gain=unknowns[len(meshes) :][: len(views)],
         rms_before=rms_before,
         rms_after=level.rms(residuals),
     )

@@ -26,29 +26,32 @@ from xden_builder.poly.model.direct import transmissions, transmissions_and_slop
 from xden_builder.poly.model.frames import any_of, binned, coarse
 from xden_builder.poly.model.motion import Gradient, slopes_by_pose
 from xden_builder.poly.model.poses import Poses
+from xden_builder.poly.model.stray import GLARE, spread_by_glare
 
 __all__ = [
     "LOST_FROM",
     "Averaged",
+    "Bounds",
     "Level",
     "Target",
     "Window",
-    "density_bounds",
     "subrays_of",
     "window",
 ]
 
 Window = tuple[slice, slice]
 """Rows and columns of an image."""
+Bounds = tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u"]]
+"""Least and most unknowns."""
 
 STEPS_CM: Final = 0.02
 """Of a central difference at full resolution, times the binning.
 
 Rotations and a change of size move the rim as far.
 """
-DENSITY_SHARES: Final = (0.3, 10.0)
+DENSITY_SHARES: Final = (0.1, 10.0)
 """Least and most density in shares of the first guess: a part that fades away has no pose."""
-RAYS: Final = 30_000
+RAYS: Final = 90_000
 """Through the object in a view, about: the fewer pixels it has, the more of them stand in each."""
 MOST_SUBRAYS: Final = 8
 """Along each side of a pixel."""
@@ -59,6 +62,8 @@ LOST_FROM: Final = 2.5
 """Of these: how much too bright the model is where something without a mesh took the light."""
 WORTH: Final = 400.0
 """Independent observations that all pixels together are worth: their errors hang together."""
+LEAST_LEFT: Final = 0.01
+"""Mean square of residuals in ``PIXEL_SD``, below which a model is not believed to be better."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +117,31 @@ class Target:
     def start(
         self, density_g_cm3: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "p"]
     ) -> Float64[np.ndarray, "u"]:
-        """Gather unknowns: densities, the usual gain of each view, and those of the poses."""
-        return np.concatenate([density_g_cm3, [mean for mean, _ in self.gains], pose])
+        """Gather unknowns: densities, usual gain and glare of each view, and those of the poses."""
+        gains, glares = [mean for mean, _ in self.gains], [GLARE[0]] * len(self.gains)
+        return np.concatenate([density_g_cm3, gains, glares, pose])
+
+    def bounds(
+        self,
+        density_g_cm3: Float64[np.ndarray, "k"],
+        poses: int,
+        shares: tuple[float, float] = DENSITY_SHARES,
+    ) -> Bounds:
+        """Bounds of the unknowns: shares of some densities, what glare can be, none of the others.
+
+        Parameters
+        ----------
+        density_g_cm3
+            Shape (K,).
+        poses
+            Count of their unknowns.
+        shares
+            Least and most.
+        """
+        gains, rest = np.full(len(self.gains), np.inf), np.full(poses, np.inf)
+        (least, most), (dark, bright) = shares, np.repeat([GLARE[2:]], len(gains), axis=0).T
+        low = np.concatenate([least * density_g_cm3, -gains, dark, -rest])
+        return low, np.concatenate([most * density_g_cm3, gains, bright, rest])
 
 
 class Averaged(NamedTuple):
@@ -125,23 +153,31 @@ class Averaged(NamedTuple):
         Transmission, and which bins have any valid pixel.
     at_least
         Which bins hold a pixel that is known from below alone.
+    glare
+        What each gets of light that spreads in the scintillator, less what it loses, by a share
+        of 1.
     """
 
     image: Image
     known: Mask
     at_least: Mask
+    glare: Float64[np.ndarray, "rows columns"]
 
     @classmethod
     def of(cls, view: XRayView, saturated: Mask, binning: int) -> Averaged:
         """Average a radiograph."""
-        return cls(*binned(view, binning), any_of(saturated, binning))
+        image, known = binned(view, binning)
+        pixel_cm = float(np.linalg.norm(coarse(view.geometry, binning).column_step_cm))
+        light = np.where(known, image, 1.0)
+        glare = spread_by_glare(light, pixel_cm) - light
+        return cls(image, known, any_of(saturated, binning), glare)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Level:
     """Images averaged over ``binning * binning`` pixels, compared in windows.
 
-    Unknowns: K densities, a gain of each view, and those of the poses.
+    Unknowns: K densities, a gain of each view, a share of glare of each, and those of the poses.
     """
 
     target: Target
@@ -153,6 +189,8 @@ class Level:
     places: Sequence[Int64[np.ndarray, "_pixels"]]
     """Number of each pixel among the compared ones, -1 where it is not."""
     measured: Sequence[Float64[np.ndarray, "_p"]]
+    glare: Sequence[Float64[np.ndarray, "_p"]]
+    """As of :class:`Averaged`, of the compared pixels."""
     at_least: Sequence[Bool[np.ndarray, "_p"]]
     weights: Sequence[Float64[np.ndarray, "_p groups"]]
     """Shares of the energy groups in the open field of the compared pixels."""
@@ -162,6 +200,10 @@ class Level:
     """Of a central difference, for each pixel that is averaged along a side."""
     lost_from: float = np.inf
     """Residual from which on light is taken for lost in what has no mesh; nowhere by default."""
+    weighs: bool = False
+    """Whether a descent believes the images as far as the model explains them."""
+    worth: float = WORTH
+    """Independent observations, of errors of ``PIXEL_SD``, that all pixels together are worth."""
     latest: dict[tuple[int, bytes], PathLengths] = field(default_factory=dict, init=False)
     """Path lengths of the views in the poses asked for last: a descent comes back to them."""
 
@@ -185,14 +227,15 @@ class Level:
         if images is None:
             pairs = zip(target.views, target.saturated, strict=True)
             images = [Averaged.of(view, saturated, binning) for view, saturated in pairs]
-        masks, places, measured, at_least, weights = [], [], [], [], []
-        for (image, known, full), beam, inside in zip(images, target.beams, windows, strict=True):
-            mask = np.zeros_like(known)
-            mask[inside] = known[inside]
+        masks, places, measured, glare, at_least, weights = [], [], [], [], [], []
+        for each, beam, inside in zip(images, target.beams, windows, strict=True):
+            mask = np.zeros_like(each.known)
+            mask[inside] = each.known[inside]
             masks.append(mask)
             places.append(np.where(mask, mask.cumsum().reshape(mask.shape) - 1, -1).ravel())
-            measured.append(image[mask].astype(np.float64))
-            at_least.append(full[mask])
+            measured.append(each.image[mask].astype(np.float64))
+            glare.append(each.glare[mask])
+            at_least.append(each.at_least[mask])
             weights.append(beam.weights(np.flatnonzero(mask), binning))
         panels = [coarse(beam.geometry, binning) for beam in target.beams]
         if subrays is None:
@@ -200,9 +243,8 @@ class Level:
                 subrays_of(_pixels_met(target, poses, number, panel), binning)
                 for number, panel in enumerate(panels)
             ]
-        return cls(
-            target, poses, binning, panels, masks, places, measured, at_least, weights, subrays
-        )
+        seen = masks, places, measured, glare, at_least, weights
+        return cls(target, poses, binning, panels, *seen, subrays)
 
     @property
     def parts(self) -> int:
@@ -253,7 +295,21 @@ class Level:
     @property
     def share(self) -> float:
         """What a pixel counts."""
-        return min(1.0, WORTH / max(sum(map(len, self.measured)), 1))
+        return self.worth / max(sum(map(len, self.measured)), WORTH)
+
+    def believed(self, residuals: Sequence[Float64[np.ndarray, "_n"]]) -> Level:
+        """Weigh the images, if so told, by what a model leaves of them.
+
+        Where that is a hundredth of the light, errors of ``PIXEL_SD`` would leave a small object
+        where it was expected before.
+        """
+        if not self.weighs:
+            return self
+        left = sum(self.tempered(off) for _, off in self.counted(residuals))
+        mean = left / max(sum(map(len, self.measured)), 1)
+        weighed = replace(self, worth=WORTH / min(max(mean, LEAST_LEFT), 1.0))
+        weighed.latest.update(self.latest)
+        return weighed
 
     def residuals(self, unknowns: Float64[np.ndarray, "u"]) -> list[Float64[np.ndarray, "_n"]]:
         """Model less measurement of each view, in standard deviations."""
@@ -265,11 +321,13 @@ class Level:
         return [(model - seen) / PIXEL_SD for model, seen in pairs]
 
     def images(self, unknowns: Float64[np.ndarray, "u"]) -> list[Float64[np.ndarray, "_n"]]:
-        """Model of the compared pixels of each view, with its gain."""
-        density, gains, pose = self._split(unknowns)
+        """Model of the compared pixels of each view, with its gain and glare."""
+        density, gains, glares, pose = self._split(unknowns)
         return [
-            gain * self._light(number, density, self._kept(number, pose))
-            for number, gain in enumerate(gains.tolist())
+            gain * self._light(number, density, self._kept(number, pose)) + share * glare
+            for number, (gain, share, glare) in enumerate(
+                zip(gains.tolist(), glares.tolist(), self.glare, strict=True)
+            )
         ]
 
     def loss_at(self, unknowns: Float64[np.ndarray, "u"]) -> float:
@@ -283,10 +341,17 @@ class Level:
 
     def _split(
         self, unknowns: Float64[np.ndarray, "u"]
-    ) -> tuple[Float64[np.ndarray, "k"], Float64[np.ndarray, "v"], Float64[np.ndarray, "q"]]:
-        """Densities, gains and poses."""
-        rest = self.parts + len(self.target.beams)
-        return unknowns[: self.parts], unknowns[self.parts : rest], unknowns[rest:]
+    ) -> tuple[
+        Float64[np.ndarray, "k"],
+        Float64[np.ndarray, "v"],
+        Float64[np.ndarray, "v"],
+        Float64[np.ndarray, "q"],
+    ]:
+        """Densities, gains, shares of glare, and poses."""
+        views = len(self.target.beams)
+        ends = np.cumsum([self.parts, views, views]).tolist()
+        density, gains, glares, pose = np.split(unknowns, ends)
+        return density, gains, glares, pose
 
     @property
     def precision(self) -> Float64[np.ndarray, "u"]:
@@ -295,9 +360,9 @@ class Level:
 
     def _prior(self) -> tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u"]]:
         """Means, and one over the variances."""
-        gain_means, gain_sds = np.array(self.target.gains).T
-        sd = np.concatenate([np.full(self.parts, np.inf), gain_sds, self.poses.prior_sd])
-        mean = np.concatenate([np.zeros(self.parts), gain_means, np.zeros(self.poses.count)])
+        lights = np.array([*self.target.gains, *[GLARE[:2]] * len(self.target.gains)])
+        sd = np.concatenate([np.full(self.parts, np.inf), lights[:, 1], self.poses.prior_sd])
+        mean = np.concatenate([np.zeros(self.parts), lights[:, 0], np.zeros(self.poses.count)])
         return mean, sd**-2.0
 
     def residuals_and_slopes(
@@ -312,14 +377,15 @@ class Level:
         self, unknowns: Float64[np.ndarray, "u"], number: int
     ) -> tuple[Float64[np.ndarray, "_p"], Float64[np.ndarray, "_p u"]]:
         """Give the image of a view, and its derivatives."""
-        density, gains, pose = self._split(unknowns)
-        gain, seen = gains[number], self._kept(number, pose)
+        density, gains, glares, pose = self._split(unknowns)
+        gain, seen, views = gains[number], self._kept(number, pose), len(gains)
         model, slopes = self.image_and_slopes(number, density, seen)
         gradient = self._gradient(number, density, seen)
         jacobian = np.zeros((len(model), len(unknowns)))
         jacobian[:, : self.parts] = gain * slopes
         jacobian[:, self.parts + number] = model
-        jacobian[:, self.parts + len(gains) :] = gain * slopes_by_pose(
+        jacobian[:, self.parts + views + number] = self.glare[number]
+        jacobian[:, self.parts + 2 * views :] = gain * slopes_by_pose(
             self.poses,
             number,
             self.panels[number],
@@ -328,7 +394,7 @@ class Level:
             partial(self._spread, number, gradient),
             partial(self._difference, number, density, pose),
         )
-        return gain * model, jacobian
+        return gain * model + glares[number] * self.glare[number], jacobian
 
     def _gradient(
         self, number: int, density: Float64[np.ndarray, "k"], seen: PathLengths
@@ -452,14 +518,3 @@ def window(geometry: ViewGeometry, points: Float[np.ndarray, "n 3"], binning: in
     low = np.floor(places.min(axis=0) - margin).astype(int).clip(min=0)
     high = (np.ceil(places.max(axis=0) + margin).astype(int) + 1).clip(min=0)
     return slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
-
-
-def density_bounds(
-    density_g_cm3: Float64[np.ndarray, "k"],
-    count: int,
-    shares: tuple[float, float] = DENSITY_SHARES,
-) -> tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u"]]:
-    """Bounds of so many unknowns, in shares of some densities; there are none of the others."""
-    others = np.full(count - len(density_g_cm3), np.inf)
-    least, most = shares
-    return np.append(least * density_g_cm3, -others), np.append(most * density_g_cm3, others)

@@ -11,8 +11,8 @@ from jaxtyping import Float64, Int64
 from scipy.spatial.transform import Rotation
 
 from xden_builder.poly.model.poses import RIGID
-from xden_builder.poly.pyramid import Level
-from xden_builder.registration.exact import Bounds, Judge
+from xden_builder.poly.pyramid import Bounds, Level
+from xden_builder.registration.exact import Judge
 from xden_builder.registration.placement import Found, RigidPlacement
 
 __all__ = ["Around"]

@@ -160,7 +160,7 @@ class _Eye:
     ) -> _Eye:
         """Read the measured image around the middle."""
         view, beam = judge.scene.views[number].geometry, judge.scene.outlines.beams[number]
-        panel, (image, known, at_least) = judge.panel(number), judge.images[number]
+        panel, averaged = judge.panel(number), judge.images[number]
         way = _to_source(view, middle_cm)
         frame = _frames(way[None] / np.linalg.norm(way))[0]
         places = np.tensordot(rings.places_cm, scale * frame[:2], axes=(0, 0)) + middle_cm
@@ -168,7 +168,7 @@ class _Eye:
         gain = 1.0 if found.gains is None else float(found.gains[number])
         seen, told = (
             map_coordinates(each, [row, column], order=1, mode="nearest").reshape(RINGS, ANGLES)
-            for each in (image / gain, np.float64(known & ~at_least))
+            for each in (averaged.image / gain, np.float64(averaged.known & ~averaged.at_least))
         )
         away = None if view.source_cm is None else float(np.linalg.norm(way)) / scale
         middle = int(np.ravel_multi_index((panel.shape[0] // 2, panel.shape[1] // 2), panel.shape))

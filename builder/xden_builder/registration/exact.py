@@ -23,10 +23,10 @@ from xden_builder.poly.model.size import SIZE_SDS_MOST
 from xden_builder.poly.pyramid import (
     LOST_FROM,
     Averaged,
+    Bounds,
     Level,
     Target,
     Window,
-    density_bounds,
     subrays_of,
     window,
 )
@@ -39,7 +39,7 @@ from xden_builder.registration.placement import Found, RigidPlacement
 from xden_builder.registration.reduced import binning_of, reduced, widest_px
 from xden_builder.registration.shadow import Shadow
 
-__all__ = ["Bounds", "Judge", "side_of"]
+__all__ = ["Judge", "side_of"]
 
 BINNING: Final = 2
 """Of the pixels that the images are averaged to, but for small shadows."""
@@ -62,10 +62,6 @@ AIR: Final = 0.95
 """Quantile of the transmission that is taken for the open field."""
 OUTLINE_PX: Final = 2
 """By which outlines may differ, of the pixels of a large shadow."""
-
-
-Bounds = tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u"]]
-"""Least and most unknowns."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,7 +186,7 @@ class Judge:
         pose = self._start(level.poses, placement, growth)
         lengths = [level.seen(number, pose) for number in range(len(level.target.beams))]
         unknowns = level.target.start(density, np.empty(0))
-        low, high = density_bounds(density, len(unknowns), SHARES)
+        low, high = level.target.bounds(density, 0, SHARES)
         best = Found(placement, np.inf, density, growth=growth)
         for _ in range(DENSITY_STEPS + 1):
             loss, gradient, curvature = self._evaluated(level, lengths, unknowns)
@@ -215,7 +211,7 @@ class Judge:
         unknowns = level.target.start(found.density_g_cm3, pose)
         if found.gains is not None:
             unknowns[level.parts : len(unknowns) - level.poses.count] = found.gains
-        low, high = density_bounds(density, len(unknowns), SHARES)
+        low, high = level.target.bounds(density, level.poses.count, SHARES)
         if level.poses.sized:
             low[-1], high[-1] = -SIZE_SDS_MOST * self.size_sd, SIZE_SDS_MOST * self.size_sd
         return level, unknowns, (low, high)
@@ -292,19 +288,20 @@ class Judge:
     def _evaluated(
         self, level: Level, lengths: Sequence[PathLengths], unknowns: Float64[np.ndarray, "u"]
     ) -> tuple[float, Float64[np.ndarray, "u"], Float64[np.ndarray, "u u"]]:
-        """Loss, and half its derivatives by the densities and the gains."""
-        parts = level.parts
+        """Loss, and half its derivatives by the densities, the gains and the shares of glare."""
+        parts, views = level.parts, len(lengths)
         gradient, curvature = np.zeros(len(unknowns)), np.zeros((len(unknowns),) * 2)
         residuals = []
         for number, each in enumerate(lengths):
             model, by_density = level.image_and_slopes(number, unknowns[:parts], each)
-            gain = unknowns[parts + number]
-            off = (gain * model - level.measured[number]) / PIXEL_SD
+            gain, share = unknowns[[parts + number, parts + views + number]]
+            glare = level.glare[number]
+            off = (gain * model + share * glare - level.measured[number]) / PIXEL_SD
             residuals.append(off)
             mine = np.where(huber.one_sided(off, level.at_least[number]), off, 0.0)
-            slopes = np.column_stack([gain * by_density, model]) / PIXEL_SD
+            slopes = np.column_stack([gain * by_density, model, glare]) / PIXEL_SD
             weighted = slopes * level.weights_of(mine)[:, None]
-            own = [*range(parts), parts + number]
+            own = [*range(parts), parts + number, parts + views + number]
             gradient[own] += weighted.T @ mine
             curvature[np.ix_(own, own)] += weighted.T @ slopes
         return self._loss(residuals, level), gradient, curvature

@@ -113,7 +113,7 @@ class Found:
         Twice minus the logarithm of the posterior of the whole fit, and the squares that the search
         for the pose left; None where the loss alone tells the pose from all others.
     gains
-        Of the views, where the pose has been moved with them.
+        Of the views, and after them their shares of glare, where the pose has been moved with them.
     growth
         Logarithm of the object's size over that of its meshes, where it was sought along with it.
     """

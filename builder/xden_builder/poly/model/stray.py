@@ -15,7 +15,16 @@ from xden_builder.poly.model import kernels
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.frames import binned
 
-__all__ = ["FAR_CM", "NEAR_CM", "coarse_binning", "glare_of", "stray_image", "stray_light"]
+__all__ = [
+    "FAR_CM",
+    "GLARE",
+    "NEAR_CM",
+    "coarse_binning",
+    "glare_of",
+    "spread_by_glare",
+    "stray_image",
+    "stray_light",
+]
 
 Values = Float64[np.ndarray, "rows columns"]
 
@@ -24,6 +33,8 @@ FAR_CM: Final = 6.0
 """Standard deviations on the panel of the two Gaussians that scatter is made of: assumed."""
 GLARE_CM: Final = 1.0
 """Standard deviation of the light's far spread in the scintillator: assumed."""
+GLARE: Final = (0.03, 0.02, 0.0, 0.1)
+"""Mean, standard deviation, least and most of the share of the light that spreads so: assumed."""
 COARSE_PX: Final = 128
 """Stray light is smooth: about so many pixels along a side show all of it."""
 
@@ -51,7 +62,12 @@ def glare_of(view: XRayView, shape: tuple[int, int]) -> Values:
     """
     binning = view.transmission.shape[0] // shape[0]
     light = binned(view, binning)[0].astype(np.float64)
-    return np.asarray(gaussian_filter(light, GLARE_CM / _pixel_cm(view, binning), mode="nearest"))
+    return spread_by_glare(light, _pixel_cm(view, binning))
+
+
+def spread_by_glare(light: Values, pixel_cm: float) -> Values:
+    """Spread an image as light does in the scintillator; beyond its rims it is as at them."""
+    return np.asarray(gaussian_filter(light, GLARE_CM / pixel_cm, mode="nearest"))
 
 
 def stray_light(

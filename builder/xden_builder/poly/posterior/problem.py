@@ -16,6 +16,7 @@ from xden_builder.fit.levenberg import Minimum, minimise
 from xden_builder.fit.problem import Evaluation
 from xden_builder.poly.materials.stand_ins import StandIns
 from xden_builder.poly.model.pixels import ViewPixels
+from xden_builder.poly.model.stray import GLARE
 from xden_builder.poly.settings import PolySettings
 
 __all__ = ["MASS_SD_SHARE", "NUISANCES", "Box", "Mass", "Problem", "solve"]
@@ -23,9 +24,7 @@ __all__ = ["MASS_SD_SHARE", "NUISANCES", "Box", "Mass", "Problem", "solve"]
 GAIN_RANGE: Final = (0.5, MOST_GAIN)
 """Least and most of a view's gain."""
 SCATTER: Final = (0.08, 0.1, 0.0, 0.6)
-GLARE: Final = (0.03, 0.02, 0.0, 0.1)
-"""Mean, standard deviation, least and most of the amplitudes of a view's stray light: near
-scatter, far scatter, glare."""
+"""Mean, standard deviation, least and most of the amplitudes of a view's scatter, near and far."""
 NUISANCES: Final = 4
 FIXED_SD: Final = 1e-6
 NO_STRAY: Final = (0.0, FIXED_SD, 0.0, FIXED_SD)
