@@ -646,22 +646,40 @@ def test_the_whole_fit_tells_poses_apart_whose_losses_are_close(hammer: Capture)
         Found(at(Rotation.from_rotvec([0, 0, angle])), loss, np.ones(len(meshes)))
         for angle, loss in ((0.7, 0.05), (0.0, 0.06), (0.0, 0.3))
     )
-    first, second, third = told_apart(hammer, order, views, [rolled, right, lost])
+    first, second, third = told_apart(hammer, order, views, [rolled, right, lost], unmoved)
     assert (first.loss, second.loss, third) == (0.06, 0.05, lost)
     assert first.deviance < second.deviance
     untold = replace(hammer, tube=None)
-    assert told_apart(untold, order, views, [rolled, right]) == [rolled, right]
+    assert told_apart(untold, order, views, [rolled, right], unmoved) == [rolled, right]
+
+
+def unmoved(_: Found) -> Found:
+    """Fail where fits were to tell poses apart."""
+    raise AssertionError
 
 
 @pytest.mark.parametrize(
-    ("deviances", "first"), [((150.0, 100.0), 1), ((105.0, 100.0), 0), ((5000.0, 4000.0), 0)]
+    ("deviances", "moved", "first"),
+    [
+        ((150.0, 100.0), None, 1),
+        ((140.0, 110.0), None, 1),
+        ((130.0, 100.0), None, 1),
+        ((115.0, 100.0), (0.9, 0.8), 1),
+        ((115.0, 100.0), (0.7, 0.8), 0),
+        ((105.0, 100.0), (0.9, 0.8), 1),
+        ((105.0, 100.0), (0.7, 0.8), 0),
+        ((100.0, 110.0), None, 0),
+        ((5000.0, 4000.0), None, 0),
+    ],
 )
-def test_the_loss_chooses_where_fits_are_alike_or_none_explains_the_images(
+def test_fits_tell_poses_apart_or_what_is_left_of_them_moved_once_more(
     hammer: Capture,
     monkeypatch: pytest.MonkeyPatch,
     deviances: tuple[float, float],
+    moved: tuple[float, float] | None,
     first: int,
 ) -> None:
+    """By deviance times loss; the loss alone where none explains the images."""
     rivals = [Found(at(Rotation.identity()), loss, np.ones(3)) for loss in (1.0, 1.1)]
     given = dict(zip((1.0, 1.1), deviances, strict=True))
     monkeypatch.setattr(
@@ -669,7 +687,9 @@ def test_the_loss_chooses_where_fits_are_alike_or_none_explains_the_images(
         lambda _capture, _order, each: replace(each, deviance=given[each.loss]),
     )
     shadows = [shadow_of(view) for view in hammer.fitted_views]
-    told = told_apart(hammer, [0, 1, 2], shadows, rivals)
+    left = dict(zip((1.0, 1.1), moved or (), strict=moved is not None))
+    settle = (lambda each: replace(each, loss=left[each.loss])) if moved else unmoved
+    told = told_apart(hammer, [0, 1, 2], shadows, rivals, settle)
     assert told[0].loss == rivals[first].loss
 
 

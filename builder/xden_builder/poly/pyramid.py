@@ -271,10 +271,12 @@ class Level:
     ) -> float:
         """Sum of squares as of :meth:`evaluate`, without derivatives."""
         mean, precision = self._prior()
-        loss = float(((unknowns - mean) * precision) @ (unknowns - mean))
-        for _, off in self.counted(residuals):
-            loss += self.share * self.tempered(off)
-        return loss
+        expected = float(((unknowns - mean) * precision) @ (unknowns - mean))
+        return expected + self.share * self.left(residuals)
+
+    def left(self, residuals: Sequence[Float64[np.ndarray, "_n"]]) -> float:
+        """Sum of squares of all views, large ones tempered."""
+        return sum(self.tempered(off) for _, off in self.counted(residuals))
 
     def tempered(self, off: Float64[np.ndarray, "_n"]) -> float:
         """Sum of squares of residuals that count, large ones tempered."""
@@ -305,8 +307,7 @@ class Level:
         """
         if not self.weighs:
             return self
-        left = sum(self.tempered(off) for _, off in self.counted(residuals))
-        mean = left / max(sum(map(len, self.measured)), 1)
+        mean = self.left(residuals) / max(sum(map(len, self.measured)), 1)
         weighed = replace(self, worth=WORTH / min(max(mean, LEAST_LEFT), 1.0))
         weighed.latest.update(self.latest)
         return weighed

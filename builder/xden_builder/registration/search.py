@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -209,13 +210,21 @@ def _finely(
         if best[0].loss > WORTH_ANOTHER * before:
             break
     rivals = unlike_of(best, likeness.strict, body, LISTED, RIVALS_APART * same_share(body))
-    told = rivals if incomplete else told_apart(capture, body.order, shadows, rivals)
+    told = rivals if incomplete else _told_apart(capture, shadows, body, fine, rivals)
     listed = first_of_like([*told, *sorted(near, key=loss_of)], likeness, body, LISTED)
     there = _Fine(listed, fine)
     leaves_much = REJUDGED_LOSS < listed[0].loss <= HOPELESS_LOSS
     if not leaves_much or side_of(shadows, FINEST_PX) == fine.side:
         return there
     return _on_finest(capture, shadows, body, likeness, listed, incomplete)
+
+
+def _told_apart(
+    capture: Capture, shadows: Sequence[Shadow], body: Body, judge: Judge, found: Sequence[Found]
+) -> list[Found]:
+    """Put the most probable of poses first."""
+    moved = partial(judge.thorough.refined, derivatives=DERIVATIVES)
+    return told_apart(capture, body.order, shadows, found, moved)
 
 
 def _on_finest(
@@ -237,7 +246,7 @@ def _on_finest(
     there = sorted((finest.refined(each, DERIVATIVES) for each in tried), key=loss_of)
     told = unlike_of(there, likeness, body, LISTED)
     if not incomplete:
-        told = told_apart(capture, body.order, shadows, told)
+        told = _told_apart(capture, shadows, body, finest, told)
     return _Fine(first_of_like(told, likeness, body, LISTED), finest)
 
 
