@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import cast
-
 import numpy as np
 from jaxtyping import Float64
 from numpy.testing import assert_allclose
@@ -17,13 +14,16 @@ Vector = Float64[np.ndarray, "_n"]
 FREE = np.full(3, np.inf)
 
 
-@dataclass
-class Line:
+class Line(Level):
     """Residuals ``matrix @ unknowns - 1``, told with slopes of any sign."""
 
     matrix: Float64[np.ndarray, "n u"]
-    sign: int = 1
-    tried: list[Vector] = field(default_factory=list)
+    sign: int
+    tried: list[Vector]
+
+    def __init__(self, matrix: Float64[np.ndarray, "n u"], sign: int = 1) -> None:
+        for name, value in (("matrix", matrix), ("sign", sign), ("tried", [])):
+            object.__setattr__(self, name, value)
 
     def residuals(self, unknowns: Vector) -> list[Vector]:
         self.tried.append(unknowns)
@@ -51,7 +51,7 @@ def line(sign: int = 1) -> Line:
 
 def test_a_descent_ends_at_the_least_squares_with_the_residuals_there() -> None:
     level = line()
-    end = descend(cast(Level, level), np.zeros(3), 3, -FREE, FREE)
+    end = descend(level, np.zeros(3), 3, -FREE, FREE)
     best = np.linalg.lstsq(level.matrix, np.ones(9))[0]
     assert_allclose(end.unknowns, best, atol=1e-5)
     assert_allclose(end.residuals[0], level.matrix @ end.unknowns - 1)
@@ -60,7 +60,7 @@ def test_a_descent_ends_at_the_least_squares_with_the_residuals_there() -> None:
 
 def test_a_refused_step_is_not_tried_again_next_to_where_it_was() -> None:
     level, start = line(sign=-1), np.zeros(3)  # uphill: every step is refused
-    end = descend(cast(Level, level), start, 1, -FREE, FREE)
+    end = descend(level, start, 1, -FREE, FREE)
     assert_allclose(end.unknowns, start)
     lengths = np.array([np.linalg.norm(each) for each in level.tried])
     assert len(lengths) > 2

@@ -246,7 +246,8 @@ def test_a_view_without_shadow_or_with_half_of_one_is_refused() -> None:
 def test_a_faint_shadow_keeps_its_rim() -> None:
     depth = np.zeros((64, 64))
     depth[20:40, 10:54] = np.linspace(0.0, 0.06, 44)
-    shadow = shadow_of(XRayView("pa", np.exp(-depth), np.ones((64, 64), dtype=bool), panel(0, 64)))
+    image = np.exp(-depth).astype(np.float32)
+    shadow = shadow_of(XRayView("pa", image, np.ones((64, 64), dtype=bool), panel(0, 64)))
     assert shadow.size_px[0] >= 40
 
 
@@ -254,7 +255,7 @@ def test_the_own_depth_of_a_wires_shadow_is_the_wires() -> None:
     depth = np.zeros((64, 64))
     depth[32, 8:56] = 1.5
     glow = 0.003 * (depth.max(axis=0) > 0)  # stray light beside it
-    image = np.exp(-np.maximum(depth, glow))
+    image = np.exp(-np.maximum(depth, glow)).astype(np.float32)
     shadow = shadow_of(XRayView("pa", image, np.ones((64, 64), dtype=bool), panel(0, 64)))
     assert shadow.mask.sum() > 4 * np.count_nonzero(depth)
     assert shadow.own_depth == pytest.approx(1.5)
@@ -684,11 +685,17 @@ def test_fits_tell_poses_apart_or_what_is_left_of_them_moved_once_more(
     given = dict(zip((1.0, 1.1), deviances, strict=True))
     monkeypatch.setattr(
         "xden_builder.registration.contest._fitted",
-        lambda _capture, _order, each: replace(each, deviance=given[each.loss]),
+        lambda _capture, _order, each: replace(
+            each, deviance=given[each.loss], density_g_cm3=np.full(3, 2.0)
+        ),
     )
     shadows = [shadow_of(view) for view in hammer.fitted_views]
     left = dict(zip((1.0, 1.1), moved or (), strict=moved is not None))
-    settle = (lambda each: replace(each, loss=left[each.loss])) if moved else unmoved
+
+    def settle(each: Found) -> Found:
+        assert (each.density_g_cm3 == 1).all()  # the fit's are those of other materials
+        return replace(each, loss=left[each.loss]) if moved else unmoved(each)
+
     told = told_apart(hammer, [0, 1, 2], shadows, rivals, settle)
     assert told[0].loss == rivals[first].loss
 

@@ -2,9 +2,9 @@
 
 Comes from :mod:`start`, leads to :mod:`samples`. The unknowns of the poses (seven for two views
 that share one) and the size of the object beside its meshes are found by Gauss-Newton steps,
-together with the densities and a gain of each view, on images averaged over 8 x 8, 4 x 4 and 2 x 2
-pixels (:mod:`pyramid`). Turned views are laid onto their shadows one by one before
-(:mod:`alignment`).
+together with the densities, a gain and a share of glare of each view, on images averaged over
+8 x 8, 4 x 4 and 2 x 2 pixels (:mod:`pyramid`). Turned views are laid onto their
+shadows one by one before (:mod:`alignment`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from xden_builder.poly.model.frames import Pose
 from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.size import SIZE_SDS_MOST, Size
-from xden_builder.poly.pyramid import LOST_FROM, Level, Target, Window, window
+from xden_builder.poly.model.stray import GLARE, NO_STRAY
+from xden_builder.poly.pyramid import LOST_FROM, RAYS, Level, Target, Window, window
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import Guess
 
@@ -41,6 +42,9 @@ SMALL_PX: Final = 384
 SCANNER_SD: Final = 0.001
 """Relative, of a size by a scanner whose distances are as told: half a millimetre in half a metre
 (assumed)."""
+LAST_RAYS: Final = 90_000
+"""Through the object in a view, about, on the last images: thin metal is missed by a third of them.
+"""
 COARSEST_PX: Final = 32
 """Images are never smaller."""
 
@@ -87,6 +91,7 @@ def find_pose(guess: Guess, settings: PolySettings) -> Placement:
         guess.density_g_cm3,
         scene.turned,
         size_sd=settings.size * scene.size_sd,
+        glare=GLARE if settings.stray else NO_STRAY,
     )
     size = fit.size or Size(1.0, scene.size_sd, np.zeros(3))
     return Placement(
@@ -181,6 +186,7 @@ def refine_pose(
     turned: Sequence[bool] = (),
     *,
     size_sd: float = 0.0,
+    glare: tuple[float, float, float, float] = GLARE,
 ) -> PoseFit:
     """Find the pose in which meshes and radiographs agree best.
 
@@ -201,8 +207,10 @@ def refine_pose(
     size_sd
         Standard deviation of the logarithm of the object's size over that of its meshes; with 0 it
         is no unknown.
+    glare
+        Mean, standard deviation, least and most of the share of a view's light that spreads.
     """
-    target = Target(views, saturated, gains, beams, meshes, order, mac_cm2_g)
+    target = Target(views, saturated, gains, beams, meshes, order, mac_cm2_g, glare)
     x, y, z = target.centre_cm.tolist()
     poses = Poses(tuple(turned) or (False,) * len(views), Pose(centre_cm=(x, y, z)), size_sd)
     starts = [target.start(density_g_cm3, np.zeros(poses.count))]
@@ -215,11 +223,13 @@ def refine_pose(
     binnings = _binnings(views, any(poses.turned))
     for number, (binning, most) in enumerate(binnings, start=1):
         windows = _windows(target, poses, starts[0][-poses.count :], binning)
-        level = Level.of(target, poses, windows, binning)
-        if number == len(binnings):  # not before: far off, its own shadow seems another's
+        last = number == len(binnings)
+        level = Level.of(target, poses, windows, binning, rays=LAST_RAYS if last else RAYS)
+        if last:  # not before: far off, its own shadow seems another's
             level = replace(level, lost_from=LOST_FROM, weighs=True)
         if best is not None and not any(poses.turned):
-            starts = [min(starts[0], _as_told(starts[0], poses), key=level.loss_at)]
+            believed = level.believed(level.residuals(starts[0]))
+            starts = [min(starts[0], _as_told(starts[0], poses), key=believed.loss_at)]
         ends = [descend(level, start, most, low, high) for start in starts]
         if rms_before is None:
             rms_before = level.rms(ends[0].before)

@@ -30,6 +30,8 @@ from xden_builder.poly.model.stray import GLARE, spread_by_glare
 
 __all__ = [
     "LOST_FROM",
+    "MOST_SUBRAYS",
+    "RAYS",
     "Averaged",
     "Bounds",
     "Level",
@@ -51,7 +53,7 @@ Rotations and a change of size move the rim as far.
 """
 DENSITY_SHARES: Final = (0.1, 10.0)
 """Least and most density in shares of the first guess: a part that fades away has no pose."""
-RAYS: Final = 90_000
+RAYS: Final = 30_000
 """Through the object in a view, about: the fewer pixels it has, the more of them stand in each."""
 MOST_SUBRAYS: Final = 8
 """Along each side of a pixel."""
@@ -79,6 +81,8 @@ class Target:
         Parts and their ownership, as of :func:`xden1k.rays.path_lengths`.
     mac_cm2_g
         Shape (K, groups): of the material each part is taken for.
+    glare
+        Mean, standard deviation, least and most of the share of a view's light that spreads.
     """
 
     views: Sequence[XRayView]
@@ -88,6 +92,7 @@ class Target:
     meshes: Sequence[trimesh.Trimesh]
     order: Sequence[int]
     mac_cm2_g: Float64[np.ndarray, "k groups"]
+    glare: tuple[float, float, float, float] = GLARE
 
     @cached_property
     def points_cm(self) -> Float64[np.ndarray, "n 3"]:
@@ -118,7 +123,7 @@ class Target:
         self, density_g_cm3: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "p"]
     ) -> Float64[np.ndarray, "u"]:
         """Gather unknowns: densities, usual gain and glare of each view, and those of the poses."""
-        gains, glares = [mean for mean, _ in self.gains], [GLARE[0]] * len(self.gains)
+        gains, glares = [mean for mean, _ in self.gains], [self.glare[0]] * len(self.gains)
         return np.concatenate([density_g_cm3, gains, glares, pose])
 
     def bounds(
@@ -139,7 +144,7 @@ class Target:
             Least and most.
         """
         gains, rest = np.full(len(self.gains), np.inf), np.full(poses, np.inf)
-        (least, most), (dark, bright) = shares, np.repeat([GLARE[2:]], len(gains), axis=0).T
+        (least, most), (dark, bright) = shares, np.repeat([self.glare[2:]], len(gains), axis=0).T
         low = np.concatenate([least * density_g_cm3, -gains, dark, -rest])
         return low, np.concatenate([most * density_g_cm3, gains, bright, rest])
 
@@ -168,7 +173,7 @@ class Averaged(NamedTuple):
         """Average a radiograph."""
         image, known = binned(view, binning)
         pixel_cm = float(np.linalg.norm(coarse(view.geometry, binning).column_step_cm))
-        light = np.where(known, image, 1.0)
+        light = image.astype(np.float64)
         glare = spread_by_glare(light, pixel_cm) - light
         return cls(image, known, any_of(saturated, binning), glare)
 
@@ -216,10 +221,11 @@ class Level:
         binning: int,
         images: Sequence[Averaged] | None = None,
         subrays: Sequence[int] | None = None,
+        rays: int = RAYS,
     ) -> Level:
         """Compare images in a window of each; they are averaged here, if they are not yet.
 
-        Rays are counted for meshes at rest, if they are not told.
+        Rays are counted for meshes at rest, about so many through the object, if they are not told.
 
         With two rays along each side an outline that runs along the pixels is felt in steps of half
         a pixel; a small object, of which hardly more is to be seen, is turned by a degree by it.
@@ -240,7 +246,7 @@ class Level:
         panels = [coarse(beam.geometry, binning) for beam in target.beams]
         if subrays is None:
             subrays = [
-                subrays_of(_pixels_met(target, poses, number, panel), binning)
+                subrays_of(_pixels_met(target, poses, number, panel), binning, rays)
                 for number, panel in enumerate(panels)
             ]
         seen = masks, places, measured, glare, at_least, weights
@@ -307,7 +313,8 @@ class Level:
         """
         if not self.weighs:
             return self
-        mean = self.left(residuals) / max(sum(map(len, self.measured)), 1)
+        counted = sum(int(counts.sum()) for counts, _ in self.counted(residuals))
+        mean = self.left(residuals) / max(counted, 1)
         weighed = replace(self, worth=WORTH / min(max(mean, LEAST_LEFT), 1.0))
         weighed.latest.update(self.latest)
         return weighed
@@ -361,7 +368,8 @@ class Level:
 
     def _prior(self) -> tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u"]]:
         """Means, and one over the variances."""
-        lights = np.array([*self.target.gains, *[GLARE[:2]] * len(self.target.gains)])
+        glares = [self.target.glare[:2]] * len(self.target.gains)
+        lights = np.array([*self.target.gains, *glares])
         sd = np.concatenate([np.full(self.parts, np.inf), lights[:, 1], self.poses.prior_sd])
         mean = np.concatenate([np.zeros(self.parts), lights[:, 0], np.zeros(self.poses.count)])
         return mean, sd**-2.0

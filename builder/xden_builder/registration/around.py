@@ -25,8 +25,8 @@ class Around:
     """What turns of a settled pose would leave once all other unknowns had followed.
 
     A turn of a nearly round object about its axis changes its images little, and takes with it
-    shifts, other turns, size, densities and gains. They follow by the derivatives of the settled
-    pose: one rendering tells of a turn what many would if it were refined.
+    shifts, other turns, size, densities, gains and glare. They follow by the derivatives of the
+    settled pose: one rendering tells of a turn what many would if it were refined.
 
     Parameters
     ----------

@@ -166,9 +166,10 @@ class _Eye:
         places = np.tensordot(rings.places_cm, scale * frame[:2], axes=(0, 0)) + middle_cm
         column, row, _ = panel.project(places.reshape(-1, 3)).T
         gain = 1.0 if found.gains is None else float(found.gains[number])
+        told_px = averaged.known & ~averaged.at_least
         seen, told = (
             map_coordinates(each, [row, column], order=1, mode="nearest").reshape(RINGS, ANGLES)
-            for each in (averaged.image / gain, np.float64(averaged.known & ~averaged.at_least))
+            for each in (np.float64(averaged.image) / gain, np.float64(told_px))
         )
         away = None if view.source_cm is None else float(np.linalg.norm(way)) / scale
         middle = int(np.ravel_multi_index((panel.shape[0] // 2, panel.shape[1] // 2), panel.shape))

@@ -66,8 +66,9 @@ def told_apart(
     Returns
     -------
     list of Found
-        The most probable first, or where none fits the least loss first; after them those that
-        were not fitted. As they came where there is one alone, or the source is not told.
+        The most probable first, of those that fits hardly tell what is least once moved, and where
+        none fits the least loss first; after them those that were not fitted. As they came where
+        there is one alone, or the source is not told.
     """
     rivals = [each for each in found if each.loss <= most_of_rivals(found[0])][:MOST]
     if len(rivals) < 2 or capture.tube is None:
@@ -76,12 +77,12 @@ def told_apart(
     fitted = [_fitted(small, order, each) for each in rivals]
     if min(map(_deviance, fitted)) > FITS_A_PART * len(small.parts):
         return [*sorted(fitted, key=loss_of), *found[len(rivals) :]]
-    told = sorted(fitted, key=_improbability)
-    most = HARDLY_TOLD * _improbability(told[0])
-    close = [each for each in told if _improbability(each) <= most]
-    if len(close) > 1:
-        close.sort(key=lambda each: moved(each).loss)
-    return [*close, *told[len(close) :], *found[len(rivals) :]]
+    pairs = sorted(zip(fitted, rivals, strict=True), key=lambda pair: _improbability(pair[0]))
+    most = HARDLY_TOLD * _improbability(pairs[0][0])
+    close = sum(_improbability(each) <= most for each, _ in pairs)
+    if close > 1:  # moved with the densities that the search gave them
+        pairs[:close] = sorted(pairs[:close], key=lambda pair: moved(pair[1]).loss)
+    return [*(each for each, _ in pairs), *found[len(rivals) :]]
 
 
 def _fitted(capture: Capture, order: Sequence[int], found: Found) -> Found:

@@ -22,6 +22,7 @@ from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.size import SIZE_SDS_MOST
 from xden_builder.poly.pyramid import (
     LOST_FROM,
+    MOST_SUBRAYS,
     Averaged,
     Bounds,
     Level,
@@ -56,7 +57,7 @@ SHARES: Final = (0.01, 30.0)
 """Least and most density in shares of the expected: a label may call aluminium lead."""
 DAMPING: Final = 1e-2
 UNLIT, OF_TYPICAL = 0.04, 0.5
-"""Opacity of a shadow, since stray light and gain are not modelled; less, as a share of what is
+"""Opacity of a shadow, since scatter is not modelled; less, as a share of what is
 typical of the object, where that is faint."""
 AIR: Final = 0.95
 """Quantile of the transmission that is taken for the open field."""
@@ -172,8 +173,8 @@ class Judge:
 
     @property
     def thorough(self) -> Judge:
-        """The same by four times as many rays."""
-        return replace(self, subrays=tuple(2 * each for each in self.subrays))
+        """The same by four times as many rays, or as many as there may be."""
+        return replace(self, subrays=tuple(min(2 * n, MOST_SUBRAYS) for n in self.subrays))
 
     def panel(self, number: int) -> ViewGeometry:
         """Of a view, in compared pixels."""
@@ -186,7 +187,7 @@ class Judge:
         return self.binning * float(np.linalg.norm(view.column_step_cm))
 
     def fixed(self, placement: RigidPlacement, growth: float = 0.0) -> Found:
-        """Find densities and gains in a pose, and what they leave."""
+        """Find densities, gains and glare in a pose, and what they leave."""
         level, density = self._level(placement)
         pose = self._start(level.poses, placement, growth)
         lengths = [level.seen(number, pose) for number in range(len(level.target.beams))]
@@ -238,6 +239,7 @@ class Judge:
         """Of each view: share of the pixels in either outline that lie well outside the other."""
         level, density = self._level(found.placement)
         pose = self._start(level.poses, found.placement, found.growth)
+        level = replace(level, glare=[np.zeros_like(each) for each in level.glare])
         images = level.images(level.target.start(density, pose))
         px = OUTLINE_PX * BINNING // self.binning
         each = zip(

@@ -19,6 +19,7 @@ __all__ = [
     "FAR_CM",
     "GLARE",
     "NEAR_CM",
+    "NO_STRAY",
     "coarse_binning",
     "glare_of",
     "spread_by_glare",
@@ -35,6 +36,8 @@ GLARE_CM: Final = 1.0
 """Standard deviation of the light's far spread in the scintillator: assumed."""
 GLARE: Final = (0.03, 0.02, 0.0, 0.1)
 """Mean, standard deviation, least and most of the share of the light that spreads so: assumed."""
+NO_STRAY: Final = (0.0, 1e-6, 0.0, 1e-6)
+"""The same of light that is left out."""
 COARSE_PX: Final = 128
 """Stray light is smooth: about so many pixels along a side show all of it."""
 

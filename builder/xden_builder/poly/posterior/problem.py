@@ -16,7 +16,7 @@ from xden_builder.fit.levenberg import Minimum, minimise
 from xden_builder.fit.problem import Evaluation
 from xden_builder.poly.materials.stand_ins import StandIns
 from xden_builder.poly.model.pixels import ViewPixels
-from xden_builder.poly.model.stray import GLARE
+from xden_builder.poly.model.stray import GLARE, NO_STRAY
 from xden_builder.poly.settings import PolySettings
 
 __all__ = ["MASS_SD_SHARE", "NUISANCES", "Box", "Mass", "Problem", "solve"]
@@ -27,7 +27,6 @@ SCATTER: Final = (0.08, 0.1, 0.0, 0.6)
 """Mean, standard deviation, least and most of the amplitudes of a view's scatter, near and far."""
 NUISANCES: Final = 4
 FIXED_SD: Final = 1e-6
-NO_STRAY: Final = (0.0, FIXED_SD, 0.0, FIXED_SD)
 OFF: Final = (0.0, 1.0, -3.0, 3.0)
 """Mean, standard deviation, least and most of how far a batch's coefficients are off."""
 MASS_SD_SHARE: Final = 0.005
