@@ -241,6 +241,16 @@ def test_a_small_object_of_plastic_is_not_left_where_it_was_told_to_be():
     assert fit.gain == pytest.approx([1, 1], abs=0.002)
 
 
+def test_what_is_hardly_seen_is_known_less_surely_and_no_better_than_it_says():
+    small, whole = hexagon("pp", 0.91), tool()
+    seen, told = (refined(TURNED, solids=solids) for solids in ([small], whole))
+    hardly = seen.how_sure([small.mesh])
+    well = told.how_sure([solid.mesh for solid in whole])
+    assert well.rim_deg < 0.5 * hardly.rim_deg
+    assert not well.uncertain
+    assert left_deg(seen, TURNED) < 4 * hardly.rim_deg
+
+
 @pytest.mark.parametrize("share", [0.0, 0.06])
 def test_light_that_spreads_in_the_screen_turns_no_piece_of_steel(share):
     nut = hexagon("steel", 7.82)

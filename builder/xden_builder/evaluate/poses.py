@@ -12,7 +12,6 @@ from typing import Any, Final
 import numpy as np
 import trimesh
 from jaxtyping import Float64, Int64
-from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from xden1k.errors import DataError, require
@@ -23,6 +22,7 @@ from xden_builder.capture import CaptureFolder
 from xden_builder.evaluate.cells import table
 from xden_builder.evaluate.truth import size_of
 from xden_builder.poly.model.frames import Pose
+from xden_builder.poly.sureness import felt_ways, moves_across, moves_at_all
 from xden_builder.registration.placement import RigidPlacement
 from xden_builder.workers import gather
 
@@ -37,10 +37,9 @@ RIGHT_MM: Final = 0.5
 MOST_MOVES: Final = 30
 STILL: Final = 1e-4
 """A move of the rim by less, as a share of its radius, is none."""
-FELT: Final = 0.01
-"""Of how far points move, squared, the share across the surface below which nothing is said to
-move: a bottle with 48 facets that turns about its axis has 0.001, a mug with a handle 0.05."""
-POSE_FLAGS: Final = frozenset({"pose_ambiguous", "pose_not_found", "shape_differs"})
+POSE_FLAGS: Final = frozenset(
+    {"pose_ambiguous", "pose_not_found", "pose_uncertain", "shape_differs"}
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -359,22 +358,12 @@ def _least_move(
     for points_cm, surface in zip(parts, onto, strict=True):
         nearest_cm, _, normals = surface.nearest(points_cm)
         arm = (points_cm - middle_cm) / rim_cm
-        across, along = np.cross(arm, normals), np.einsum("ni,ni->n", arm, normals)
-        rows.append(np.column_stack([across, normals, along]))
+        rows.append(moves_across(arm, normals))
         off.append(np.einsum("ni,ni->n", nearest_cm - points_cm, normals) / rim_cm)
-        moved += _moved(arm)
+        moved += moves_at_all(arm)
     moves, wanted = np.concatenate(rows), np.concatenate(off)
     usual = np.median(np.abs(wanted)) + STILL
     weights = 1 / np.maximum(np.abs(wanted) / usual, 1)
     weighted = moves * weights[:, None]
-    felt, ways = eigh(weighted.T @ moves, weights.mean() * moved)
-    ways, felt = ways[:, felt > FELT], felt[felt > FELT]
+    ways, felt = felt_ways(weighted.T @ moves, weights.mean() * moved)
     return np.asarray(ways @ (ways.T @ (weighted.T @ wanted) / felt))
-
-
-def _moved(arm: Points) -> Float64[np.ndarray, "7 7"]:
-    """Squares by which a turn, a shift and a growth move points, all points together."""
-    of_turns = np.cross(np.eye(3)[:, None], arm)
-    of_shifts = np.broadcast_to(np.eye(3)[:, None], (3, *arm.shape))
-    ways = np.concatenate([of_turns, of_shifts, arm[None]])
-    return np.asarray(np.einsum("anx,bnx->ab", ways, ways))

@@ -20,6 +20,7 @@ from xden_builder.poly.diagnosis import Diagnosis, diagnose
 from xden_builder.poly.estimate import Solution
 from xden_builder.poly.model.radiograph import TERMS
 from xden_builder.poly.model.size import Size
+from xden_builder.poly.pose import PoseFit
 from xden_builder.poly.posterior.problem import NUISANCES
 from xden_builder.poly.scale import Weighing
 
@@ -83,6 +84,11 @@ class PolyFit:
     weighing: Weighing | None = None
 
     @property
+    def pose(self) -> PoseFit | None:
+        """Of the object; None where it was not sought."""
+        return self.solution.samples.pose
+
+    @property
     def size(self) -> Size:
         """Of the object, beside its meshes; the scene's have it."""
         return self.solution.samples.size
@@ -99,7 +105,7 @@ class PolyFit:
 
     def report(self, names: Sequence[str]) -> dict[str, Any]:
         """Give what ``meta`` keeps, parts by their names, in JSON's types."""
-        solution, pose = self.solution, self.solution.samples.pose
+        solution, pose = self.solution, self.pose
         return {
             "views": {
                 seen.view.name: dict(zip(TERMS, solution.nuisances(number).tolist(), strict=True))

@@ -23,13 +23,14 @@ from xden_builder.poly.alignment import aligned
 from xden_builder.poly.descent import descend
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.frames import Pose
-from xden_builder.poly.model.poses import Poses
+from xden_builder.poly.model.poses import RIGID, Poses
 from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.size import SIZE_SDS_MOST, Size
 from xden_builder.poly.model.stray import GLARE, NO_STRAY
 from xden_builder.poly.pyramid import LOST_FROM, RAYS, Level, Target, Window, window
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import Guess
+from xden_builder.poly.sureness import Sureness, how_sure
 
 __all__ = ["Placement", "PoseFit", "find_pose", "refine_pose"]
 
@@ -117,8 +118,8 @@ class PoseFit:
     ----------
     poses, unknowns
         The object's, and the best values of their unknowns.
-    sd
-        Standard deviations of the unknowns, radians and cm.
+    covariance
+        Of the unknowns, radians and cm.
     density_g_cm3, gain
         Fitted along with it, coarsely, and for ways through the meshes as they are.
     rms_before, rms_after
@@ -127,11 +128,24 @@ class PoseFit:
 
     poses: Poses
     unknowns: Float64[np.ndarray, "p"]
-    sd: Float64[np.ndarray, "p"]
+    covariance: Float64[np.ndarray, "p p"]
     density_g_cm3: Float64[np.ndarray, "k"]
     gain: Float64[np.ndarray, "v"]
     rms_before: float
     rms_after: float
+
+    @property
+    def sd(self) -> Float64[np.ndarray, "p"]:
+        """Standard deviations of the unknowns, radians and cm."""
+        return np.asarray(np.sqrt(self.covariance.diagonal().clip(min=0)))
+
+    def how_sure(self, meshes: Sequence[trimesh.Trimesh]) -> Sureness:
+        """Tell how far the shared pose may be off, by parts at rest."""
+        places = [*self.poses.places(self._telling)[:RIGID], *self.poses.size_places]
+        covariance = np.zeros((RIGID + 1, RIGID + 1))
+        own = np.arange(len(places))
+        covariance[np.ix_(own, own)] = self.covariance[np.ix_(places, places)]
+        return how_sure(meshes, np.array(self.poses.origin.centre_cm), covariance)
 
     @property
     def pose(self) -> Pose:
@@ -243,7 +257,7 @@ def refine_pose(
     return PoseFit(
         poses=poses,
         unknowns=unknowns[-poses.count :],
-        sd=np.sqrt(covariance.diagonal()[-poses.count :].clip(min=0)),
+        covariance=covariance[-poses.count :, -poses.count :],
         density_g_cm3=unknowns[: len(meshes)],
         gain=unknowns[len(meshes) :][: len(views)],
         rms_before=rms_before,

@@ -130,6 +130,9 @@ def _object_flags(explained: Explained) -> tuple[str, ...]:
     raised = {
         "attenuation_only": capture.tube is None,
         "weighed_disagrees": poly and poly.weighing and poly.weighing.disagrees,
+        "pose_uncertain": poly
+        and poly.pose
+        and poly.pose.how_sure(explained.space.meshes).uncertain,
         "size_at_bound": explained.size and explained.size.at_bound(capture.mesh_scale),
     }
     views = () if poly is None else tuple(f"{view}:at_bound" for view in poly.views_at_bound)
