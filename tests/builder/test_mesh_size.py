@@ -23,8 +23,9 @@ from xden_builder.poly.line import fit_poly, sampled
 from xden_builder.poly.model.frames import Pose, nearer
 from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.size import SIZE_SDS, Size
-from xden_builder.poly.pyramid import Level, Target, window
+from xden_builder.poly.pyramid import Level
 from xden_builder.poly.settings import PolySettings
+from xden_builder.poly.target import Target, window
 from xden_builder.reconstruct import object as reconstruction
 from xden_builder.reconstruct.space import divide
 from xden_builder.registration.placement import RigidPlacement

@@ -19,7 +19,8 @@ from xden_builder.poly.model.beam import Heel, ViewBeam
 from xden_builder.poly.model.frames import Pose
 from xden_builder.poly.model.motion import Gradient, turning
 from xden_builder.poly.model.poses import RIGID, Poses
-from xden_builder.poly.pyramid import Level, Target
+from xden_builder.poly.pyramid import Level
+from xden_builder.poly.target import Target
 
 SIZE = 48
 STEP_CM = 0.03

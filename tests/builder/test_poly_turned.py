@@ -31,7 +31,8 @@ from xden_builder.poly.model.frames import Pose, posed
 from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import GAIN
 from xden_builder.poly.pose import refine_pose
-from xden_builder.poly.pyramid import PIXEL_SD, Level, Target
+from xden_builder.poly.pyramid import PIXEL_SD, Level
+from xden_builder.poly.target import Target
 from xden_builder.reconstruct.object import reconstruct
 
 REST = Pose(centre_cm=(0.1, -0.2, 0.3))

@@ -16,7 +16,8 @@ from xden1k.values.arrays import Vec3
 from xden_builder.poly.descent import descend
 from xden_builder.poly.model.frames import Pose, coarse
 from xden_builder.poly.model.poses import Poses
-from xden_builder.poly.pyramid import Level, Target, window
+from xden_builder.poly.pyramid import Level
+from xden_builder.poly.target import Target, window
 
 __all__ = ["aligned"]
 

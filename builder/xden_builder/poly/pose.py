@@ -27,10 +27,11 @@ from xden_builder.poly.model.poses import RIGID, Poses
 from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.size import SIZE_SDS_MOST, Size
 from xden_builder.poly.model.stray import GLARE, NO_STRAY
-from xden_builder.poly.pyramid import LOST_FROM, RAYS, Level, Target, Window, window
+from xden_builder.poly.pyramid import LOST_FROM, RAYS, Level
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import Guess
 from xden_builder.poly.sureness import Sureness, how_sure
+from xden_builder.poly.target import Target, Window, window
 
 __all__ = ["Placement", "PoseFit", "find_pose", "refine_pose"]
 

@@ -11,7 +11,8 @@ from jaxtyping import Float64, Int64
 from scipy.spatial.transform import Rotation
 
 from xden_builder.poly.model.poses import RIGID
-from xden_builder.poly.pyramid import Bounds, Level
+from xden_builder.poly.pyramid import Level
+from xden_builder.poly.target import Bounds
 from xden_builder.registration.exact import Judge
 from xden_builder.registration.placement import Found, RigidPlacement
 

@@ -20,20 +20,11 @@ from xden_builder.poly.model.frames import Pose, coarse
 from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.size import SIZE_SDS_MOST
-from xden_builder.poly.pyramid import (
-    LOST_FROM,
-    MOST_SUBRAYS,
-    Averaged,
-    Bounds,
-    Level,
-    Target,
-    Window,
-    subrays_of,
-    window,
-)
+from xden_builder.poly.pyramid import LOST_FROM, MOST_SUBRAYS, Level, subrays_of
 from xden_builder.poly.scene import Scene, set_scene
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import first_guess
+from xden_builder.poly.target import Averaged, Bounds, Target, Window, window
 from xden_builder.registration.body import Body
 from xden_builder.registration.middles import own_shifts
 from xden_builder.registration.placement import Found, RigidPlacement
