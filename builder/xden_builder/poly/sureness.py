@@ -77,9 +77,10 @@ def how_sure(
     kept = ways @ ways.T @ moved @ _about(middle_cm - centre_cm, rim_cm)
     sure = kept @ covariance @ kept.T
     by_turn = np.cross(np.eye(3)[:, None], arm)
-    square = np.einsum("anx,ab,bnx->n", by_turn, sure[:3, :3], by_turn).max()
-    shift = float(np.trace(sure[3:6, 3:6]))
-    return Sureness(float(np.degrees(np.sqrt(square))), rim_cm * float(np.sqrt(shift)))
+    turned = np.einsum("anx,ab,bnx->n", by_turn, sure[:3, :3], by_turn).max()
+    squares = np.array([turned, np.trace(sure[3:6, 3:6])])
+    rim, shift = np.sqrt(squares.clip(min=0)).tolist()  # rounding may leave less than none
+    return Sureness(float(np.degrees(rim)), rim_cm * shift)
 
 
 def _about(arm_cm: Float64[np.ndarray, "3"], rim_cm: float) -> Float64[np.ndarray, "7 7"]:
