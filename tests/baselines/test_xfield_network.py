@@ -20,10 +20,11 @@ from xden_baselines.xfield.planes import (
     plane_means,
     plane_samples,
 )
-from xden_baselines.xfield.rays import sampled
+from xden_baselines.xfield.rays import projected, sampled
 from xden_baselines.xfield.sizes import SIZES
 from xden_baselines.xfield.variants import VARIANTS
 
+on_a_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA GPU")
 COUNTS = {
     ("tiny", "geometry-density"): 103_137,
     ("tiny", "geometry-contrastive"): 104_112,
@@ -126,6 +127,33 @@ def test_scatter_means_are_those_of_a_loop() -> None:
 def test_scatter_means_keep_constants_where_there_are_points() -> None:
     found = grid_means(torch.full((1, 50, 1), 3.0), places(1, 50), 2)
     assert ((found == 0) | (found - 3).abs().lt(1e-5)).all()
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=on_a_gpu)])
+def test_scatter_means_of_many_points_in_bf16_are_means_over_all(device: str) -> None:
+    features = torch.cat([torch.ones(1, 400, 1), torch.zeros(1, 800, 1)], dim=1)
+    where = torch.full((1, 1200, 3), 0.5, device=device)
+    found = plane_means(features.bfloat16().to(device), where, 2)[0, :, 0, 1, 1]
+    assert found.tolist() == pytest.approx([1 / 3] * 3, abs=1e-5)
+
+
+def test_points_meet_radiographs_in_bf16_where_they_do_in_float32() -> None:
+    shown, asked = inputs(), places()
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        found = projected(shown.projection, asked)
+    assert torch.equal(found, projected(shown.projection, asked))
+
+
+@on_a_gpu
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_a_gpu_answers_what_a_cpu_does(variant: str) -> None:
+    model, shown, asked = XField(variant=variant, size="tiny").eval(), inputs(), places()
+    with torch.inference_mode():
+        wanted = model(shown, asked)
+        there = Inputs(*(getattr(shown, one.name).cuda() for one in fields(Inputs)))
+        found = model.cuda()(there, asked.cuda())
+    assert torch.allclose(found.density_g_cm3.cpu(), wanted.density_g_cm3, atol=2e-3)
+    assert torch.allclose(found.embedding.cpu(), wanted.embedding, atol=2e-2)
 
 
 def test_the_order_of_points_changes_nothing_but_theirs() -> None:

@@ -38,6 +38,7 @@ from xden_baselines.xfield.training import FitReport, train
 
 SHORT = Settings(epochs=2, batch=2, queries=16, held_out=0.25)
 RODS = (Box("thick", (0, 0, 0), (1, 1, 4), 2.0), Box("thin", (1, 0, 0), (1.5, 1, 4), 1.0))
+on_a_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA GPU")
 EXACT = {"jitter_deg": 0, "jitter_shift": 0, "jitter_scale": 0, "jitter_gain": 0}
 
 
@@ -86,6 +87,15 @@ def test_the_contrastive_loss_is_that_of_three_loops() -> None:
                 terms.append(math.log1p(others * math.exp(-s[j])))
         objects.append(sum(terms) / len(terms))
     assert contrastive_loss(embedding, owner).item() == pytest.approx(np.mean(objects), rel=1e-5)
+
+
+def test_the_contrastive_loss_in_bf16_is_that_in_float32() -> None:
+    torch.manual_seed(0)
+    embedding = torch.nn.functional.normalize(torch.randn(2, 30, 4), dim=-1)
+    owner = torch.arange(30).expand(2, -1) // 8
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        found = contrastive_loss(embedding, owner)
+    assert found == contrastive_loss(embedding, owner)
 
 
 def test_one_part_teaches_nothing_and_separate_ones_cost_nothing() -> None:
@@ -163,6 +173,45 @@ def test_a_training_that_was_killed_ends_with_the_same_weights(
     assert same(whole, rest)
     assert resumed.held_out_loss == report.held_out_loss
     assert not list((kept.folder).glob("*.pt")), "nothing is left of a training that ended"
+
+
+@on_a_gpu
+@pytest.mark.parametrize("variant", ["pixel", "both", "voxel"])
+def test_a_gpu_learns_what_a_cpu_does(
+    lessons: list[Lesson], kept: PieceCache, variant: str
+) -> None:
+    reports = [
+        train(
+            *(lessons, variant, "density", replace(SHORT, epochs=6, device=device)),
+            seed=0,
+            kept=kept,
+        )[1]
+        for device in ("cpu", "cuda")
+    ]
+    on_cpu, on_gpu = (report.held_out_loss for report in reports)
+    assert on_gpu == pytest.approx(on_cpu, rel=0.02)
+
+
+@on_a_gpu
+def test_a_training_that_was_killed_goes_on_on_a_gpu(
+    lessons: list[Lesson], kept: PieceCache, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    how = replace(SHORT, epochs=3, device="cuda")
+    whole = train(lessons, "pixel", "density", how, seed=0, kept=kept)[1]
+    exams, exam = iter([None, None, KeyboardInterrupt]), training._exam_loss
+
+    def killed(model: XField, *rest: object) -> float:
+        if (error := next(exams)) is not None:
+            raise error
+        return exam(model, *rest)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(training, "_exam_loss", killed)
+        with pytest.raises(KeyboardInterrupt):
+            train(lessons, "pixel", "density", how, seed=0, kept=kept)
+    model, resumed = train(lessons, "pixel", "density", how, seed=0, kept=kept)
+    assert {one.device.type for one in model.parameters()} == {"cuda"}
+    assert resumed.held_out_loss == pytest.approx(whole.held_out_loss, rel=0.02)
 
 
 def test_the_weights_of_the_best_epoch_are_kept(

@@ -52,7 +52,8 @@ def contrastive_loss(
 
     s is the cosine over the temperature; each object counts alike. Without others, 0.
     """
-    similarity = embedding @ embedding.mT / TEMPERATURE
+    with torch.autocast(embedding.device.type, enabled=False):
+        similarity = embedding @ embedding.mT / TEMPERATURE
     same = owner[:, :, None] == owner[:, None, :]
     others = similarity.masked_fill(same, NOTHING).logsumexp(dim=-1, keepdim=True)
     itself = torch.eye(same.shape[-1], dtype=torch.bool, device=same.device)

@@ -67,8 +67,9 @@ def _cells(places: Places, size: int) -> Int64[Tensor, "batch points 3"]:
 def _means(
     features: Features, cells: Int64[Tensor, "batch points"], count: int
 ) -> Float[Tensor, "batch channels cells"]:
-    """Scatter-mean."""
+    """Scatter-mean; in float32, since a sum in bf16 no longer grows by a 256th of itself."""
     batch, _, channels = features.shape
+    features = features.float()
     ones = torch.cat([features, torch.ones_like(features[..., :1])], dim=-1)
     sums = features.new_zeros(batch, count, channels + 1)
     sums.scatter_add_(1, cells[..., None].expand_as(ones), ones)

@@ -57,8 +57,9 @@ def ray_channels(
 def projected(
     projection: Float[Tensor, "batch views 3 4"], places: Float[Tensor, "batch points 3"]
 ) -> Float[Tensor, "batch views points 2"]:
-    """Column and row of points in each crop, -1 to 1."""
-    found = places[:, None] @ projection[..., :3].mT + projection[:, :, None, :, 3]
+    """Column and row of points in each crop, -1 to 1; in bf16 they would be pixels off."""
+    with torch.autocast(places.device.type, enabled=False):
+        found = places[:, None] @ projection[..., :3].mT + projection[:, :, None, :, 3]
     return found[..., :2] / found[..., 2:]
 
 
