@@ -227,7 +227,9 @@ def test_the_weights_of_the_best_epoch_are_kept(
     weights, report = fitted(lessons, kept, epochs=3)
     assert report.best_epoch == 2
     assert same(weights, seen[1])
-    assert "epoch 2 of 3" in report.summary
+    assert "epoch 2 of 3, " in report.summary
+    on_gpu = replace(report, settings={**report.settings, "device": "cuda"})
+    assert "epoch 2 of 3 on cuda, " in on_gpu.summary
 
 
 @pytest.mark.parametrize("count", [2, 3, 7])

@@ -91,10 +91,12 @@ class FitReport:
     @property
     def summary(self) -> str:
         """One line for the row of the method."""
+        device = self.settings.get("device", "cpu")
+        where = "" if device == "cpu" else f" on {device}"
         return (
             f"{self.settings['size']} {self.variant}, {self.learned_from} objects, epoch "
-            f"{self.best_epoch} of {self.epochs}, {self.processor_s:.0f} s of processor time, loss "
-            f"on {self.held_out} held-out training objects "
+            f"{self.best_epoch} of {self.epochs}{where}, {self.processor_s:.0f} s of processor "
+            f"time, loss on {self.held_out} held-out training objects "
             f"{self.held_out_loss[self.best_epoch - 1]:.4f}"
         )
 
