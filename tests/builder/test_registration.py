@@ -22,13 +22,14 @@ from xden_builder.capture.pose import Candidate, CoarsePose
 from xden_builder.cli import cli
 from xden_builder.phantoms import Scanner, write_captures
 from xden_builder.poly.model.frames import Pose
+from xden_builder.registration import steps
 from xden_builder.registration.around import Around
 from xden_builder.registration.ball import ball_turns, is_ball
 from xden_builder.registration.body import Body
 from xden_builder.registration.camera import Camera
 from xden_builder.registration.contest import told_apart
 from xden_builder.registration.costs import explained_in_part
-from xden_builder.registration.exact import Judge
+from xden_builder.registration.exact import Judge, side_of
 from xden_builder.registration.kinds import close_to_best, unlike_of
 from xden_builder.registration.likeness import Likeness, unlike
 from xden_builder.registration.middles import own_shifts, shifts_to_middles
@@ -44,7 +45,7 @@ from xden_builder.registration.shortlist import (
     round_axis,
     shortlist,
 )
-from xden_builder.registration.steps import settled
+from xden_builder.registration.steps import hopped, settled
 from xden_builder.registration.turns import box_turned, least_turns, lowest_beside
 
 LAC_PER_CM = 0.4
@@ -510,6 +511,41 @@ def test_a_small_shadow_is_compared_on_its_own_pixels(
     capture, judge, _ = halves
     fine = Judge.of(capture, judge.shadows, judge.body, 240, at(Rotation.identity()))
     assert (fine.side, judge.side) == (1, 2)
+
+
+def test_a_thin_shadow_is_compared_on_its_own_pixels_and_a_wide_one_is_not() -> None:
+    sides = {}
+    for name, wide_cm in (("ruler", 0.4), ("board", 4.0)):
+        capture = captured((Solid(name, box((wide_cm, 0.3, 8.0)), "pmma", 1.18),), size=192)
+        shadows = [shadow_of(view) for view in capture.fitted_views]
+        sides[name] = side_of(shadows, 240)
+    assert sides == {"ruler": 1, "board": 2}
+
+
+def test_of_turns_beside_a_pose_those_about_each_axis_are_followed_but_not_back_to_it(
+    halves: tuple[Capture, Judge, Search], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, judge, _ = halves
+    body, likeness = judge.body, Likeness(judge.body)
+    there = settled(judge, judge.fixed(at(Rotation.identity())))
+    back = replace(there, loss=0.9 * there.loss)  # what all else takes back seems to leave less
+    rolled = RigidPlacement(
+        Rotation.from_rotvec(0.1 * body.spin[1][2]).as_matrix() @ there.placement.rotation,
+        there.placement.translation_cm,
+    )
+    lines = [[back], [back], [replace(there, placement=rolled)]]
+    monkeypatch.setattr(steps, "lowest_beside", lambda _judged, _here, axis, *_: lines[axis])
+    monkeypatch.setattr(steps, "box_turned", lambda *_: [])
+    followed: list[Found] = []
+
+    def refined(_: Judge, found: Found, derivatives: int) -> Found:
+        followed.append(found)
+        return found
+
+    monkeypatch.setattr(Judge, "refined", refined)
+    hopped(judge, there, likeness, body)
+    assert [each.placement for each in followed[:1]] == [rolled]
+    assert all(each.placement is rolled for each in followed)
 
 
 def ball_with_holes(*places: Sequence[float]) -> Solid:

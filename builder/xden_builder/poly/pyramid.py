@@ -50,6 +50,10 @@ LOST_FROM: Final = 2.5
 """Of these: how much too bright the model is where something without a mesh took the light."""
 WORTH: Final = 400.0
 """Independent observations that all pixels together are worth: their errors hang together."""
+TYPICAL: Final = 0.75
+"""Of the median residual where the object is, not all of which the model leaves by being wrong."""
+LEAST_SCALE: Final = 0.1
+"""Half a hundredth of the light: whole objects leave as much."""
 LEAST_LEFT: Final = 0.01
 """Mean square of residuals in ``PIXEL_SD``, below which a model is not believed to be better."""
 
@@ -79,8 +83,11 @@ class Level:
     """Rays along each side of a pixel of each view."""
     step_cm: float = STEPS_CM
     """Of a central difference, for each pixel that is averaged along a side."""
+    scale: float = 1.0
+    """Of residuals: those beyond a few of it are no longer believed."""
     lost_from: float = np.inf
-    """Residual from which on light is taken for lost in what has no mesh; nowhere by default."""
+    """Times the scale, from which on light is taken for lost in what has no mesh; nowhere by
+    default."""
     weighs: bool = False
     """Whether a descent believes the images as far as the model explains them."""
     worth: float = WORTH
@@ -160,13 +167,18 @@ class Level:
         """Sum of squares of all views, large ones tempered."""
         return sum(self.tempered(off) for _, off in self.counted(residuals))
 
+    def mean_left(self, residuals: Sequence[Float64[np.ndarray, "_n"]]) -> float:
+        """Mean of the same over the pixels that count."""
+        counted = sum(int(counts.sum()) for counts, _ in self.counted(residuals))
+        return self.left(residuals) / max(counted, 1)
+
     def tempered(self, off: Float64[np.ndarray, "_n"]) -> float:
         """Sum of squares of residuals that count, large ones tempered."""
-        return huber.tempered(off, self.lost_from)
+        return self.scale**2 * huber.tempered(off / self.scale, self.lost_from)
 
     def weights_of(self, off: Float64[np.ndarray, "_n"]) -> Float64[np.ndarray, "_n"]:
         """Weights with which least squares has the gradient of :meth:`tempered`."""
-        return huber.weights(off, self.lost_from)
+        return huber.weights(off / self.scale, self.lost_from)
 
     def counted(
         self, residuals: Sequence[Float64[np.ndarray, "_n"]]
@@ -189,11 +201,30 @@ class Level:
         """
         if not self.weighs:
             return self
-        counted = sum(int(counts.sum()) for counts, _ in self.counted(residuals))
-        mean = self.left(residuals) / max(counted, 1)
-        weighed = replace(self, worth=WORTH / min(max(mean, LEAST_LEFT), 1.0))
+        mean = min(max(self.mean_left(residuals), LEAST_LEFT), 1.0)
+        weighed = replace(self, worth=WORTH / mean)
         weighed.latest.update(self.latest)
         return weighed
+
+    def scaled(
+        self,
+        unknowns: Float64[np.ndarray, "u"],
+        residuals: Sequence[Float64[np.ndarray, "_n"]],
+    ) -> Level:
+        """Believe residuals by what is typical of those where the object is.
+
+        What has no mesh then no longer outweighs what has one, were it a twentieth of the light.
+        """
+        *_, pose = self._split(unknowns)
+        met = []
+        for number, (_, each) in enumerate(self.counted(residuals)):
+            places = self.places[number][self._kept(number, pose).pixels]
+            met.append(np.abs(each[places[places >= 0]]))
+        off = np.concatenate(met)
+        typical = TYPICAL * float(np.median(off)) if len(off) else 1.0
+        scaled = replace(self, scale=min(max(typical, LEAST_SCALE), 1.0))
+        scaled.latest.update(self.latest)
+        return scaled
 
     def residuals(self, unknowns: Float64[np.ndarray, "u"]) -> list[Float64[np.ndarray, "_n"]]:
         """Model less measurement of each view, in standard deviations."""

@@ -27,7 +27,7 @@ Window = tuple[slice, slice]
 Bounds = tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u"]]
 """Least and most unknowns."""
 
-DENSITY_SHARES: Final = (0.1, 10.0)
+DENSITY_SHARES: Final = (0.1, 100.0)
 """Least and most density in shares of the first guess: a part that fades away has no pose."""
 
 

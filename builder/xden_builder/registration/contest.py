@@ -30,7 +30,7 @@ __all__ = ["told_apart"]
 
 WIDE_PX: Final = 240
 """Width of the shadow, in averaged pixels."""
-MOST: Final = 3
+MOST: Final = 5
 FITS_A_PART: Final = 120.0
 """Deviance for each part, of a fit that tells poses apart: four times what its pixels are worth.
 More is left where something is missing, a part perhaps; large residuals count least in the loss.

@@ -35,6 +35,8 @@ __all__ = ["Judge", "side_of"]
 
 BINNING: Final = 2
 """Of the pixels that the images are averaged to, but for small shadows."""
+SPARSE: Final = 1 / 16
+"""Of the square of the width asked for: a thin shadow of no more pixels, in all views, is small."""
 STEP_PX: Final = 0.6
 """Of a central difference, in compared pixels: a tenth feels how few rays a pixel has, and leads
 into the next of many small troughs."""
@@ -315,8 +317,10 @@ class Judge:
 
 def side_of(shadows: Sequence[Shadow], wide_px: int) -> int:
     """How many of the radiographs' pixels are a compared one's side, see :meth:`Judge.of`."""
-    again = 1 if widest_px(shadows) <= wide_px / BINNING else BINNING
-    return again * binning_of(shadows, wide_px)
+    binning = binning_of(shadows, wide_px)
+    pixels = sum(int(shadow.mask.sum()) for shadow in shadows) / binning**2
+    small = widest_px(shadows) <= wide_px / BINNING or pixels <= SPARSE * wide_px**2
+    return binning if small else BINNING * binning
 
 
 def _lit(shadow: Shadow) -> float:
