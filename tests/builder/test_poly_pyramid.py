@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from jaxtyping import Float64
 from numpy.testing import assert_allclose
 
 from xden_builder.fit.problem import Evaluation
+from xden_builder.poly import pyramid
 from xden_builder.poly.descent import descend
-from xden_builder.poly.pyramid import Level
+from xden_builder.poly.pyramid import LEAST_SCALE, LOST_FROM, Level
 
 Vector = Float64[np.ndarray, "_n"]
 FREE = np.full(3, np.inf)
@@ -65,3 +67,48 @@ def test_a_refused_step_is_not_tried_again_next_to_where_it_was() -> None:
     lengths = np.array([np.linalg.norm(each) for each in level.tried])
     assert len(lengths) > 2
     assert (lengths[1:] < 0.95 * lengths[:-1]).all()
+
+
+NONE = np.zeros(0)
+
+
+class Met(Level):
+    """Nothing but how residuals count, and which of them are where the object is."""
+
+    off: Vector
+
+    def __init__(self, off: Vector = NONE, scale: float = 1.0) -> None:
+        for name, value in (("off", off), ("scale", scale), ("lost_from", LOST_FROM)):
+            object.__setattr__(self, name, value)
+
+    def _met(self, *_: object) -> list[Vector]:
+        return [self.off]
+
+
+@pytest.mark.parametrize("scale", [0.1, 1.0])
+def test_large_residuals_pull_by_the_slope_of_what_they_leave_at_any_scale(scale: float) -> None:
+    level, step = Met(scale=scale), 1e-6
+    for off in scale * np.array([-9.0, -1.0, 0.5, 2.2, 3.0, 8.0]):
+        ahead, behind = (level.tempered(np.array([off + way])) for way in (step, -step))
+        (weight,) = level.weights_of(np.array([off]))
+        assert_allclose((ahead - behind) / (2 * step), 2 * weight * off, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("there", "everywhere", "much"), [(0.5, 0.2, True), (0.3, 0.2, False), (0.3, 0.3, True)]
+)
+def test_much_is_left_by_the_pixels_that_meet_an_object_or_by_all(
+    monkeypatch: pytest.MonkeyPatch, there: float, everywhere: float, much: bool
+) -> None:
+    monkeypatch.setattr(Met, "mean_left", lambda *_: everywhere**2)
+    assert Met(np.full(9, there)).much_left(NONE, []) is much
+
+
+@pytest.mark.parametrize(("typical", "scale"), [(0.0, LEAST_SCALE), (0.4, 0.3), (9.0, 1.0)])
+def test_residuals_are_scaled_by_what_is_typical_within_bounds(
+    monkeypatch: pytest.MonkeyPatch, typical: float, scale: float
+) -> None:
+    monkeypatch.setattr(pyramid, "replace", lambda _, scale: Met(scale=scale))
+    monkeypatch.setattr(Met, "latest", {}, raising=False)
+    off = np.array([-typical, typical, typical, 99.0, 0.0])
+    assert Met(off).scaled(NONE, []).scale == pytest.approx(scale)

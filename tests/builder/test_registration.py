@@ -522,7 +522,7 @@ def test_a_thin_shadow_is_compared_on_its_own_pixels_and_a_wide_one_is_not() -> 
     assert sides == {"ruler": 1, "board": 2}
 
 
-def test_of_turns_beside_a_pose_those_about_each_axis_are_followed_but_not_back_to_it(
+def test_a_turn_beside_a_pose_is_followed_though_two_about_other_axes_seem_to_leave_less(
     halves: tuple[Capture, Judge, Search], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _, judge, _ = halves
@@ -544,8 +544,7 @@ def test_of_turns_beside_a_pose_those_about_each_axis_are_followed_but_not_back_
 
     monkeypatch.setattr(Judge, "refined", refined)
     hopped(judge, there, likeness, body)
-    assert [each.placement for each in followed[:1]] == [rolled]
-    assert all(each.placement is rolled for each in followed)
+    assert any(each.placement is rolled for each in followed)
 
 
 def ball_with_holes(*places: Sequence[float]) -> Solid:
@@ -688,6 +687,17 @@ def test_the_whole_fit_tells_poses_apart_whose_losses_are_close(hammer: Capture)
     assert first.deviance < second.deviance
     untold = replace(hammer, tube=None)
     assert told_apart(untold, order, views, [rolled, right], unmoved) == [rolled, right]
+
+
+def test_the_right_pose_is_fitted_behind_four_of_another_trough(hammer: Capture) -> None:
+    order = ownership_order([part.mesh for part in hammer.parts])
+    views = [shadow_of(view) for view in hammer.fitted_views]
+    angles = {0.68: 0.05, 0.69: 0.052, 0.7: 0.054, 0.71: 0.056, 0.0: 0.06}
+    rivals = [
+        Found(at(Rotation.from_rotvec([0, 0, angle])), loss, np.ones(len(hammer.parts)))
+        for angle, loss in angles.items()
+    ]
+    assert told_apart(hammer, order, views, rivals, unmoved)[0].loss == 0.06
 
 
 def unmoved(_: Found) -> Found:

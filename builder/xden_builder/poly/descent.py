@@ -36,12 +36,15 @@ class Descent(NamedTuple):
         The loss, and half its derivatives.
     before, residuals
         Of each view: residuals where it began, and where it ended.
+    level
+        The images as they are believed there.
     """
 
     unknowns: Float64[np.ndarray, "u"]
     there: Evaluation
     before: Sequence[Float64[np.ndarray, "_n"]]
     residuals: Sequence[Float64[np.ndarray, "_n"]]
+    level: Level
 
 
 def descend(
@@ -81,7 +84,7 @@ def descend(
         if first.loss - here.loss < SETTLED_ROUND * here.loss:
             break
     assert before is not None
-    return Descent(unknowns, here, before, residuals)
+    return Descent(unknowns, here, before, residuals, level)
 
 
 def _ahead(

@@ -47,11 +47,9 @@ SCANNER_SD: Final = 0.001
 LAST_RAYS: Final = 90_000
 """Through the object in a view, about, on the last images: thin metal is missed by a third of them.
 """
-MUCH_LEFT: Final = 0.05
-"""Mean square of residuals, on the last images: something may have no mesh. Of whole objects one in
-twenty leaves as much, of those that lack a part nine in ten."""
 SCALINGS, SCALED_MOST = 2, 4
-"""How often residuals are given another scale then, and derivatives taken with it."""
+"""How often residuals are given another scale where something may have no mesh, and how often
+derivatives are taken with it."""
 COARSEST_PX: Final = 32
 """Images are never smaller."""
 
@@ -257,12 +255,13 @@ def refine_pose(
         starts = [best.unknowns]
     assert best is not None
     assert rms_before is not None
-    if level.mean_left(best.residuals) > MUCH_LEFT:
+    if level.much_left(best.unknowns, best.residuals):
         for _ in range(SCALINGS):
             level = level.scaled(best.unknowns, best.residuals)
             best = descend(level, best.unknowns, SCALED_MOST, low, high)
-    unknowns, there, _, residuals = best
-    told = there.hessian + 1e-9 * np.diag(there.hessian.diagonal())
+    unknowns, there, _, residuals, believed = best
+    told = there.hessian if level.scale == 1 else believed.as_sure(there, residuals)
+    told = told + 1e-9 * np.diag(told.diagonal())
     covariance = np.linalg.pinv(told, hermitian=True)
     return PoseFit(
         poses=poses,

@@ -47,13 +47,17 @@ KEPT_POSES: Final = 2
 """Whose path lengths are kept."""
 PIXEL_SD: Final = 0.05
 LOST_FROM: Final = 2.5
-"""Of these: how much too bright the model is where something without a mesh took the light."""
+"""Times the scale of residuals: how much too bright the model is where something without a mesh
+took the light."""
 WORTH: Final = 400.0
 """Independent observations that all pixels together are worth: their errors hang together."""
 TYPICAL: Final = 0.75
 """Of the median residual where the object is, not all of which the model leaves by being wrong."""
 LEAST_SCALE: Final = 0.1
 """Half a hundredth of the light: whole objects leave as much."""
+MUCH_LEFT, MUCH_LEFT_THERE = 0.05, 0.15
+"""Mean square of residuals in the windows, and where the object is: of whole objects one in
+fifteen leaves as much in either, of those a part of which has no mesh nine in ten."""
 LEAST_LEFT: Final = 0.01
 """Mean square of residuals in ``PIXEL_SD``, below which a model is not believed to be better."""
 
@@ -84,9 +88,9 @@ class Level:
     step_cm: float = STEPS_CM
     """Of a central difference, for each pixel that is averaged along a side."""
     scale: float = 1.0
-    """Of residuals: those beyond a few of it are no longer believed."""
+    """Of residuals: those beyond twice of it count linearly."""
     lost_from: float = np.inf
-    """Times the scale, from which on light is taken for lost in what has no mesh; nowhere by
+    """Times the scale: from there on light is taken for lost in what has no mesh; nowhere by
     default."""
     weighs: bool = False
     """Whether a descent believes the images as far as the model explains them."""
@@ -167,6 +171,18 @@ class Level:
         """Sum of squares of all views, large ones tempered."""
         return sum(self.tempered(off) for _, off in self.counted(residuals))
 
+    def as_sure(
+        self, there: Evaluation, residuals: Sequence[Float64[np.ndarray, "_n"]]
+    ) -> Float64[np.ndarray, "u u"]:
+        """Curvature of a loss, images worth as much as if all residuals were of one scale.
+
+        By their own they are few and small where something has no mesh, and say of themselves that
+        they are sure.
+        """
+        plain = replace(self, scale=1.0).believed(residuals)
+        expected = np.diag(self.precision)
+        return np.asarray(expected + plain.worth / self.worth * (there.hessian - expected))
+
     def mean_left(self, residuals: Sequence[Float64[np.ndarray, "_n"]]) -> float:
         """Mean of the same over the pixels that count."""
         counted = sum(int(counts.sum()) for counts, _ in self.counted(residuals))
@@ -206,25 +222,42 @@ class Level:
         weighed.latest.update(self.latest)
         return weighed
 
+    def much_left(
+        self,
+        unknowns: Float64[np.ndarray, "u"],
+        residuals: Sequence[Float64[np.ndarray, "_n"]],
+    ) -> bool:
+        """Whether so much is left that something may have no mesh, beside the object or in it."""
+        there = np.concatenate(list(self._met(unknowns, residuals)))
+        left_there = self.tempered(there) / max(len(there), 1)
+        return left_there > MUCH_LEFT_THERE or self.mean_left(residuals) > MUCH_LEFT
+
     def scaled(
         self,
         unknowns: Float64[np.ndarray, "u"],
         residuals: Sequence[Float64[np.ndarray, "_n"]],
     ) -> Level:
-        """Believe residuals by what is typical of those where the object is.
+        """Give residuals another scale, by what is typical of those where the object is.
 
         What has no mesh then no longer outweighs what has one, were it a twentieth of the light.
         """
-        *_, pose = self._split(unknowns)
-        met = []
-        for number, (_, each) in enumerate(self.counted(residuals)):
-            places = self.places[number][self._kept(number, pose).pixels]
-            met.append(np.abs(each[places[places >= 0]]))
-        off = np.concatenate(met)
+        off = np.abs(np.concatenate(list(self._met(unknowns, residuals))))
         typical = TYPICAL * float(np.median(off)) if len(off) else 1.0
         scaled = replace(self, scale=min(max(typical, LEAST_SCALE), 1.0))
         scaled.latest.update(self.latest)
         return scaled
+
+    def _met(
+        self,
+        unknowns: Float64[np.ndarray, "u"],
+        residuals: Sequence[Float64[np.ndarray, "_n"]],
+    ) -> Iterator[Float64[np.ndarray, "_m"]]:
+        """Yield the residuals of a view that count, of pixels that meet the object."""
+        *_, pose = self._split(unknowns)
+        for number, (counts, off) in enumerate(self.counted(residuals)):
+            places = self.places[number][self._kept(number, pose).pixels]
+            places = places[places >= 0]
+            yield off[places[counts[places]]]
 
     def residuals(self, unknowns: Float64[np.ndarray, "u"]) -> list[Float64[np.ndarray, "_n"]]:
         """Model less measurement of each view, in standard deviations."""

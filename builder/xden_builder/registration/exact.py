@@ -35,8 +35,8 @@ __all__ = ["Judge", "side_of"]
 
 BINNING: Final = 2
 """Of the pixels that the images are averaged to, but for small shadows."""
-SPARSE: Final = 1 / 16
-"""Of the square of the width asked for: a thin shadow of no more pixels, in all views, is small."""
+SPARSE: Final = 1 / 32
+"""Of the square of the width asked for: a thin shadow of no more pixels is small, too."""
 STEP_PX: Final = 0.6
 """Of a central difference, in compared pixels: a tenth feels how few rays a pixel has, and leads
 into the next of many small troughs."""
@@ -200,8 +200,8 @@ class Judge:
         """Move a pose, and change its densities, along so many derivatives at most."""
         placement = found.placement
         level, start, bounds = self.unknowns(found)
-        unknowns, _, _, residuals = descend(level, start, derivatives, *bounds)
-        return self.found(level, placement, unknowns, residuals)
+        end = descend(level, start, derivatives, *bounds)
+        return self.found(level, placement, end.unknowns, end.residuals)
 
     def unknowns(self, found: Found) -> tuple[Level, Float64[np.ndarray, "u"], Bounds]:
         """Give images and parts in a pose, its unknowns, and the least and most of these."""
@@ -318,7 +318,7 @@ class Judge:
 def side_of(shadows: Sequence[Shadow], wide_px: int) -> int:
     """How many of the radiographs' pixels are a compared one's side, see :meth:`Judge.of`."""
     binning = binning_of(shadows, wide_px)
-    pixels = sum(int(shadow.mask.sum()) for shadow in shadows) / binning**2
+    pixels = np.mean([shadow.mask.sum() for shadow in shadows]) / binning**2
     small = widest_px(shadows) <= wide_px / BINNING or pixels <= SPARSE * wide_px**2
     return binning if small else BINNING * binning
 

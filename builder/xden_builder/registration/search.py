@@ -213,8 +213,7 @@ def _finely(
     told = rivals if incomplete else _told_apart(capture, shadows, body, fine, rivals)
     listed = first_of_like([*told, *sorted(near, key=loss_of)], likeness, body, LISTED)
     there = _Fine(listed, fine)
-    leaves_much = REJUDGED_LOSS < listed[0].loss <= HOPELESS_LOSS
-    if not leaves_much or side_of(shadows, FINEST_PX) == fine.side:
+    if not REJUDGED_LOSS < listed[0].loss <= HOPELESS_LOSS:
         return there
     return _on_finest(capture, shadows, body, likeness, listed, incomplete)
 
@@ -235,7 +234,7 @@ def _on_finest(
     listed: Sequence[Found],
     incomplete: bool,
 ) -> _Fine:
-    """Judge poses that leave much once more, on images of half the pixel.
+    """Judge poses that leave much once more, on images of half the pixel where there are any.
 
     Thin metal is nothing but rim: what rays miss of it in a large pixel is no fault of the pose,
     and may have led beside it.

@@ -10,10 +10,10 @@ from typing import Final
 from xden_builder.registration.around import Around
 from xden_builder.registration.body import Body
 from xden_builder.registration.exact import Judge
-from xden_builder.registration.kinds import first_of_like, loss_of, most_of_rivals
+from xden_builder.registration.kinds import loss_of, most_of_rivals
 from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.placement import Found, RigidPlacement
-from xden_builder.registration.turns import box_turned, lowest_beside, same_share
+from xden_builder.registration.turns import box_turned, lowest_beside
 
 __all__ = ["DERIVATIVES", "all_settled", "hopped", "rescaled", "settled"]
 
@@ -22,6 +22,7 @@ CLOSE, CLOSE_UNMOVED = 2.0, 1.5
 HOPE: Final = 2.0
 """A pose is not moved on that would be no rival if it gained so many times as much as it just did.
 """
+MOST_BESIDE: Final = 2
 PROMISING: Final = (1.02, 0.001)
 """Turns beside a converged pose that are moved, and of how many times its loss, and so much more.
 """
@@ -59,19 +60,28 @@ def hopped(judge: Judge, found: Found, likeness: Likeness, body: Body) -> list[F
 
     What is nearly round or flat has several least losses in a row, and derivatives lead to the
     nearest. Followed are small turns about each principal axis and those of the box, all else
-    following, but for those that all else takes back to where the pose is.
+    following.
     """
     around = Around.of(judge, found)
     here = around.fixed(found.placement)
     lines = [lowest_beside(around.fixed, here, axis, judge.pixel_cm, body) for axis in range(3)]
-    least = [min(line, key=loss_of) for line in lines if line]
+    least = _least_of_lines(lines)
     times, more = PROMISING
-    near = [found, *(each for each in least if each.loss <= times * found.loss + more)]
-    others = first_of_like(near, likeness.strict, body, len(near), same_share(body))[1:]
+    near = [each for each in least if each.loss <= times * found.loss + more]
     boxed = box_turned(partial(_either, judge, around), here, likeness, body)
-    beside = [judge.refined(each, 1) for each in others]
+    beside = [judge.refined(each, 1) for each in near]
     beside += [judge.refined(each, DERIVATIVES) for each in boxed]
     return sorted([found, *(settled(judge, each, found) for each in beside)], key=loss_of)
+
+
+def _least_of_lines(lines: Sequence[Sequence[Found]]) -> list[Found]:
+    """Give the least losses of all lines, and the least of each.
+
+    Along an axis that hardly turns anything several seem to leave less, all of which go back.
+    """
+    least = sorted((each for line in lines for each in line), key=loss_of)[:MOST_BESIDE]
+    of_each = [min(line, key=loss_of) for line in lines if line]
+    return [*least, *(each for each in of_each if each not in least)]
 
 
 def _either(judge: Judge, around: Around, placement: RigidPlacement) -> Found:
