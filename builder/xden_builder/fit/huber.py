@@ -37,7 +37,7 @@ def tempered(residuals: Float64[np.ndarray, "n"], lost_from: float = np.inf) -> 
     Parameters
     ----------
     residuals
-        Shape (n,): model less measurement, in standard deviations.
+        Shape (n,): model less measurement, in standard deviations or another scale.
     lost_from
         At least HUBER: from where on light is taken for lost; nowhere by default.
 

@@ -3,7 +3,8 @@
 Comes from :mod:`start`, leads to :mod:`samples`. The unknowns of the poses (seven for two views
 that share one) and the size of the object beside its meshes are found by Gauss-Newton steps,
 together with the densities, a gain and a share of glare of each view, on images averaged over
-8 x 8, 4 x 4 and 2 x 2 pixels (:mod:`pyramid`). Turned views are laid onto their
+8 x 8, 4 x 4 and 2 x 2 pixels (:mod:`pyramid`). Where the last of them leave much, something may
+have no mesh, and residuals are given a smaller scale. Turned views are laid onto their
 shadows one by one before (:mod:`alignment`).
 """
 

@@ -28,7 +28,8 @@ Bounds = tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u"]]
 """Least and most unknowns."""
 
 DENSITY_SHARES: Final = (0.1, 100.0)
-"""Least and most density in shares of the first guess: a part that fades away has no pose."""
+"""Least and most density in shares of the first guess: a part that fades away has no pose, and a
+label may call steel wood."""
 
 
 @dataclass(frozen=True, eq=False)
