@@ -171,18 +171,6 @@ class Level:
         """Sum of squares of all views, large ones tempered."""
         return sum(self.tempered(off) for _, off in self.counted(residuals))
 
-    def as_sure(
-        self, there: Evaluation, residuals: Sequence[Float64[np.ndarray, "_n"]]
-    ) -> Float64[np.ndarray, "u u"]:
-        """Curvature of a loss, images worth as much as if all residuals were of one scale.
-
-        By their own they are few and small where something has no mesh, and say of themselves that
-        they are sure.
-        """
-        plain = replace(self, scale=1.0).believed(residuals)
-        expected = np.diag(self.precision)
-        return np.asarray(expected + plain.worth / self.worth * (there.hessian - expected))
-
     def mean_left(self, residuals: Sequence[Float64[np.ndarray, "_n"]]) -> float:
         """Mean of the same over the pixels that count."""
         counted = sum(int(counts.sum()) for counts, _ in self.counted(residuals))
@@ -218,9 +206,7 @@ class Level:
         if not self.weighs:
             return self
         mean = min(max(self.mean_left(residuals), LEAST_LEFT), 1.0)
-        weighed = replace(self, worth=WORTH / mean)
-        weighed.latest.update(self.latest)
-        return weighed
+        return self._handed_on(replace(self, worth=WORTH / mean))
 
     def much_left(
         self,
@@ -243,9 +229,24 @@ class Level:
         """
         off = np.abs(np.concatenate(list(self._met(unknowns, residuals))))
         typical = TYPICAL * float(np.median(off)) if len(off) else 1.0
-        scaled = replace(self, scale=min(max(typical, LEAST_SCALE), 1.0))
-        scaled.latest.update(self.latest)
-        return scaled
+        return self._handed_on(replace(self, scale=min(max(typical, LEAST_SCALE), 1.0)))
+
+    def as_sure(
+        self, there: Evaluation, residuals: Sequence[Float64[np.ndarray, "_n"]]
+    ) -> Float64[np.ndarray, "u u"]:
+        """Curvature of a loss, images worth as much as if all residuals were of one scale.
+
+        By their own they are few and small where something has no mesh, and say of themselves that
+        they are sure.
+        """
+        plain = replace(self, scale=1.0).believed(residuals)
+        expected = np.diag(self.precision)
+        return np.asarray(expected + plain.worth / self.worth * (there.hessian - expected))
+
+    def _handed_on(self, changed: Level) -> Level:
+        """Give the path lengths that are kept to a level of the same images."""
+        changed.latest.update(self.latest)
+        return changed
 
     def _met(
         self,
