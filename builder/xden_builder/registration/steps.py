@@ -10,10 +10,10 @@ from typing import Final
 from xden_builder.registration.around import Around
 from xden_builder.registration.body import Body
 from xden_builder.registration.exact import Judge
-from xden_builder.registration.kinds import loss_of, most_of_rivals
+from xden_builder.registration.kinds import apart, loss_of, most_of_rivals
 from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.placement import Found, RigidPlacement
-from xden_builder.registration.turns import box_turned, lowest_beside
+from xden_builder.registration.turns import box_turned, lowest_beside, same_share
 
 __all__ = ["DERIVATIVES", "all_settled", "hopped", "rescaled", "settled"]
 
@@ -69,9 +69,21 @@ def hopped(judge: Judge, found: Found, likeness: Likeness, body: Body) -> list[F
     times, more = PROMISING
     near = [each for each in least if each.loss <= times * found.loss + more]
     boxed = box_turned(partial(_either, judge, around), here, likeness, body)
-    beside = [judge.refined(each, 1) for each in near]
-    beside += [judge.refined(each, DERIVATIVES) for each in boxed]
-    return sorted([found, *(settled(judge, each, found) for each in beside)], key=loss_of)
+    beside = [judge.refined(each, 1) for each in [*near, *boxed]]
+    return sorted(
+        [found, *(_settled_if_elsewhere(judge, each, found, likeness, body) for each in beside)],
+        key=loss_of,
+    )
+
+
+def _settled_if_elsewhere(
+    judge: Judge, found: Found, converged: Found, likeness: Likeness, body: Body
+) -> Found:
+    """Move a pose on unless it came back to the one beside which it began."""
+    gained = found.loss <= SETTLED * converged.loss
+    if gained or apart(converged.placement, found.placement, likeness, body, same_share(body)):
+        return settled(judge, found, converged)
+    return found
 
 
 def _least_of_lines(lines: Sequence[Sequence[Found]]) -> list[Found]:
