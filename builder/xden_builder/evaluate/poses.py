@@ -35,6 +35,8 @@ WITHIN: Final = 0.95
 RIGHT_DEG: Final = 0.3
 RIGHT_MM: Final = 0.5
 MOST_MOVES: Final = 30
+GROWTHS: Final = (0.5, 2.0)
+"""Least and most: an object far from where it stood would shrink to a point on its surface."""
 STILL: Final = 1e-4
 """A move of the rim by less, as a share of its radius, is none."""
 POSE_FLAGS: Final = frozenset(
@@ -180,7 +182,8 @@ def pose_error(
         at = [_placed(part, middle_cm, turn, shift_cm, growth) for part in parts]
         step = _least_move(at, onto, middle_cm + shift_cm, rim_cm)
         turn = Rotation.from_rotvec(step[:3]) * turn
-        shift_cm, growth = shift_cm + rim_cm * step[3:6], growth * float(np.exp(step[6]))
+        shift_cm = shift_cm + rim_cm * step[3:6]
+        growth = float(np.clip(growth * np.exp(step[6]), *GROWTHS))
         if np.linalg.norm(step) < STILL:
             break
     left_cm = max(
