@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from numpy.testing import assert_allclose
 
 from xden_builder.fit.problem import Evaluation
@@ -81,7 +83,7 @@ class Met(Level):
         for name, value in (("off", off), ("scale", scale), ("lost_from", LOST_FROM)):
             object.__setattr__(self, name, value)
 
-    def _met(self, *_: object) -> list[Vector]:
+    def _off_there(self, *_: object) -> list[Vector]:
         return [self.off]
 
 
@@ -112,3 +114,45 @@ def test_residuals_are_scaled_by_what_is_typical_within_bounds(
     monkeypatch.setattr(Met, "latest", {}, raising=False)
     off = np.array([-typical, typical, typical, 99.0, 0.0])
     assert Met(off).scaled(NONE, []).scale == pytest.approx(scale)
+
+
+class Seen(Level):
+    """One view of which nothing is rendered: residuals, and where the object is, are told."""
+
+    off: Vector
+    met: list[bool]
+
+    def __init__(self, off: list[float], met: list[bool], seen: Vector, beside: Vector) -> None:
+        given = (("off", np.array(off)), ("met", met), ("measured", [seen]), ("beside", [beside]))
+        for name, value in given:
+            object.__setattr__(self, name, value)
+
+    def _split(self, _: Vector) -> tuple[Vector, Vector, Vector, Vector]:
+        return NONE, np.ones(1), NONE, NONE
+
+    def counted(self, _: object) -> Iterator[tuple[Bool[np.ndarray, "_n"], Vector]]:
+        yield np.ones(len(self.off), dtype=np.bool_), self.off
+
+    def _met(self, _: Vector) -> Iterator[Bool[np.ndarray, "_n"]]:
+        yield np.array(self.met)
+
+
+def doubt(off: list[float], met: list[bool], seen: list[float], beside: list[float]) -> float:
+    return Seen(off, met, np.array(seen), np.array(beside)).doubt(NONE, [])
+
+
+def test_much_left_of_few_pixels_is_less_doubt_than_as_much_spread_over_all() -> None:
+    all_met, seen = [True] * 10, [0.5] * 10
+    few = doubt([0.0] * 9 + [np.sqrt(2.5)], all_met, seen, [])
+    each = doubt([0.5] * 10, all_met, seen, [])
+    assert few < 0.3 * each
+
+
+def test_light_that_something_took_counts_as_much_beside_what_is_compared() -> None:
+    compared = doubt([0.1, 10.0], [True, False], [0.6, 0.5], [1.0])
+    assert doubt([0.1], [True], [0.6], [0.5, 1.0]) == pytest.approx(compared)
+
+
+def test_air_that_no_object_meets_says_nothing_of_a_pose() -> None:
+    alone = doubt([0.1], [True], [0.6], [])
+    assert doubt([0.1, 0.2], [True, False], [0.6, 0.99], [1.01]) == pytest.approx(alone)

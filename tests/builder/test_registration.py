@@ -27,6 +27,7 @@ from xden_builder.registration.around import Around
 from xden_builder.registration.ball import ball_turns, is_ball
 from xden_builder.registration.body import Body
 from xden_builder.registration.camera import Camera
+from xden_builder.registration.closely import told_closely
 from xden_builder.registration.contest import told_apart
 from xden_builder.registration.costs import explained_in_part
 from xden_builder.registration.exact import Judge, side_of
@@ -303,6 +304,15 @@ def test_a_pose_that_was_not_fitted_is_as_good_by_its_loss() -> None:
     one, near, far = (
         Found(at(Rotation.identity()), loss, np.ones(1), deviance)
         for loss, deviance in ((1.0, 10.0), (1.1, None), (1.2, None))
+    )
+    assert near.as_good_as(one)
+    assert not far.as_good_as(one)
+
+
+def test_a_pose_that_was_refined_is_as_good_by_its_doubt_whatever_deviance_it_had() -> None:
+    one, near, far = (
+        Found(at(Rotation.identity()), 1.0, np.ones(1), deviance, doubt)
+        for deviance, doubt in ((10.0, 1.0), (99.0, 1.09), (10.0, 1.11))
     )
     assert near.as_good_as(one)
     assert not far.as_good_as(one)
@@ -743,6 +753,38 @@ def test_fits_tell_poses_apart_or_what_is_left_of_them_moved_once_more(
         return replace(each, loss=left[each.loss]) if moved else unmoved(each)
 
     told = told_apart(hammer, [0, 1, 2], shadows, rivals, settle)
+    assert told[0].loss == rivals[first].loss
+
+
+@pytest.mark.parametrize("doubted", [False, True])
+def test_poses_the_search_does_not_tell_are_told_by_the_images_as_they_are(
+    hammer: Capture, doubted: bool
+) -> None:
+    order = ownership_order([part.mesh for part in hammer.parts])
+    rolled, right, far = (
+        Found(at(Rotation.from_rotvec([0, 0, angle])), loss, np.ones(len(hammer.parts)))
+        for angle, loss in ((0.7, 0.05), (0.0, 0.055), (1.2, 0.06))
+    )
+    away = replace(hammer, pose="unknown")
+    first, second, *others = told_closely(away, order, [rolled, right, far], doubted=doubted)
+    assert first.loss == right.loss
+    assert not second.as_good_as(first)
+    assert [each.doubt is not None for each in (first, second, *others)] == [True, True, doubted]
+    untold = replace(away, tube=None)
+    assert told_closely(untold, order, [rolled, right], doubted=doubted) == [rolled, right]
+
+
+@pytest.mark.parametrize(("doubts", "first"), [((1.0, 0.9), 1), ((1.0, 0.99), 0), ((1.0, 2.0), 0)])
+def test_images_as_they_are_count_twice_beside_those_of_the_search(
+    hammer: Capture, monkeypatch: pytest.MonkeyPatch, doubts: tuple[float, float], first: int
+) -> None:
+    rivals = [Found(at(Rotation.identity()), loss, np.ones(3)) for loss in (1.0, 1.1)]
+    given = dict(zip((1.0, 1.1), doubts, strict=True))
+    monkeypatch.setattr(
+        "xden_builder.registration.closely._refined",
+        lambda _capture, _order, each: replace(each, doubt=given[each.loss]),
+    )
+    told = told_closely(hammer, [0, 1, 2], rivals, doubted=False)
     assert told[0].loss == rivals[first].loss
 
 

@@ -129,6 +129,8 @@ class PoseFit:
         Fitted along with it, coarsely, and for ways through the meshes as they are.
     rms_before, rms_after
         Root mean square residual of transmission on the coarsest and the finest images used.
+    doubt
+        What the finest leave, as of :meth:`Level.doubt`.
     """
 
     poses: Poses
@@ -138,6 +140,7 @@ class PoseFit:
     gain: Float64[np.ndarray, "v"]
     rms_before: float
     rms_after: float
+    doubt: float
 
     @property
     def sd(self) -> Float64[np.ndarray, "p"]:
@@ -272,6 +275,7 @@ def refine_pose(
         gain=unknowns[len(meshes) :][: len(views)],
         rms_before=rms_before,
         rms_after=level.rms(residuals),
+        doubt=level.doubt(unknowns, residuals),
     )
 
 

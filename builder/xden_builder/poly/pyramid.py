@@ -55,6 +55,8 @@ TYPICAL: Final = 0.75
 """Of the median residual where the object is, not all of which the model leaves by being wrong."""
 LEAST_SCALE: Final = 0.1
 """Half a hundredth of the light: whole objects leave as much."""
+SHADED: Final = 0.96
+"""Of the light of the open field: less was taken by something."""
 MUCH_LEFT, MUCH_LEFT_THERE = 0.05, 0.15
 """Mean square of residuals in the windows, and where the object is: of whole objects one in
 fifteen leaves as much in either, of those a part of which has no mesh nine in ten."""
@@ -83,6 +85,8 @@ class Level:
     at_least: Sequence[Bool[np.ndarray, "_p"]]
     weights: Sequence[Float64[np.ndarray, "_p groups"]]
     """Shares of the energy groups in the open field of the compared pixels."""
+    beside: Sequence[Float64[np.ndarray, "_b"]]
+    """Measured by the known pixels that are not compared."""
     subrays: Sequence[int]
     """Rays along each side of a pixel of each view."""
     step_cm: float = STEPS_CM
@@ -120,7 +124,7 @@ class Level:
         if images is None:
             pairs = zip(target.views, target.saturated, strict=True)
             images = [Averaged.of(view, saturated, binning) for view, saturated in pairs]
-        masks, places, measured, glare, at_least, weights = [], [], [], [], [], []
+        masks, places, measured, glare, at_least, weights, beside = [], [], [], [], [], [], []
         for each, beam, inside in zip(images, target.beams, windows, strict=True):
             mask = np.zeros_like(each.known)
             mask[inside] = each.known[inside]
@@ -130,13 +134,14 @@ class Level:
             glare.append(each.glare[mask])
             at_least.append(each.at_least[mask])
             weights.append(beam.weights(np.flatnonzero(mask), binning))
+            beside.append(each.image[each.known & ~mask].astype(np.float64))
         panels = [coarse(beam.geometry, binning) for beam in target.beams]
         if subrays is None:
             subrays = [
                 subrays_of(_pixels_met(target, poses, number, panel), binning, rays)
                 for number, panel in enumerate(panels)
             ]
-        seen = masks, places, measured, glare, at_least, weights
+        seen = masks, places, measured, glare, at_least, weights, beside
         return cls(target, poses, binning, panels, *seen, subrays)
 
     @property
@@ -214,7 +219,7 @@ class Level:
         residuals: Sequence[Float64[np.ndarray, "_n"]],
     ) -> bool:
         """Whether so much is left that something may have no mesh, beside the object or in it."""
-        there = np.concatenate(list(self._met(unknowns, residuals)))
+        there = np.concatenate(list(self._off_there(unknowns, residuals)))
         left_there = self.tempered(there) / max(len(there), 1)
         return left_there > MUCH_LEFT_THERE or self.mean_left(residuals) > MUCH_LEFT
 
@@ -227,9 +232,33 @@ class Level:
 
         What has no mesh then no longer outweighs what has one, were it a twentieth of the light.
         """
-        off = np.abs(np.concatenate(list(self._met(unknowns, residuals))))
+        off = np.abs(np.concatenate(list(self._off_there(unknowns, residuals))))
         typical = TYPICAL * float(np.median(off)) if len(off) else 1.0
         return self._handed_on(replace(self, scale=min(max(typical, LEAST_SCALE), 1.0)))
+
+    def doubt(
+        self,
+        unknowns: Float64[np.ndarray, "u"],
+        residuals: Sequence[Float64[np.ndarray, "_n"]],
+    ) -> float:
+        """Mean of Cauchy's loss where the object is or something else takes light.
+
+        Of unlike poses the right one leaves least of this: it explains most pixels well, whatever
+        it leaves of the others, of a part of a wrong label perhaps or of one without a mesh. All
+        pixels count, also those that are not compared, since each pose has windows of its own.
+        """
+        _, gains, *_ = self._split(unknowns)
+        there = self.counted(residuals), self._met(unknowns), gains.tolist(), self.measured
+        inside = [
+            off[met | (seen < SHADED * gain)]
+            for (_, off), met, gain, seen in zip(*there, strict=True)
+        ]
+        outside = [
+            (gain - seen[seen < SHADED * gain]) / PIXEL_SD
+            for gain, seen in zip(gains.tolist(), self.beside, strict=True)
+        ]
+        off = np.concatenate([*inside, *outside]) / LEAST_SCALE
+        return float(np.log1p(off**2).sum() / max(len(off), 1))
 
     def as_sure(
         self, there: Evaluation, residuals: Sequence[Float64[np.ndarray, "_n"]]
@@ -248,17 +277,24 @@ class Level:
         changed.latest.update(self.latest)
         return changed
 
-    def _met(
+    def _off_there(
         self,
         unknowns: Float64[np.ndarray, "u"],
         residuals: Sequence[Float64[np.ndarray, "_n"]],
     ) -> Iterator[Float64[np.ndarray, "_m"]]:
         """Yield the residuals of a view that count, of pixels that meet the object."""
+        each = zip(self.counted(residuals), self._met(unknowns), strict=True)
+        for (counts, off), there in each:
+            yield off[counts & there]
+
+    def _met(self, unknowns: Float64[np.ndarray, "u"]) -> Iterator[Bool[np.ndarray, "_p"]]:
+        """Yield which compared pixels of a view meet the object."""
         *_, pose = self._split(unknowns)
-        for number, (counts, off) in enumerate(self.counted(residuals)):
+        for number, measured in enumerate(self.measured):
             places = self.places[number][self._kept(number, pose).pixels]
-            places = places[places >= 0]
-            yield off[places[counts[places]]]
+            there = np.zeros(len(measured), dtype=np.bool_)
+            there[places[places >= 0]] = True
+            yield there
 
     def residuals(self, unknowns: Float64[np.ndarray, "u"]) -> list[Float64[np.ndarray, "_n"]]:
         """Model less measurement of each view, in standard deviations."""

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from xden1k.rays import ownership_order
 from xden_builder.capture import Capture
-from xden_builder.capture.pose import MeshScale
 from xden_builder.registration.placement import Registration, RigidPlacement
 from xden_builder.registration.search import register
 
@@ -47,7 +46,4 @@ def registered(capture: Capture) -> Registered:
     meshes = [part.mesh for part in capture.parts]
     order = ownership_order(meshes, [part.priority for part in capture.parts])
     registration = register(capture, order)
-    parts = registration.placement.of_parts(capture.parts)
-    left: MeshScale = "near" if capture.mesh_scale == "near" else "known"
-    there = replace(capture, parts=parts, pose="near", mesh_scale=left)
-    return Registered(there, registration)
+    return Registered(registration.placement.of_capture(capture), registration)

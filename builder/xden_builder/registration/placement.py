@@ -12,11 +12,14 @@ from jaxtyping import Float, Float64
 from scipy.spatial.transform import Rotation
 
 from xden1k.values.arrays import Points
-from xden_builder.capture import CapturePart
+from xden_builder.capture import Capture, CapturePart
+from xden_builder.capture.pose import MeshScale
 from xden_builder.poly.model.frames import Pose
 
 __all__ = ["Found", "Registration", "RigidPlacement"]
 
+AS_LITTLE_DOUBT: Final = 1.1
+"""A pose that leaves so many times as much once both were refined is as good."""
 AS_GOOD: Final = 1.15
 """A pose whose loss is this many times the least explains the images as well."""
 AS_PROBABLE: Final = (1.4, 2.0)
@@ -59,6 +62,12 @@ class RigidPlacement:
     def of_parts(self, parts: Iterable[CapturePart]) -> tuple[CapturePart, ...]:
         """Give parts whose meshes are moved."""
         return tuple(replace(part, mesh=self.moved(part.mesh)) for part in parts)
+
+    def of_capture(self, capture: Capture) -> Capture:
+        """Give a capture whose parts stand there, about."""
+        left: MeshScale = "near" if capture.mesh_scale == "near" else "known"
+        parts = self.of_parts(capture.parts)
+        return replace(capture, parts=parts, pose="near", mesh_scale=left)
 
     def followed_by(self, pose: Pose) -> RigidPlacement:
         """Where the mesh stands when the object, once there, goes into a pose."""
@@ -112,6 +121,9 @@ class Found:
     deviance
         Twice minus the logarithm of the posterior of the whole fit, and the squares that the search
         for the pose left; None where the loss alone tells the pose from all others.
+    doubt
+        What it leaves once refined on the images as they are, as of
+        :meth:`xden_builder.poly.pyramid.Level.doubt`; None where it was not.
     gains
         Of the views, and after them their shares of glare, where the pose has been moved with them.
     growth
@@ -122,11 +134,17 @@ class Found:
     loss: float
     density_g_cm3: Float64[np.ndarray, "k"]
     deviance: float | None = None
+    doubt: float | None = None
     gains: Float64[np.ndarray, "v"] | None = None
     growth: float = 0.0
 
     def as_good_as(self, best: Found) -> bool:
-        """Whether it explains the images about as well: by the loss, unless both were fitted."""
+        """Whether it explains the images about as well: by the loss, unless both were fitted.
+
+        By what is left once both were refined, where they were.
+        """
+        if best.doubt is not None and self.doubt is not None:
+            return self.doubt <= AS_LITTLE_DOUBT * best.doubt
         if best.deviance is None or self.deviance is None:
             return self.loss <= AS_GOOD * best.loss
         times, more = AS_PROBABLE
@@ -188,7 +206,12 @@ class Registration:
             "equal_poses": self.equal_poses,
             "outline_share": self.outline_share,
             "candidates": [
-                {**each.placement.to_dict(), "loss": each.loss, "deviance": each.deviance}
+                {
+                    **each.placement.to_dict(),
+                    "loss": each.loss,
+                    "deviance": each.deviance,
+                    "doubt": each.doubt,
+                }
                 for each in self.candidates
             ],
         }

@@ -20,6 +20,7 @@ from xden_builder.poly.materials.candidates import candidate_table
 from xden_builder.registration.around import Around
 from xden_builder.registration.ball import ball_turns, is_ball
 from xden_builder.registration.body import Body
+from xden_builder.registration.closely import told_closely
 from xden_builder.registration.contest import told_apart
 from xden_builder.registration.exact import Judge, side_of
 from xden_builder.registration.kinds import (
@@ -131,7 +132,9 @@ def register(capture: Capture, order: Sequence[int]) -> Registration:
     meshes = [part.mesh for part in capture.parts]
     body = Body.of(meshes, order, _usual_lac_per_cm(capture))
     likeness = Likeness(body)
-    return _judged(capture, _searched(capture, shadows, body, likeness), likeness, body)
+    fine = _searched(capture, shadows, body, likeness)
+    told = told_closely(capture, order, fine.found, doubted=fine.doubted)
+    return _judged(capture, fine._replace(found=told), likeness, body)
 
 
 def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness) -> _Fine:
