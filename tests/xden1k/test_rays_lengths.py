@@ -14,9 +14,11 @@ from hypothesis import strategies as st
 from xden1k.errors import DataError, MissingExtraError
 from xden1k.rays import PathLengths, kernels, path_lengths
 from xden1k.rays import lengths as lengths_module
+from xden1k.rays.lattice import Lattice
 from xden1k.values.views import ViewGeometry
 
 SIZE = 48
+NONE = np.zeros(0, dtype=np.int64)
 seeds = st.integers(0, 2**32 - 1)
 beams = st.sampled_from(["cone", "parallel"])
 
@@ -380,7 +382,7 @@ def test_rows_and_columns_of_an_oblong_detector_are_not_confused(shape):
 def test_a_window_grows_to_no_more_than_the_pixels_it_touches(rows, columns, subrays):
     shape = (7, 11)
     window = (rows[0], sum(rows), columns[0], sum(columns))
-    grown = lengths_module._whole_pixels(window, subrays, shape)
+    grown = Lattice.of(subrays, turned=False).window(window, shape)
     for axis, size in enumerate(shape):
         touched = set(range(*window[2 * axis : 2 * axis + 2]))
         pixels = [
@@ -400,7 +402,8 @@ def test_bands_tile_the_window_and_hold_about_as_many_crossings_as_allowed(seed,
     window = (6, 6 + len(counts), 20, 25)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(lengths_module, "CROSSINGS_AT_ONCE", limit)
-        bands = list(lengths_module._bands(counts, window, subrays))
+        lattice = Lattice.of(subrays, turned=False)
+        bands = [band for band, _ in lengths_module._bands(counts, window, lattice, NONE, 5)]
     assert [band[2:] for band in bands] == [(20, 25)] * len(bands)
     assert [bands[0][0], *(band[1] for band in bands)] == [*(band[0] for band in bands), window[1]]
     assert all((band[1] - band[0]) % subrays == 0 < band[1] - band[0] for band in bands)
@@ -447,3 +450,67 @@ def test_hundreds_of_crossings_of_one_ray_are_walked_in_their_order():
     found = path_lengths([comb], [0], straight)
     assert not found.broken.any()
     np.testing.assert_allclose(found.lengths_cm, 1.2, rtol=1e-5)
+
+
+@pytest.mark.parametrize("subrays", [1, 2, 3, 4, 5, 8])
+def test_each_ray_of_a_turned_lattice_is_one_pixels_and_they_lie_evenly_about_its_centre(subrays):
+    lattice, view_of = Lattice.of(subrays, turned=True), view("parallel")
+    along, across = lattice.along, lattice.across
+    fine = lattice.seen(view_of)
+    for row, column in ((0, 0), (3, 7), (11, 2)):
+        mine = np.add(
+            lattice.places, (along * row - across * column, along * column + across * row)
+        )
+        assert {lattice.pixel(*each) for each in mine.tolist()} == {(row, column)}
+        at_cm = fine.pixel_centres_cm(*mine.T.astype(float))
+        centre_cm = view_of.pixel_centres_cm(np.array([float(row)]), np.array([float(column)]))
+        np.testing.assert_allclose(at_cm.mean(axis=0), centre_cm[0], atol=1e-12)
+    assert len({tuple(each) for each in lattice.places.tolist()}) == lattice.rays
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=seeds, beam=beams, subrays=st.integers(1, 4))
+def test_lengths_along_a_turned_lattice_are_those_of_its_rays(seed, beam, subrays):
+    mesh, panel = turned(trimesh.creation.icosphere(1, 4.0), seed), view(beam, size=12, tilt=0.2)
+    lengths = path_lengths([mesh], [0], panel, subrays, turned=True)
+    lattice = Lattice.of(subrays, turned=True)
+    fine, (rows, columns) = lattice.seen(panel), np.divmod(lengths.pixels, 12)
+    for number in range(lattice.rays):
+        below, beside = lattice.places[number]
+        row = lattice.along * rows - lattice.across * columns + below
+        column = lattice.along * columns + lattice.across * rows + beside
+        for pixel in range(0, len(rows), 17):
+            corner = fine.pixel_centres_cm(
+                np.array([float(row[pixel])]), np.array([float(column[pixel])])
+            )[0]
+            alone = dataclasses.replace(panel, pixel00_cm=corner, shape=(1, 1))
+            (wanted,) = length_in_convex(mesh, alone).ravel()
+            assert lengths.lengths_cm[pixel, number, 0] == pytest.approx(wanted, abs=2e-5)
+
+
+@settings(max_examples=40, deadline=None)
+@given(edge=st.floats(-0.45, 0.45), upright=st.booleans())
+def test_an_edge_along_the_raster_is_seen_as_finely_as_a_turned_lattice_has_rays(edge, upright):
+    panel = dataclasses.replace(
+        view("parallel", size=9), direction=np.array([0.0, 1.0, 0.0]), pixel00_cm=np.zeros(3)
+    )
+    pitch = np.linalg.norm(panel.column_step_cm)
+    reach = (4 + edge) * pitch  # into pixel 4 from its middle, along columns or rows
+    half = trimesh.creation.box((400.0, 2.0, 400.0))
+    half.apply_translation([reach - 200.0, 0, 0] if upright else [0, 0, 200.0 - reach])
+    shares = {}
+    for is_turned in (False, True):
+        lengths = path_lengths([half], [0], panel, 4, turned=is_turned)
+        covered = np.zeros(81)
+        covered[lengths.pixels] = lengths.lengths_cm[:, :, 0].mean(axis=1) / 2
+        image = covered.reshape(9, 9)
+        shares[is_turned] = image[:, 4] if upright else image[4]
+    np.testing.assert_allclose(shares[True], edge + 0.5, atol=0.51 / 17)
+    assert np.ptp(shares[False]) == 0
+
+
+def test_a_turned_lattice_is_cut_off_where_the_detector_ends():
+    mesh = trimesh.creation.icosphere(2, 14.0)
+    lengths = path_lengths([mesh], [0], view(size=16), 3, turned=True)
+    assert lengths.pixels.tolist() == list(range(256))
+    assert (lengths.lengths_cm.min(axis=1) > 0).all()

@@ -15,7 +15,9 @@ __all__ = [
     "count",
     "extent",
     "gather",
+    "mark",
     "mean_transmission",
+    "pixel_of",
     "project",
     "scan",
     "walk_fill",
@@ -303,10 +305,71 @@ def _cm_per_depth(frame: Float64[np.ndarray, "3 3"], row: int, column: int) -> f
 
 @compiled
 @no_type_check
+def _over_pixel(row: int, column: int, along: int, across: int) -> tuple[int, int]:
+    """Row and column of a ray in pixels, times twice the rays of one; see ``lattice.Lattice``."""
+    below = 2 * (along * row + across * column)
+    beside = 2 * (along * column - across * row)
+    if across == 0:
+        return below, beside
+    rays = along * along + across * across
+    half = (rays + 1) % 2  # of an even number of rays the first stands half a column beside
+    return below + rays + across * half, beside + rays + along * half
+
+
+@compiled
+@no_type_check
+def pixel_of(row: int, column: int, along: int, across: int) -> tuple[int, int]:
+    """Row and column of the pixel in which a ray of a lattice stands."""
+    below, beside = _over_pixel(row, column, along, across)
+    whole = 2 * (along * along + across * across)
+    return below // whole, beside // whole
+
+
+@compiled
+@no_type_check
+def mark(
+    counts: Int32[np.ndarray, "rows columns"],
+    window: Window,
+    along: int,
+    across: int,
+    met: Bool[np.ndarray, "rows columns"],
+) -> None:
+    """Mark the pixels of which a ray has a crossing.
+
+    Parameters
+    ----------
+    counts
+        Of the rays of a window.
+    window
+        First and end row, first and end column.
+    along, across
+        Of ``lattice.Lattice``.
+    met
+        By pixel: written.
+    """
+    whole = 2 * (along * along + across * across)
+    for i in range(counts.shape[0]):
+        below, beside = _over_pixel(i + window[0], window[2], along, across)
+        row, column = below // whole, beside // whole
+        below, beside = below - row * whole, beside - column * whole
+        for j in range(counts.shape[1]):
+            if counts[i, j] > 0 and 0 <= row < met.shape[0] and 0 <= column < met.shape[1]:
+                met[row, column] = True
+            below, beside = below + 2 * across, beside + 2 * along
+            if below >= whole:
+                below, row = below - whole, row + 1
+            if beside >= whole:
+                beside, column = beside - whole, column + 1
+
+
+@compiled
+@no_type_check
 def walk_lengths(
     pixels: Int64[np.ndarray, "pixels"],
     columns: int,
-    subrays: int,
+    along: int,
+    across: int,
+    places: Int64[np.ndarray, "rays 2"],
     window: Window,
     frame: Float64[np.ndarray, "3 3"],
     order: Int64[np.ndarray, "parts"],
@@ -323,8 +386,8 @@ def walk_lengths(
     ----------
     pixels, columns
         Flat indices of the pixels, and how many stand in a row.
-    subrays
-        Rays along each side of a pixel.
+    along, across, places
+        Of ``lattice.Lattice``.
     window, cells, depths, crossed
         What :func:`scan` stored; each ray's list is sorted here.
     frame
@@ -335,34 +398,35 @@ def walk_lengths(
         Results, zero on entry: cm for each part, cm covered twice or more (mean over the rays),
         and whether a surface stayed open.
     """
-    first_row, _, first_column, end_column = window
+    first_row, end_row, first_column, end_column = window
     width = end_column - first_column
     flat = cells.ravel()
     windings = np.zeros(len(order), dtype=np.int32)
     for i in range(len(pixels)):
-        pixel_row = pixels[i] // columns
-        top, left = pixel_row * subrays, (pixels[i] - pixel_row * columns) * subrays
-        ray = -1
-        for row in range(top, top + subrays):
-            for column in range(left, left + subrays):
-                ray += 1
-                cell = (row - first_row) * width + column - first_column
-                begin = flat[cell]
-                end = flat[cell + 1] if cell + 1 < len(flat) else len(depths)
-                if begin == end:
-                    continue
-                _sort_by_depth(depths, crossed, begin, end)
-                cm_per_depth = _cm_per_depth(frame, row, column)
-                owner, inside = len(order), 0
-                for j in range(begin, end):
-                    if inside > 0:
-                        span = cm_per_depth * (depths[j] - depths[j - 1])
-                        lengths[i, ray, order[owner]] += span
-                        if inside > 1:
-                            shared[i] += span / (subrays * subrays)
-                    owner, inside = _cross(windings, crossed[j], owner, inside)
-                if not _close(windings, crossed, begin, end):
-                    broken[i] = True
+        below = pixels[i] // columns
+        beside = pixels[i] - below * columns
+        top, left = along * below - across * beside, along * beside + across * below
+        for ray in range(len(places)):
+            row, column = top + places[ray, 0], left + places[ray, 1]
+            if not (first_row <= row < end_row and first_column <= column < end_column):
+                continue
+            cell = (row - first_row) * width + column - first_column
+            begin = flat[cell]
+            end = flat[cell + 1] if cell + 1 < len(flat) else len(depths)
+            if begin == end:
+                continue
+            _sort_by_depth(depths, crossed, begin, end)
+            cm_per_depth = _cm_per_depth(frame, row, column)
+            owner, inside = len(order), 0
+            for j in range(begin, end):
+                if inside > 0:
+                    span = cm_per_depth * (depths[j] - depths[j - 1])
+                    lengths[i, ray, order[owner]] += span
+                    if inside > 1:
+                        shared[i] += span / len(places)
+                owner, inside = _cross(windings, crossed[j], owner, inside)
+            if not _close(windings, crossed, begin, end):
+                broken[i] = True
 
 
 @compiled

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import reduce
 from itertools import pairwise
 
 import numpy as np
@@ -22,6 +21,7 @@ from jaxtyping import Bool, Float, Float32, Float64, Int32, Int64
 
 from xden1k.errors import DataError
 from xden1k.rays import kernels
+from xden1k.rays.lattice import Lattice
 from xden1k.rays.surfaces import Surfaces, Window
 from xden1k.values.arrays import Image
 from xden1k.values.views import ViewGeometry
@@ -88,6 +88,8 @@ def path_lengths(
     order: Sequence[int],
     geometry: ViewGeometry,
     subrays: int = 1,
+    *,
+    turned: bool = False,
 ) -> PathLengths:
     """Path lengths of one view through parts that may nest and overlap.
 
@@ -105,6 +107,11 @@ def path_lengths(
     subrays
         Rays along each side of a pixel: ``subrays**2`` for each pixel, at the centres of its
         equal squares, row by row.
+    turned
+        Whether they stand on a lattice that is turned against the raster instead, one more for
+        each pixel where there are several: no two of a pixel in one row or column. Edges along the
+        raster are seen as finely as if there were ``subrays**2`` rays along each side. All
+        crossings are held at once.
 
     Raises
     ------
@@ -122,23 +129,24 @@ def path_lengths(
     """
     if subrays < 1:
         raise DataError(f"subrays must be at least 1, got {subrays}")
-    fine = geometry.refined(subrays)
+    lattice = Lattice.of(subrays, turned=turned)
+    fine = lattice.seen(geometry)
     surfaces = Surfaces.seen(meshes, order, fine)
-    window = _whole_pixels(surfaces.bounds(), subrays, geometry.shape)
+    window = lattice.window(surfaces.bounds(), geometry.shape)
     counts = surfaces.count(window)
-    pixels = _active_pixels(counts, window, subrays, geometry.shape)
-    lengths = np.zeros((len(pixels), subrays**2, len(meshes)), dtype=np.float32)
+    pixels = lattice.met(counts, window, geometry.shape)
+    lengths = np.zeros((len(pixels), lattice.rays, len(meshes)), dtype=np.float32)
     shared = np.zeros(len(pixels))
     broken = np.zeros(len(pixels), dtype=np.bool_)
-    for band in _bands(counts, window, subrays):
+    for band, mine in _bands(counts, window, lattice, pixels, geometry.shape[1]):
         rows = slice(band[0] - window[0], band[1] - window[0])
         depths, crossed = surfaces.cross(band, counts[rows])
-        first, last = np.array(band[:2]) // subrays * geometry.shape[1]
-        mine = slice(*np.searchsorted(pixels, (first, last)).tolist())
         kernels.walk_lengths(
             pixels[mine],
             geometry.shape[1],
-            subrays,
+            lattice.along,
+            lattice.across,
+            lattice.places,
             band,
             _ray_frame(fine),
             np.array(order, dtype=np.int64),
@@ -152,39 +160,29 @@ def path_lengths(
     return PathLengths(pixels, lengths, shared.astype(np.float32), broken, geometry.shape)
 
 
-def _whole_pixels(window: Window, subrays: int, shape: tuple[int, int]) -> Window:
-    """Grow a window of rays to whole pixels, and cut it to the detector."""
-
-    def cut(first: int, end: int, size: int) -> tuple[int, int]:
-        first, end = max(first // subrays, 0), min(-(-end // subrays), size)
-        return first * subrays, max(first, end) * subrays
-
-    return (*cut(*window[:2], shape[0]), *cut(*window[2:], shape[1]))
-
-
-def _active_pixels(
+def _bands(
     counts: Int32[np.ndarray, "rows columns"],
     window: Window,
-    subrays: int,
-    shape: tuple[int, int],
-) -> Int64[np.ndarray, "n"]:
-    """Flat indices of pixels with a crossing on any ray."""
-    # one strided view for each ray of a pixel: far faster than .any() over two short axes
-    each = (counts[i::subrays, j::subrays] > 0 for i in range(subrays) for j in range(subrays))
-    row, column = np.nonzero(reduce(np.logical_or, each))
-    return (row + window[0] // subrays) * shape[1] + column + window[2] // subrays
+    lattice: Lattice,
+    pixels: Int64[np.ndarray, "n"],
+    columns: int,
+) -> Iterator[tuple[Window, slice]]:
+    """Cut a window into bands of whole pixel rows of about ``CROSSINGS_AT_ONCE`` each.
 
-
-def _bands(
-    counts: Int32[np.ndarray, "rows columns"], window: Window, subrays: int
-) -> Iterator[Window]:
-    """Cut a window into bands of whole pixel rows of about ``CROSSINGS_AT_ONCE`` each."""
-    first, _, *columns = window
+    Yields each with its pixels; a turned lattice is not cut.
+    """
+    if lattice.across:
+        yield window, slice(len(pixels))
+        return
+    first, _, *ends = window
+    subrays = lattice.along
     rows = counts.sum(axis=1, dtype=np.int64).reshape(-1, subrays).sum(axis=1)
     band = np.cumsum(rows) // CROSSINGS_AT_ONCE
     edges = [0, *(np.flatnonzero(np.diff(band)) + 1).tolist(), len(rows)]
     for start, stop in pairwise(edges):
-        yield (first + start * subrays, first + stop * subrays, columns[0], columns[1])
+        told = np.array([start, stop]) * columns + first // subrays * columns
+        mine = slice(*np.searchsorted(pixels, told).tolist())
+        yield (first + start * subrays, first + stop * subrays, ends[0], ends[1]), mine
 
 
 def _ray_frame(geometry: ViewGeometry) -> Float64[np.ndarray, "3 3"]:

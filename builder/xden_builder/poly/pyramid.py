@@ -86,9 +86,11 @@ class Level:
     weights: Sequence[Float64[np.ndarray, "_p groups"]]
     """Shares of the energy groups in the open field of the compared pixels."""
     beside: Sequence[Float64[np.ndarray, "_b"]]
-    """Measured by the known pixels that are not compared."""
+    """Measured by the other pixels of which a measurement is known, not from below alone."""
     subrays: Sequence[int]
     """Rays along each side of a pixel of each view."""
+    turned: bool = True
+    """Whether they stand turned against the raster, see :func:`xden1k.rays.path_lengths`."""
     step_cm: float = STEPS_CM
     """Of a central difference, for each pixel that is averaged along a side."""
     scale: float = 1.0
@@ -134,7 +136,7 @@ class Level:
             glare.append(each.glare[mask])
             at_least.append(each.at_least[mask])
             weights.append(beam.weights(np.flatnonzero(mask), binning))
-            beside.append(each.image[each.known & ~mask].astype(np.float64))
+            beside.append(each.image[each.known & ~each.at_least & ~mask].astype(np.float64))
         panels = [coarse(beam.geometry, binning) for beam in target.beams]
         if subrays is None:
             subrays = [
@@ -250,8 +252,8 @@ class Level:
         _, gains, *_ = self._split(unknowns)
         there = self.counted(residuals), self._met(unknowns), gains.tolist(), self.measured
         inside = [
-            off[met | (seen < SHADED * gain)]
-            for (_, off), met, gain, seen in zip(*there, strict=True)
+            off[counts & (met | (seen < SHADED * gain))]
+            for (counts, off), met, gain, seen in zip(*there, strict=True)
         ]
         outside = [
             (gain - seen[seen < SHADED * gain]) / PIXEL_SD
@@ -366,7 +368,8 @@ class Level:
         density, gains, glares, pose = self._split(unknowns)
         gain, seen, views = gains[number], self._kept(number, pose), len(gains)
         model, slopes = self.image_and_slopes(number, density, seen)
-        gradient = self._gradient(number, density, seen)
+        along = self._cast(number, pose, turned=False) if self.turned else seen
+        gradient = self._gradient(number, density, along)
         jacobian = np.zeros((len(model), len(unknowns)))
         jacobian[:, : self.parts] = gain * slopes
         jacobian[:, self.parts + number] = model
@@ -385,7 +388,7 @@ class Level:
     def _gradient(
         self, number: int, density: Float64[np.ndarray, "k"], seen: PathLengths
     ) -> Gradient:
-        """Slopes of a view's image, by its rays."""
+        """Slopes of a view's image, by rays along its raster: those tell what rims differ by."""
         count, rays, parts = seen.lengths_cm.shape
         weights = self.target.beams[number].weights(seen.pixels, self.binning)
         light = transmissions(
@@ -463,8 +466,14 @@ class Level:
 
     def seen(self, number: int, pose: Float64[np.ndarray, "q"]) -> PathLengths:
         """Path lengths of a view with the object in a pose."""
+        return self._cast(number, pose, turned=self.turned)
+
+    def _cast(self, number: int, pose: Float64[np.ndarray, "q"], *, turned: bool) -> PathLengths:
+        """Cast rays of a view, turned against its raster or along it."""
         geometry = self.poses.geometry(number, self.panels[number], pose)
-        return path_lengths(self.target.meshes, self.target.order, geometry, self.subrays[number])
+        return path_lengths(
+            self.target.meshes, self.target.order, geometry, self.subrays[number], turned=turned
+        )
 
     def _compared(
         self, number: int, seen: PathLengths

@@ -282,7 +282,7 @@ class Judge:
         level = Level.of(target, poses, windows, self.binning, self.images, self.subrays)
         pitch_cm = min(float(np.linalg.norm(view.geometry.column_step_cm)) for view in scene.views)
         lost_from = LOST_FROM if self.incomplete else np.inf
-        level = replace(level, step_cm=STEP_PX * pitch_cm, lost_from=lost_from)
+        level = replace(level, step_cm=STEP_PX * pitch_cm, lost_from=lost_from, turned=False)
         return level, self.density_g_cm3
 
     def _evaluated(
