@@ -157,3 +157,16 @@ def fitted(capture, **choices):
     """What the fit says of each part, by name."""
     fit = judge(solved(capture, **choices))
     return {part.name: found for part, found in zip(capture.parts, fit.parts, strict=True)}
+
+
+def saturated(bright: Capture, limit: float) -> Capture:
+    """What a panel makes of it that can tell no more than this."""
+    views, at_least = [], {}
+    for view in bright.views:
+        full = view.transmission >= limit
+        views.append(
+            replace(view, transmission=np.where(full, np.nan, view.transmission), valid=~full)
+        )
+        at_least[view.name] = np.where(full, limit, np.nan).astype(np.float32)
+    pa, lat = views
+    return replace(bright, views=(pa, lat), at_least=at_least)

@@ -84,6 +84,13 @@ def test_a_turn_of_something_long_about_itself_hardly_counts_at_the_rim():
     assert error.right
 
 
+def test_an_object_far_from_its_place_does_not_shrink_to_a_point_of_it():
+    cup, away = trimesh.creation.annulus(3.0, 3.2, 8.0), np.array([40.0, -90.0, 120.0])
+    error = pose_error([cup], ["oak"], still, lambda points: turned(70)(points) + away)
+    assert abs(np.log1p(error.size_share)) <= np.log(2) + 1e-9
+    assert not error.right
+
+
 def test_only_flags_of_the_pose_are_kept():
     error = pose_error([box(0, 0, 0)], ["oak"], still, still, ["pose_ambiguous", "uncertain"])
     assert error.flags == ("pose_ambiguous",)

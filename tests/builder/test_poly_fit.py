@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import trimesh
 
@@ -18,6 +17,7 @@ from tests.builder.poly_scenes import (
     owned_volumes_cm3,
     radiograph,
     relabelled,
+    saturated,
     solved,
     tool,
     true_mass_g,
@@ -143,19 +143,6 @@ def test_exposure_moves_the_gain_and_no_density(capture, rebuilt, exposures):
 def bright() -> Capture:
     """The object exposed longer than usual."""
     return captured(tool(), size=SIZE_PX, exposures=(1.3, 1.3))
-
-
-def saturated(bright: Capture, limit: float) -> Capture:
-    """What a panel makes of it that can tell no more than this."""
-    views, at_least = [], {}
-    for view in bright.views:
-        full = view.transmission >= limit
-        views.append(
-            replace(view, transmission=np.where(full, np.nan, view.transmission), valid=~full)
-        )
-        at_least[view.name] = np.where(full, limit, np.nan).astype(np.float32)
-    pa, lat = views
-    return replace(bright, views=(pa, lat), at_least=at_least)
 
 
 def test_saturated_air_costs_no_density_and_is_no_shadow(bright, rebuilt):

@@ -12,7 +12,7 @@ import trimesh
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
-from tests.builder.poly_scenes import Solid, box, captured, cylinder
+from tests.builder.poly_scenes import Solid, box, captured, cylinder, saturated
 from tests.builder.poly_scenes import radiograph as radiograph_of
 from xden1k.errors import DataError
 from xden1k.rays import ownership_order, path_lengths
@@ -309,13 +309,19 @@ def test_a_pose_that_was_not_fitted_is_as_good_by_its_loss() -> None:
     assert not far.as_good_as(one)
 
 
-def test_a_pose_that_was_refined_is_as_good_by_its_doubt_whatever_deviance_it_had() -> None:
-    one, near, far = (
-        Found(at(Rotation.identity()), 1.0, np.ones(1), deviance, doubt)
-        for deviance, doubt in ((10.0, 1.0), (99.0, 1.09), (10.0, 1.11))
+def test_a_refined_pose_is_as_good_by_doubt_and_loss_and_one_that_is_not_is_worse() -> None:
+    one, near, far, told = (
+        Found(at(Rotation.identity()), loss, np.ones(1), deviance, doubt)
+        for deviance, doubt, loss in (
+            (10.0, 1.0, 1.0),
+            (99.0, 1.2, 1.0),
+            (10.0, 1.2, 1.1),
+            (10.0, None, 1.0),
+        )
     )
     assert near.as_good_as(one)
     assert not far.as_good_as(one)
+    assert not told.as_good_as(one)
 
 
 def test_a_pose_after_another_is_both_in_turn() -> None:
@@ -557,6 +563,26 @@ def test_a_turn_beside_a_pose_is_followed_though_two_about_other_axes_seem_to_le
     assert any(each.placement is rolled for each in followed)
 
 
+@pytest.mark.parametrize(("turned_rad", "moves"), [(0.0, 1), (0.1, 2)])
+def test_a_turn_that_led_back_is_not_moved_on(
+    halves: tuple[Capture, Judge, Search],
+    monkeypatch: pytest.MonkeyPatch,
+    turned_rad: float,
+    moves: int,
+) -> None:
+    _, judge, _ = halves
+    there = settled(judge, judge.fixed(at(Rotation.identity())))
+    turn = Rotation.from_rotvec(turned_rad * judge.body.spin[1][2]).as_matrix()
+    elsewhere = RigidPlacement(turn @ there.placement.rotation, there.placement.translation_cm)
+    lines = [[replace(there, placement=elsewhere)], [], []]
+    monkeypatch.setattr(steps, "lowest_beside", lambda _judged, _here, axis, *_: lines[axis])
+    monkeypatch.setattr(steps, "box_turned", lambda *_: [])
+    moved: list[Found] = []
+    monkeypatch.setattr(Judge, "refined", lambda _judge, each, _most: moved.append(each) or each)
+    hopped(judge, there, Likeness(judge.body), judge.body)
+    assert len(moved) == moves
+
+
 def ball_with_holes(*places: Sequence[float]) -> Solid:
     """A ball that only small holes in it tell from itself turned."""
     ball = trimesh.creation.icosphere(4, 3.0)
@@ -774,7 +800,25 @@ def test_poses_the_search_does_not_tell_are_told_by_the_images_as_they_are(
     assert told_closely(untold, order, [rolled, right], doubted=doubted) == [rolled, right]
 
 
-@pytest.mark.parametrize(("doubts", "first"), [((1.0, 0.9), 1), ((1.0, 0.99), 0), ((1.0, 2.0), 0)])
+def test_saturated_air_hides_not_which_pose_is_right() -> None:
+    bright = without("none")
+    views = [replace(view, transmission=1.3 * view.transmission) for view in bright.views]
+    capture = saturated(replace(bright, views=tuple(views)), 1.1)
+    rolled, right = (
+        Found(at(Rotation.from_rotvec([0, 0, angle])), loss, np.ones(len(capture.parts)))
+        for angle, loss in ((0.7, 0.05), (0.0, 0.055))
+    )
+    order = ownership_order([part.mesh for part in capture.parts])
+    first, second = told_closely(capture, order, [rolled, right], doubted=False)
+    assert first.loss == right.loss
+    assert first.doubt is not None
+    assert first.doubt < 0.2
+    assert not second.as_good_as(first)
+
+
+@pytest.mark.parametrize(
+    ("doubts", "first"), [((1.0, 0.9), 1), ((1.0, 0.94), 1), ((1.0, 0.99), 0), ((1.0, 2.0), 0)]
+)
 def test_images_as_they_are_count_twice_beside_those_of_the_search(
     hammer: Capture, monkeypatch: pytest.MonkeyPatch, doubts: tuple[float, float], first: int
 ) -> None:

@@ -2,15 +2,13 @@
 
 What tells a racket from the racket turned by half, or a yo-yo, is finer than the pixels of the
 search. And where the best pose leaves much, as where a part has no mesh, another of those that were
-found may be the right one. So they are refined as the pose is that is built with.
+found may be the right one. So they are refined as the rebuild will refine the one it is given.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-
-import numpy as np
 
 from xden_builder.capture import Capture
 from xden_builder.poly.pose import find_pose
@@ -41,14 +39,17 @@ def told_closely(
     Returns
     -------
     list of Found
-        The best first. As they came where there is one alone, or the source is not told.
+        The best first, those that were not refined last, as they came. All as they came where there
+        is one alone, or the source is not told.
     """
-    close = [each for each in found if doubted or each.as_good_as(found[0])]
-    if len(close) < 2 or capture.tube is None:
+    close = [doubted or each.as_good_as(found[0]) for each in found]
+    if sum(close) < 2 or capture.tube is None:
         return list(found)
-    judged = {id(each): _refined(capture, order, each) for each in close}
-    there = [judged.get(id(each), each) for each in found]
-    return sorted(there, key=_improbability)
+    there = [
+        _refined(capture, order, each) if is_close else each
+        for each, is_close in zip(found, close, strict=True)
+    ]
+    return sorted(there, key=lambda each: each.improbability)
 
 
 def _refined(capture: Capture, order: Sequence[int], found: Found) -> Found:
@@ -58,12 +59,3 @@ def _refined(capture: Capture, order: Sequence[int], found: Found) -> Found:
     fit = find_pose(first_guess(scene), settings).fit
     assert fit is not None
     return replace(found, doubt=fit.doubt)
-
-
-def _improbability(found: Found) -> float:
-    """Give what refined poses are sorted by; those that were not come last, as they came.
-
-    Neither doubt nor loss has a known scale. So they are compared by their shares, which multiply,
-    and the finer images count twice.
-    """
-    return np.inf if found.doubt is None else found.doubt**2 * found.loss

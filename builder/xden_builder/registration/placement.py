@@ -18,8 +18,8 @@ from xden_builder.poly.model.frames import Pose
 
 __all__ = ["Found", "Registration", "RigidPlacement"]
 
-AS_LITTLE_DOUBT: Final = 1.1
-"""A pose that leaves so many times as much once both were refined is as good."""
+AS_LITTLE_LEFT: Final = 1.5
+"""A pose is as good that is so many times as improbable once both were refined."""
 AS_GOOD: Final = 1.15
 """A pose whose loss is this many times the least explains the images as well."""
 AS_PROBABLE: Final = (1.4, 2.0)
@@ -138,13 +138,23 @@ class Found:
     gains: Float64[np.ndarray, "v"] | None = None
     growth: float = 0.0
 
-    def as_good_as(self, best: Found) -> bool:
-        """Whether it explains the images about as well: by the loss, unless both were fitted.
+    @property
+    def improbability(self) -> float:
+        """What refined poses are sorted by; infinite where it was not refined.
 
-        By what is left once both were refined, where they were.
+        Neither doubt nor loss has a known scale. So they are compared by their shares, which
+        multiply, and the finer images count twice.
         """
-        if best.doubt is not None and self.doubt is not None:
-            return self.doubt <= AS_LITTLE_DOUBT * best.doubt
+        return np.inf if self.doubt is None else self.doubt**2 * self.loss
+
+    def as_good_as(self, best: Found) -> bool:
+        """Whether it explains the images about as well.
+
+        By what is left of them once the best was refined: no pose is that was not, being told
+        before. Else by the deviance where both were fitted, else by the loss.
+        """
+        if best.doubt is not None:
+            return self.improbability <= AS_LITTLE_LEFT * best.improbability
         if best.deviance is None or self.deviance is None:
             return self.loss <= AS_GOOD * best.loss
         times, more = AS_PROBABLE

@@ -51,6 +51,7 @@ from xden_builder.registration.steps import (
     hopped,
     rescaled,
     settled,
+    settled_if_hopeful,
 )
 from xden_builder.registration.turns import least_turns, same_share, slightly_turned
 
@@ -133,8 +134,9 @@ def register(capture: Capture, order: Sequence[int]) -> Registration:
     body = Body.of(meshes, order, _usual_lac_per_cm(capture))
     likeness = Likeness(body)
     fine = _searched(capture, shadows, body, likeness)
-    told = told_closely(capture, order, fine.found, doubted=fine.doubted)
-    return _judged(capture, fine._replace(found=told), likeness, body)
+    doubted = fine.doubted
+    told = told_closely(capture, order, fine.found, doubted=doubted)
+    return _judged(capture, fine._replace(found=told), likeness, body, doubted=doubted)
 
 
 def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness) -> _Fine:
@@ -343,11 +345,13 @@ def _turned(
     for each in turns:
         if each is not here:
             rendered = judge.refined(each, 1)
-            there.append(settled(judge, rendered, min(there, key=loss_of)))
+            there.append(settled_if_hopeful(judge, rendered, min(there, key=loss_of)))
     return there[1:]
 
 
-def _judged(capture: Capture, fine: _Fine, likeness: Likeness, body: Body) -> Registration:
+def _judged(
+    capture: Capture, fine: _Fine, likeness: Likeness, body: Body, *, doubted: bool
+) -> Registration:
     """Choose one of unlike poses, and say how sure it is."""
     candidates = fine.found
     chosen = _chosen(capture, len(candidates))
@@ -361,7 +365,7 @@ def _judged(capture: Capture, fine: _Fine, likeness: Likeness, body: Body) -> Re
             and apart(best, each.placement, likeness, body, ELSEWHERE)
             for each in candidates[1:]
         ),
-        "pose_not_found": not told and fine.doubted,
+        "pose_not_found": not told and doubted,
         "shape_differs": max(outlines.values()) > MOST_OUTLINE,
     }
     _check_scale(candidates[chosen].placement.scale)

@@ -15,13 +15,23 @@ from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.placement import Found, RigidPlacement
 from xden_builder.registration.turns import box_turned, lowest_beside, same_share
 
-__all__ = ["DERIVATIVES", "all_settled", "hopped", "rescaled", "settled"]
+__all__ = [
+    "DERIVATIVES",
+    "all_settled",
+    "hopped",
+    "rescaled",
+    "settled",
+    "settled_if_hopeful",
+]
 
 CLOSE, CLOSE_UNMOVED = 2.0, 1.5
 """A pose whose loss is more times that of a settled one, and than that was before, is not moved."""
 HOPE: Final = 2.0
 """A pose is not moved on that would be no rival if it gained so many times as much as it just did.
 """
+HOPEFUL: Final = 2.5
+"""Times the loss of the best: of 75 turned poses none that left more after a derivative, and one
+that left twice as much, came down to less than that."""
 MOST_BESIDE: Final = 2
 PROMISING: Final = (1.02, 0.001)
 """Turns beside a converged pose that are moved, and of how many times its loss, and so much more.
@@ -43,6 +53,11 @@ def settled(judge: Judge, found: Found, best: Found | None = None) -> Found:
             return ahead
         found = ahead
     return found
+
+
+def settled_if_hopeful(judge: Judge, found: Found, best: Found) -> Found:
+    """Do the same of a pose that has moved along a derivative, if it came near the best by that."""
+    return settled(judge, found, best) if found.loss <= HOPEFUL * best.loss else found
 
 
 def all_settled(judge: Judge, found: Sequence[Found]) -> list[Found]:
@@ -69,21 +84,17 @@ def hopped(judge: Judge, found: Found, likeness: Likeness, body: Body) -> list[F
     times, more = PROMISING
     near = [each for each in least if each.loss <= times * found.loss + more]
     boxed = box_turned(partial(_either, judge, around), here, likeness, body)
-    beside = [judge.refined(each, 1) for each in [*near, *boxed]]
-    return sorted(
-        [found, *(_settled_if_elsewhere(judge, each, found, likeness, body) for each in beside)],
-        key=loss_of,
-    )
-
-
-def _settled_if_elsewhere(
-    judge: Judge, found: Found, converged: Found, likeness: Likeness, body: Body
-) -> Found:
-    """Move a pose on unless it came back to the one beside which it began."""
-    gained = found.loss <= SETTLED * converged.loss
-    if gained or apart(converged.placement, found.placement, likeness, body, same_share(body)):
-        return settled(judge, found, converged)
-    return found
+    beside = [judge.refined(each, 1) for each in near]
+    beside += [judge.refined(each, DERIVATIVES) for each in boxed]
+    strict = likeness.strict
+    there = [
+        settled_if_hopeful(judge, each, found)
+        if each.loss <= SETTLED * found.loss
+        or apart(found.placement, each.placement, strict, body, same_share(body))
+        else each  # it came back
+        for each in beside
+    ]
+    return sorted([found, *there], key=loss_of)
 
 
 def _least_of_lines(lines: Sequence[Sequence[Found]]) -> list[Found]:

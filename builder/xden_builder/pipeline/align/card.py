@@ -62,7 +62,7 @@ class CandidateCard:
     ----------
     number
         From 1, the best first.
-    loss, deviance
+    loss, deviance, doubt
         As of :class:`xden_builder.registration.placement.Found`.
     turned_deg
         Angle between it and the pose that is used.
@@ -77,6 +77,7 @@ class CandidateCard:
     number: int
     loss: float
     deviance: float | None
+    doubt: float | None
     turned_deg: float
     scale: float
     pose: str
@@ -222,6 +223,7 @@ def _candidates(
             number,
             each.loss,
             each.deviance,
+            each.doubt,
             _turned_deg(registration.placement, each),
             each.placement.scale,
             pose_text(each.placement),
