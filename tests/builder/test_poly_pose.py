@@ -223,7 +223,7 @@ def test_a_brick_of_twenty_pixels_that_lies_along_them_is_turned_to_half_a_degre
 def test_a_part_without_a_mesh_pulls_no_other_aside(true, weight):
     fit = refined(true, unmeshed=[weight])
     # up to 0.24 and 0.15 where its shadow counts in full, or as far as it is less than an eighth
-    assert left_deg(fit, true) < 0.05
+    assert left_deg(fit, true) < 0.06
     assert fit.how_sure([solid.mesh for solid in tool()]).rim_deg > 0.2 * left_deg(fit, true)
 
 
