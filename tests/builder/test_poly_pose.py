@@ -31,6 +31,7 @@ from xden1k.rays import ownership_order, path_lengths
 from xden1k.values.views import XRayView
 from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.source import Detector
+from xden_builder.poly import pose
 from xden_builder.poly.model.beam import Heel, ViewBeam
 from xden_builder.poly.model.frames import Pose, binned, coarse, posed
 from xden_builder.poly.model.radiograph import GAIN
@@ -225,6 +226,16 @@ def test_a_part_without_a_mesh_pulls_no_other_aside(true, weight):
     # up to 0.24 and 0.15 where its shadow counts in full, or as far as it is less than an eighth
     assert left_deg(fit, true) < 0.06
     assert fit.how_sure([solid.mesh for solid in tool()]).rim_deg > 0.2 * left_deg(fit, true)
+
+
+def test_a_smaller_scale_that_leaves_most_pixels_more_is_not_believed(monkeypatch):
+    faint = Solid("handle", box((2.4, 1.8, 3.0), (1.2, 0.6, -2.4)), "pp", 0.91)
+    with monkeypatch.context() as patch:
+        patch.setattr(pose, "SCALINGS", 0)
+        plain = refined(TURNED, unmeshed=[faint])
+    doubts = iter([2.0, 1.0, 0.0])  # of the one with a smaller scale, of the one before, in the end
+    monkeypatch.setattr(pose, "_doubt", lambda _: next(doubts))
+    np.testing.assert_array_equal(refined(TURNED, unmeshed=[faint]).unknowns, plain.unknowns)
 
 
 def test_steel_whose_density_is_guessed_a_fortieth_is_turned_as_if_it_were_known():

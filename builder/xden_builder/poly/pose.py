@@ -21,7 +21,7 @@ from jaxtyping import Float64
 from xden1k.values.arrays import Mask
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.poly.alignment import aligned
-from xden_builder.poly.descent import descend
+from xden_builder.poly.descent import Descent, descend
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.frames import Pose
 from xden_builder.poly.model.poses import RIGID, Poses
@@ -261,8 +261,11 @@ def refine_pose(
     assert rms_before is not None
     if level.much_left(best.unknowns, best.residuals):
         for _ in range(SCALINGS):
-            level = level.scaled(best.unknowns, best.residuals)
-            best = descend(level, best.unknowns, SCALED_MOST, low, high)
+            smaller = level.scaled(best.unknowns, best.residuals)
+            ahead = descend(smaller, best.unknowns, SCALED_MOST, low, high)
+            if _doubt(ahead) >= _doubt(best):
+                break
+            level, best = smaller, ahead
     unknowns, there, _, residuals, believed = best
     told = there.hessian if level.scale == 1 else believed.as_sure(there, residuals)
     told = told + 1e-9 * np.diag(told.diagonal())
@@ -275,8 +278,13 @@ def refine_pose(
         gain=unknowns[len(meshes) :][: len(views)],
         rms_before=rms_before,
         rms_after=level.rms(residuals),
-        doubt=level.doubt(unknowns, residuals),
+        doubt=_doubt(best),
     )
+
+
+def _doubt(end: Descent) -> float:
+    """Tell what a descent leaves most pixels, by a loss that no scale of its own changes."""
+    return end.level.doubt(end.unknowns, end.residuals)
 
 
 def _as_told(unknowns: Float64[np.ndarray, "u"], poses: Poses) -> Float64[np.ndarray, "u"]:
