@@ -285,8 +285,7 @@ class Level:
         residuals: Sequence[Float64[np.ndarray, "_n"]],
     ) -> Iterator[Float64[np.ndarray, "_m"]]:
         """Yield the residuals of a view that count, of pixels that meet the object."""
-        each = zip(self.counted(residuals), self._met(unknowns), strict=True)
-        for (counts, off), there in each:
+        for (counts, off), there in zip(self.counted(residuals), self._met(unknowns), strict=True):
             yield off[counts & there]
 
     def _met(self, unknowns: Float64[np.ndarray, "u"]) -> Iterator[Bool[np.ndarray, "_p"]]:
@@ -368,7 +367,7 @@ class Level:
         density, gains, glares, pose = self._split(unknowns)
         gain, seen, views = gains[number], self._kept(number, pose), len(gains)
         model, slopes = self.image_and_slopes(number, density, seen)
-        along = self._cast(number, pose, turned=False) if self.turned else seen
+        along = self.seen(number, pose, along=True) if self.turned else seen
         gradient = self._gradient(number, density, along)
         jacobian = np.zeros((len(model), len(unknowns)))
         jacobian[:, : self.parts] = gain * slopes
@@ -464,16 +463,13 @@ class Level:
             del self.latest[next(iter(self.latest))]
         return seen
 
-    def seen(self, number: int, pose: Float64[np.ndarray, "q"]) -> PathLengths:
-        """Path lengths of a view with the object in a pose."""
-        return self._cast(number, pose, turned=self.turned)
-
-    def _cast(self, number: int, pose: Float64[np.ndarray, "q"], *, turned: bool) -> PathLengths:
-        """Cast rays of a view, turned against its raster or along it."""
+    def seen(
+        self, number: int, pose: Float64[np.ndarray, "q"], *, along: bool = False
+    ) -> PathLengths:
+        """Path lengths of a view with the object in a pose; of rays along its raster if asked."""
         geometry = self.poses.geometry(number, self.panels[number], pose)
-        return path_lengths(
-            self.target.meshes, self.target.order, geometry, self.subrays[number], turned=turned
-        )
+        target, subrays, turned = self.target, self.subrays[number], self.turned and not along
+        return path_lengths(target.meshes, target.order, geometry, subrays, turned=turned)
 
     def _compared(
         self, number: int, seen: PathLengths
