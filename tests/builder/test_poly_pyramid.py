@@ -121,9 +121,10 @@ class Seen(Level):
 
     off: Vector
     met: list[bool]
+    beside: Vector
 
     def __init__(self, off: list[float], met: list[bool], seen: Vector, beside: Vector) -> None:
-        given = (("off", np.array(off)), ("met", met), ("measured", [seen]), ("beside", [beside]))
+        given = (("off", np.array(off)), ("met", met), ("measured", [seen]), ("beside", beside))
         for name, value in given:
             object.__setattr__(self, name, value)
 
@@ -132,6 +133,9 @@ class Seen(Level):
 
     def counted(self, _: object) -> Iterator[tuple[Bool[np.ndarray, "_n"], Vector]]:
         yield np.ones(len(self.off), dtype=np.bool_), self.off
+
+    def _beside(self) -> Iterator[Vector]:
+        yield self.beside
 
     def _met(self, _: Vector) -> Iterator[Bool[np.ndarray, "_n"]]:
         yield np.array(self.met)

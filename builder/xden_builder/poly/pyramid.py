@@ -85,8 +85,8 @@ class Level:
     at_least: Sequence[Bool[np.ndarray, "_p"]]
     weights: Sequence[Float64[np.ndarray, "_p groups"]]
     """Shares of the energy groups in the open field of the compared pixels."""
-    beside: Sequence[Float64[np.ndarray, "_b"]]
-    """Measured by the other pixels of which a measurement is known, not from below alone."""
+    whole: Sequence[Averaged]
+    """The images of which windows are compared."""
     subrays: Sequence[int]
     """Rays along each side of a pixel of each view."""
     turned: bool = True
@@ -126,7 +126,7 @@ class Level:
         if images is None:
             pairs = zip(target.views, target.saturated, strict=True)
             images = [Averaged.of(view, saturated, binning) for view, saturated in pairs]
-        masks, places, measured, glare, at_least, weights, beside = [], [], [], [], [], [], []
+        masks, places, measured, glare, at_least, weights = [], [], [], [], [], []
         for each, beam, inside in zip(images, target.beams, windows, strict=True):
             mask = np.zeros_like(each.known)
             mask[inside] = each.known[inside]
@@ -136,14 +136,13 @@ class Level:
             glare.append(each.glare[mask])
             at_least.append(each.at_least[mask])
             weights.append(beam.weights(np.flatnonzero(mask), binning))
-            beside.append(each.image[each.known & ~each.at_least & ~mask].astype(np.float64))
         panels = [coarse(beam.geometry, binning) for beam in target.beams]
         if subrays is None:
             subrays = [
                 subrays_of(_pixels_met(target, poses, number, panel), binning, rays)
                 for number, panel in enumerate(panels)
             ]
-        seen = masks, places, measured, glare, at_least, weights, beside
+        seen = masks, places, measured, glare, at_least, weights, images
         return cls(target, poses, binning, panels, *seen, subrays)
 
     @property
@@ -257,10 +256,15 @@ class Level:
         ]
         outside = [
             (gain - seen[seen < SHADED * gain]) / PIXEL_SD
-            for gain, seen in zip(gains.tolist(), self.beside, strict=True)
+            for gain, seen in zip(gains.tolist(), self._beside(), strict=True)
         ]
         off = np.concatenate([*inside, *outside]) / LEAST_SCALE
         return float(np.log1p(off**2).sum() / max(len(off), 1))
+
+    def _beside(self) -> Iterator[Float64[np.ndarray, "_b"]]:
+        """Yield what the pixels beside the windows measured, but for those known from below."""
+        for each, mask in zip(self.whole, self.masks, strict=True):
+            yield each.image[each.known & ~each.at_least & ~mask].astype(np.float64)
 
     def as_sure(
         self, there: Evaluation, residuals: Sequence[Float64[np.ndarray, "_n"]]
