@@ -4,7 +4,8 @@ Comes from :mod:`start`, leads to :mod:`samples`. The unknowns of the poses (sev
 that share one) and the size of the object beside its meshes are found by Gauss-Newton steps,
 together with the densities, a gain and a share of glare of each view, on images averaged over
 8 x 8, 4 x 4 and 2 x 2 pixels (:mod:`pyramid`). Where the last of them leave much, something may
-have no mesh, and residuals are given a smaller scale. Turned views are laid onto their
+have no mesh, and residuals are given a smaller scale, also from where the files have it, which
+coarse images may have led away from. Turned views are laid onto their
 shadows one by one before (:mod:`alignment`).
 """
 
@@ -260,14 +261,12 @@ def refine_pose(
     assert best is not None
     assert rms_before is not None
     if level.much_left(best.unknowns, best.residuals):
-        for _ in range(SCALINGS):
-            smaller = level.scaled(best.unknowns, best.residuals)
-            ahead = descend(smaller, best.unknowns, SCALED_MOST, low, high)
-            if _doubt(ahead) >= _doubt(best):
-                break
-            level, best = smaller, ahead
+        ahead = [_scaled(level, best.unknowns, _doubt(best), low, high)]
+        if not any(poses.turned):
+            ahead.append(_scaled(level, _as_told(best.unknowns, poses), np.inf, low, high))
+        best = min([best, *(each for each in ahead if each is not None)], key=_doubt)
     unknowns, there, _, residuals, believed = best
-    told = there.hessian if level.scale == 1 else believed.as_sure(there, residuals)
+    told = there.hessian if believed.scale == 1 else believed.as_sure(there, residuals)
     told = told + 1e-9 * np.diag(told.diagonal())
     covariance = np.linalg.pinv(told, hermitian=True)
     return PoseFit(
@@ -280,6 +279,24 @@ def refine_pose(
         rms_after=level.rms(residuals),
         doubt=_doubt(best),
     )
+
+
+def _scaled(
+    level: Level,
+    unknowns: Float64[np.ndarray, "u"],
+    doubt: float,
+    low: Float64[np.ndarray, "u"],
+    high: Float64[np.ndarray, "u"],
+) -> Descent | None:
+    """Go down by residuals of a smaller scale, as long as that leaves most pixels less."""
+    best = None
+    for _ in range(SCALINGS):
+        smaller = level.scaled(unknowns, level.residuals(unknowns))
+        ahead = descend(smaller, unknowns, SCALED_MOST, low, high)
+        if _doubt(ahead) >= doubt:
+            break
+        best, unknowns, doubt = ahead, ahead.unknowns, _doubt(ahead)
+    return best
 
 
 def _doubt(end: Descent) -> float:
