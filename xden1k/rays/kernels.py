@@ -151,7 +151,11 @@ def count(
     window: Window,
     cells: Int32[np.ndarray, "rows columns"],
 ) -> None:
-    """Add to each ray of a window its number of crossings, cut as by :func:`scan`."""
+    """Write the number of crossings of each ray of a window, zero on entry, cut as by :func:`scan`.
+
+    A triangle that meets a row adds one where it begins and takes it away where it ends; the sums
+    along the row are the numbers.
+    """
     first_row, end_row, first_column, end_column = window
     for i in range(len(triangles)):
         upper, middle, lower = triangles[i, 0, ROW], triangles[i, 1, ROW], triangles[i, 2, ROW]
@@ -164,8 +168,13 @@ def count(
             else:
                 short = _along((row - middle) / (lower - middle), columns[1], columns[2])
             begin, end = _between(min(long, short), max(long, short), first_column, end_column)
-            for column in range(begin, end):
-                cells[row - first_row, column - first_column] += 1
+            if begin < end:
+                cells[row - first_row, begin - first_column] += 1
+                if end < end_column:
+                    cells[row - first_row, end - first_column] -= 1
+    for i in range(cells.shape[0]):
+        for j in range(1, cells.shape[1]):
+            cells[i, j] += cells[i, j - 1]
 
 
 @compiled

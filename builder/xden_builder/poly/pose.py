@@ -4,9 +4,9 @@ Comes from :mod:`start`, leads to :mod:`samples`. The unknowns of the poses (sev
 that share one) and the size of the object beside its meshes are found by Gauss-Newton steps,
 together with the densities, a gain and a share of glare of each view, on images averaged over
 8 x 8, 4 x 4 and 2 x 2 pixels (:mod:`pyramid`). Where the last of them leave much, something may
-have no mesh, and residuals are given a smaller scale, also from where the files have it, which
-coarse images may have led away from. Turned views are laid onto their
-shadows one by one before (:mod:`alignment`).
+have no mesh, and residuals are given a smaller scale, also from the pose of the files, from which
+coarse images may have led away. Turned views are laid onto their shadows one by one before
+(:mod:`alignment`).
 """
 
 from __future__ import annotations
