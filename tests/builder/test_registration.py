@@ -309,14 +309,14 @@ def test_a_pose_that_was_not_fitted_is_as_good_by_its_loss() -> None:
     assert not far.as_good_as(one)
 
 
-def test_a_refined_pose_is_as_good_by_doubt_and_loss_and_one_that_is_not_is_worse() -> None:
+def test_a_refined_pose_is_as_good_by_doubt_and_squares_and_one_that_is_not_is_worse() -> None:
     one, near, far, told = (
-        Found(at(Rotation.identity()), loss, np.ones(1), deviance, doubt)
-        for deviance, doubt, loss in (
-            (10.0, 1.0, 1.0),
-            (99.0, 1.2, 1.0),
-            (10.0, 1.2, 1.1),
-            (10.0, None, 1.0),
+        Found(at(Rotation.identity()), 1.0, np.ones(1), deviance, doubt, left)
+        for deviance, doubt, left in (
+            (10.0, 1.0, 50.0),
+            (99.0, 1.2, 50.0),
+            (10.0, 1.2, 55.0),
+            (10.0, None, None),
         )
     )
     assert near.as_good_as(one)
@@ -819,15 +819,17 @@ def test_saturated_air_hides_not_which_pose_is_right() -> None:
 @pytest.mark.parametrize(
     ("doubts", "first"), [((1.0, 0.9), 1), ((1.0, 0.94), 1), ((1.0, 0.99), 0), ((1.0, 2.0), 0)]
 )
-def test_images_as_they_are_count_twice_beside_those_of_the_search(
+def test_what_large_residuals_hardly_rule_counts_twice_beside_their_squares(
     hammer: Capture, monkeypatch: pytest.MonkeyPatch, doubts: tuple[float, float], first: int
 ) -> None:
-    rivals = [Found(at(Rotation.identity()), loss, np.ones(3)) for loss in (1.0, 1.1)]
-    given = dict(zip((1.0, 1.1), doubts, strict=True))
-    monkeypatch.setattr(
-        "xden_builder.registration.closely._refined",
-        lambda _capture, _order, each: replace(each, doubt=given[each.loss]),
-    )
+    rivals = [Found(at(Rotation.identity()), loss, np.ones(3)) for loss in (1.1, 1.0)]
+    refined = dict(zip((1.1, 1.0), zip(doubts, (50.0, 55.0), strict=True), strict=True))
+
+    def refine(_capture: Capture, _order: Sequence[int], found: Found) -> Found:
+        doubt, left = refined[found.loss]
+        return replace(found, doubt=doubt, left=left)
+
+    monkeypatch.setattr("xden_builder.registration.closely._refined", refine)
     told = told_closely(hammer, [0, 1, 2], rivals, doubted=False)
     assert told[0].loss == rivals[first].loss
 

@@ -130,8 +130,8 @@ class PoseFit:
         Fitted along with it, coarsely, and for ways through the meshes as they are.
     rms_before, rms_after
         Root mean square residual of transmission on the coarsest and the finest images used.
-    doubt
-        What the finest leave, as of :meth:`Level.doubt`.
+    doubt, left
+        What the finest leave, as of :meth:`Level.doubt` and :meth:`Level.left`.
     """
 
     poses: Poses
@@ -142,6 +142,7 @@ class PoseFit:
     rms_before: float
     rms_after: float
     doubt: float
+    left: float
 
     @property
     def sd(self) -> Float64[np.ndarray, "p"]:
@@ -278,6 +279,7 @@ def refine_pose(
         rms_before=rms_before,
         rms_after=level.rms(residuals),
         doubt=_doubt(best),
+        left=level.left(residuals),
     )
 
 

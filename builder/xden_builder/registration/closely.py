@@ -58,4 +58,4 @@ def _refined(capture: Capture, order: Sequence[int], found: Found) -> Found:
     scene = set_scene(found.placement.of_capture(capture), order, settings)
     fit = find_pose(first_guess(scene), settings).fit
     assert fit is not None
-    return replace(found, doubt=fit.doubt)
+    return replace(found, doubt=fit.doubt, left=fit.left)

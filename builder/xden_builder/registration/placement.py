@@ -121,9 +121,9 @@ class Found:
     deviance
         Twice minus the logarithm of the posterior of the whole fit, and the squares that the search
         for the pose left; None where the loss alone tells the pose from all others.
-    doubt
+    doubt, left
         What it leaves once refined on the images as they are, as of
-        :meth:`xden_builder.poly.pyramid.Level.doubt`; None where it was not.
+        :class:`xden_builder.poly.pose.PoseFit`; None where it was not.
     gains
         Of the views, and after them their shares of glare, where the pose has been moved with them.
     growth
@@ -135,6 +135,7 @@ class Found:
     density_g_cm3: Float64[np.ndarray, "k"]
     deviance: float | None = None
     doubt: float | None = None
+    left: float | None = None
     gains: Float64[np.ndarray, "v"] | None = None
     growth: float = 0.0
 
@@ -142,10 +143,12 @@ class Found:
     def improbability(self) -> float:
         """What refined poses are sorted by; infinite where it was not refined.
 
-        Neither doubt nor loss has a known scale. So they are compared by their shares, which
-        multiply, and the finer images count twice.
+        Neither doubt nor squares have a known scale. So they are compared by their shares, which
+        multiply, and what large residuals hardly rule counts twice.
         """
-        return np.inf if self.doubt is None else self.doubt**2 * self.loss
+        if self.doubt is None or self.left is None:
+            return np.inf
+        return self.doubt**2 * self.left
 
     def as_good_as(self, best: Found) -> bool:
         """Whether it explains the images about as well.
@@ -221,6 +224,7 @@ class Registration:
                     "loss": each.loss,
                     "deviance": each.deviance,
                     "doubt": each.doubt,
+                    "left": each.left,
                 }
                 for each in self.candidates
             ],

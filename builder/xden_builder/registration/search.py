@@ -93,9 +93,12 @@ SCALE_SHARES, LAST_SCALE_SHARES = (0.08, 0.03, 0.01), (0.01, 0.004, 0.0015)
 SCALES: Final = (0.49, 2.05)
 """Between 0.5 and 2, and a little for meshes that err themselves."""
 DOUBTED_LOSS, HOPELESS_LOSS = 1.5, 6.0
-"""Of a pose that is looked for again, and is not believed if that finds nothing better: two of 262
-right ones of simulated objects are worse; and of one on coarse images that is not moved on before.
+"""Of a pose that is not believed: two of 262 right ones of simulated objects are worse; and of one
+on coarse images that is not moved on before it is looked for again.
 """
+SOUGHT_AGAIN_LOSS: Final = 0.5
+"""Of a pose that is looked for again among more poses: of 130 objects of another simulator the
+three of which the best left more were not right, and of the others none left more than 0.4."""
 REJUDGED_LOSS: Final = 0.75
 """Of poses that are judged once more on the finest images."""
 MOST_OUTLINE: Final = 0.12
@@ -184,7 +187,7 @@ def _searched_complete(
     if hopeless and not told:
         coarse = min(coarse, coarsely(1.0, WIDE), key=lambda each: each.found[0].loss)
     there = _finely(capture, shadows, body, likeness, coarse)
-    if there.doubted and not hopeless and not told:
+    if there.found[0].loss > SOUGHT_AGAIN_LOSS and not hopeless and not told:
         wider = coarsely(1.0, WIDE)
         if wider.found[0].loss < most_of_rivals(coarse.found[0]):
             again = _finely(capture, shadows, body, likeness, wider)
