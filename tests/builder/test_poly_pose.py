@@ -239,8 +239,15 @@ def test_a_smaller_scale_that_leaves_most_pixels_more_is_not_believed(monkeypatc
     with monkeypatch.context() as patch:
         patch.setattr(pose, "SCALINGS", 0)
         plain = refined(TURNED, unmeshed=[faint])
-    monkeypatch.setattr(pose, "_doubt", lambda end: 1 / end.level.scale)
+    scales = []
+
+    def more_by_a_smaller_one(end):
+        scales.append(end.level.scale)
+        return 1 / end.level.scale
+
+    monkeypatch.setattr(pose, "_doubt", more_by_a_smaller_one)
     np.testing.assert_array_equal(refined(TURNED, unmeshed=[faint]).unknowns, plain.unknowns)
+    assert min(scales) < 1
 
 
 def test_steel_whose_density_is_guessed_a_fortieth_is_turned_as_if_it_were_known():

@@ -22,7 +22,7 @@ from xden_builder.capture.pose import Candidate, CoarsePose
 from xden_builder.cli import cli
 from xden_builder.phantoms import Scanner, write_captures
 from xden_builder.poly.model.frames import Pose
-from xden_builder.registration import steps
+from xden_builder.registration import search, steps
 from xden_builder.registration.around import Around
 from xden_builder.registration.ball import ball_turns, is_ball
 from xden_builder.registration.body import Body
@@ -823,7 +823,7 @@ def test_what_large_residuals_hardly_rule_counts_twice_beside_their_squares(
     hammer: Capture, monkeypatch: pytest.MonkeyPatch, doubts: tuple[float, float], first: int
 ) -> None:
     rivals = [Found(at(Rotation.identity()), loss, np.ones(3)) for loss in (1.1, 1.0)]
-    refined = dict(zip((1.1, 1.0), zip(doubts, (50.0, 55.0), strict=True), strict=True))
+    refined = {1.1: (doubts[0], 50.0), 1.0: (doubts[1], 55.0)}
 
     def refine(_capture: Capture, _order: Sequence[int], found: Found) -> Found:
         doubt, left = refined[found.loss]
@@ -832,6 +832,33 @@ def test_what_large_residuals_hardly_rule_counts_twice_beside_their_squares(
     monkeypatch.setattr("xden_builder.registration.closely._refined", refine)
     told = told_closely(hammer, [0, 1, 2], rivals, doubted=False)
     assert told[0].loss == rivals[first].loss
+
+
+@pytest.mark.parametrize(("left", "times"), [(0.4, 1), (0.6, 2)])
+def test_what_leaves_much_is_looked_for_again_and_the_other_pose_is_not_forgotten(
+    hammer: Capture, monkeypatch: pytest.MonkeyPatch, left: float, times: int
+) -> None:
+    meshes = [part.mesh for part in hammer.parts]
+    body = Body.of(meshes, ownership_order(meshes), np.ones(len(meshes)))
+    likeness = Likeness(body)
+    shadows = [shadow_of(view, turned=False) for view in hammer.fitted_views]
+    upside_down = at(Rotation.from_rotvec([np.pi, 0, 0]))
+    judge = Judge.of(hammer, shadows, body, 40, at(Rotation.identity()))
+    there = [replace(judge.fixed(upside_down), loss=left), judge.fixed(at(Rotation.identity()))]
+    coarse = [search._Coarse([each], None) for each in there]  # type: ignore[arg-type]
+    fine = [search._Fine([each], judge) for each in there]
+    asked = []
+
+    def coarsely(*_: object) -> search._Coarse:
+        asked.append(len(asked))
+        return coarse[asked[-1]]
+
+    monkeypatch.setattr(search, "_coarsely", coarsely)
+    monkeypatch.setattr(search, "_finely", lambda *_: fine[asked[-1]])
+    away = replace(hammer, pose="unknown")
+    found = search._searched_complete(away, shadows, body, likeness).found
+    assert len(asked) == len(found) == times
+    assert found[0].loss == there[times - 1].loss
 
 
 def like_halves() -> Capture:

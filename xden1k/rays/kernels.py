@@ -151,10 +151,17 @@ def count(
     window: Window,
     cells: Int32[np.ndarray, "rows columns"],
 ) -> None:
-    """Write the number of crossings of each ray of a window, zero on entry, cut as by :func:`scan`.
+    """Write the number of crossings of each ray, cut as by :func:`scan`.
 
     A triangle that meets a row adds one where it begins and takes it away where it ends; the sums
     along the row are the numbers.
+
+    Parameters
+    ----------
+    triangles, window
+        As of :func:`scan`.
+    cells
+        Of the rays of the window: zero on entry, written.
     """
     first_row, end_row, first_column, end_column = window
     for i in range(len(triangles)):

@@ -4,9 +4,9 @@ Comes from :mod:`start`, leads to :mod:`samples`. The unknowns of the poses (sev
 that share one) and the size of the object beside its meshes are found by Gauss-Newton steps,
 together with the densities, a gain and a share of glare of each view, on images averaged over
 8 x 8, 4 x 4 and 2 x 2 pixels (:mod:`pyramid`). Where the last of them leave much, something may
-have no mesh, and residuals are given a smaller scale, also from the pose of the files, from which
-coarse images may have led away. Turned views are laid onto their shadows one by one before
-(:mod:`alignment`).
+have no mesh, and residuals are given a smaller scale, where no view was turned also from the pose
+of the files, from which coarse images may have led away. Turned views are laid onto their shadows
+one by one before (:mod:`alignment`).
 """
 
 from __future__ import annotations
@@ -131,7 +131,8 @@ class PoseFit:
     rms_before, rms_after
         Root mean square residual of transmission on the coarsest and the finest images used.
     doubt, left
-        What the finest leave, as of :meth:`Level.doubt` and :meth:`Level.left`.
+        What the finest leave, as of :meth:`Level.doubt` and :meth:`Level.all_left`, the latter by
+        the usual scale: light that may be lost in what has no mesh hardly counts.
     """
 
     poses: Poses
@@ -262,9 +263,9 @@ def refine_pose(
     assert best is not None
     assert rms_before is not None
     if level.much_left(best.unknowns, best.residuals):
-        ahead = [_scaled(level, best.unknowns, _doubt(best), low, high)]
+        ahead = [_scaled(level, best.unknowns, low, high, below=_doubt(best))]
         if not any(poses.turned):
-            ahead.append(_scaled(level, _as_told(best.unknowns, poses), np.inf, low, high))
+            ahead.append(_scaled(level, _as_told(best.unknowns, poses), low, high))
         best = min([best, *(each for each in ahead if each is not None)], key=_doubt)
     unknowns, there, _, residuals, believed = best
     told = there.hessian if believed.scale == 1 else believed.as_sure(there, residuals)
@@ -279,25 +280,27 @@ def refine_pose(
         rms_before=rms_before,
         rms_after=level.rms(residuals),
         doubt=_doubt(best),
-        left=level.left(residuals),
+        left=level.all_left(unknowns, residuals),
     )
 
 
 def _scaled(
     level: Level,
     unknowns: Float64[np.ndarray, "u"],
-    doubt: float,
     low: Float64[np.ndarray, "u"],
     high: Float64[np.ndarray, "u"],
+    *,
+    below: float = np.inf,
 ) -> Descent | None:
-    """Go down by residuals of a smaller scale, as long as that leaves most pixels less."""
-    best = None
+    """Go down by residuals of a smaller scale, as long as doubt falls, from below some on."""
+    best: Descent | None = None
+    residuals: Sequence[Float64[np.ndarray, "_n"]] = level.residuals(unknowns)
     for _ in range(SCALINGS):
-        smaller = level.scaled(unknowns, level.residuals(unknowns))
-        ahead = descend(smaller, unknowns, SCALED_MOST, low, high)
-        if _doubt(ahead) >= doubt:
+        ahead = descend(level.scaled(unknowns, residuals), unknowns, SCALED_MOST, low, high)
+        doubt = _doubt(ahead)
+        if doubt >= below:
             break
-        best, unknowns, doubt = ahead, ahead.unknowns, _doubt(ahead)
+        best, below, unknowns, residuals = ahead, doubt, ahead.unknowns, ahead.residuals
     return best
 
 
@@ -307,7 +310,7 @@ def _doubt(end: Descent) -> float:
 
 
 def _as_told(unknowns: Float64[np.ndarray, "u"], poses: Poses) -> Float64[np.ndarray, "u"]:
-    """Go back to the pose of the files: coarse images lead thin objects astray."""
+    """Go back to the pose of the files: coarse images lead astray what is thin or not all there."""
     return np.concatenate([unknowns[: -poses.count], np.zeros(poses.count)])
 
 

@@ -254,12 +254,22 @@ class Level:
             off[counts & (met | (seen < SHADED * gain))]
             for (counts, off), met, gain, seen in zip(*there, strict=True)
         ]
-        outside = [
-            (gain - seen[seen < SHADED * gain]) / PIXEL_SD
-            for gain, seen in zip(gains.tolist(), self._beside(), strict=True)
-        ]
-        off = np.concatenate([*inside, *outside]) / LEAST_SCALE
+        off = np.concatenate([*inside, *self._shade_beside(gains)]) / LEAST_SCALE
         return float(np.log1p(off**2).sum() / max(len(off), 1))
+
+    def all_left(
+        self,
+        unknowns: Float64[np.ndarray, "u"],
+        residuals: Sequence[Float64[np.ndarray, "_n"]],
+    ) -> float:
+        """Sum of squares as of :meth:`left`, and those of shade that is not compared."""
+        _, gains, *_ = self._split(unknowns)
+        return self.left(residuals) + sum(map(self.tempered, self._shade_beside(gains)))
+
+    def _shade_beside(self, gains: Float64[np.ndarray, "v"]) -> Iterator[Float64[np.ndarray, "_b"]]:
+        """Yield the residuals of each view where something shades pixels that are not compared."""
+        for gain, seen in zip(gains.tolist(), self._beside(), strict=True):
+            yield (gain - seen[seen < SHADED * gain]) / PIXEL_SD
 
     def _beside(self) -> Iterator[Float64[np.ndarray, "_b"]]:
         """Yield what the pixels beside the windows measured, but for those known from below."""

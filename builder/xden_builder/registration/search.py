@@ -191,8 +191,18 @@ def _searched_complete(
         wider = coarsely(1.0, WIDE)
         if wider.found[0].loss < most_of_rivals(coarse.found[0]):
             again = _finely(capture, shadows, body, likeness, wider)
-            return min(there, again, key=lambda each: each.found[0].loss)
+            better, other = sorted((there, again), key=lambda each: each.found[0].loss)
+            return _with_rival(better, other.found[0], likeness, body)
     return there
+
+
+def _with_rival(better: _Fine, other: Found, likeness: Likeness, body: Body) -> _Fine:
+    """List the best of another search too, judged by the images of the better one."""
+    judge = better.judge
+    stayed = settled(judge, judge.fixed(other.placement, other.growth))
+    first = sorted([better.found[0], stayed], key=loss_of)
+    listed = first_of_like([*first, *better.found[1:]], likeness, body, LISTED)
+    return better._replace(found=listed)
 
 
 def _finely(

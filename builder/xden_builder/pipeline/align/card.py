@@ -62,7 +62,7 @@ class CandidateCard:
     ----------
     number
         From 1, the best first.
-    loss, deviance, doubt
+    loss, deviance, doubt, left
         As of :class:`xden_builder.registration.placement.Found`.
     turned_deg
         Angle between it and the pose that is used.
@@ -78,6 +78,7 @@ class CandidateCard:
     loss: float
     deviance: float | None
     doubt: float | None
+    left: float | None
     turned_deg: float
     scale: float
     pose: str
@@ -224,6 +225,7 @@ def _candidates(
             each.loss,
             each.deviance,
             each.doubt,
+            each.left,
             _turned_deg(registration.placement, each),
             each.placement.scale,
             pose_text(each.placement),
