@@ -104,7 +104,7 @@ class Camera:
         return self.rays_through(*np.ogrid[: self.shape[0], : self.shape[1]])
 
     def rays_through(
-        self, rows: Int[np.ndarray, "*n"], columns: Int[np.ndarray, "*n"]
+        self, rows: Int[np.ndarray, "*#n"], columns: Int[np.ndarray, "*#n"]
     ) -> Float[np.ndarray, "*n 3"]:
         """Return unit vectors in the object frame through the centres of some pixels."""
         across = (columns + 0.5 - self.centre_px[0]) / self.focal_px[0]
