@@ -89,7 +89,7 @@ class Peers:
 
     categories: Categories
     traits: Float64[np.ndarray, "objects traits"]
-    of_category: tuple[Int64[np.ndarray, "peers"], ...]
+    of_category: tuple[Int64[np.ndarray, "_"], ...]
     place: Int64[np.ndarray, "objects"]
 
     @classmethod

@@ -7,7 +7,7 @@ from itertools import product
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Bool, Float, Float32, Float64
 
 from xden1k.access.samples import SampleView
 from xden1k.values.arrays import Image, Mask, Points, Vec3
@@ -88,7 +88,9 @@ class Crop:
         """Edge of a pixel of the crop, in pixels of the radiograph."""
         return self.side / self.size
 
-    def averaged(self, image: Image, valid: Mask) -> tuple[Image, Mask]:
+    def averaged(
+        self, image: Image, valid: Mask
+    ) -> tuple[Float32[np.ndarray, "size size"], Bool[np.ndarray, "size size"]]:
         """Mean over the area of each pixel, of valid pixels alone, and where there is one.
 
         Values are averaged as they come: transmissions, not their logarithms.

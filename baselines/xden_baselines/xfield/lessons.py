@@ -54,14 +54,14 @@ class Lesson(Seen):
     densities_g_cm3
         Shape (owners,): the target, of void and of each part.
     third
-        Shape (rows, columns): line integrals of attenuation along z over the plane of x (rows) and
+        Shape (x, y): line integrals of attenuation along z over the plane of x (rows) and
         y (columns), monochromatic, as no scan has them: for training alone.
     """
 
     voxels: UInt8[np.ndarray, "points 3"]
     owner: UInt8[np.ndarray, "points"]
     densities_g_cm3: Float32[np.ndarray, "owners"]
-    third: Float16[np.ndarray, "rows columns"]
+    third: Float16[np.ndarray, "x y"]
 
     def places(self, chosen: Any) -> Float32[np.ndarray, "chosen 3"]:
         """Return points in units of the cube."""
