@@ -260,7 +260,7 @@ class _Problem:
         there = [self.residuals(values + move) for move in np.diag(steps)]
         return np.stack([(each - here) / step for each, step in zip(there, steps, strict=True)], 1)
 
-    def solve(self, start: Response, widths: Unknowns) -> Unknowns:
+    def solve(self, start: Response, widths: Float64[np.ndarray, "images"]) -> Unknowns:
         """Find the most likely tube and panel, and widths of scatter."""
         low, high = self.bounds
         found = least_squares(
@@ -305,7 +305,9 @@ class _Problem:
             rms=float(np.sqrt((off**2).mean())),
         )
 
-    def _covariance(self, values: Unknowns, lights: Sequence[_Light]) -> Float64[np.ndarray, "u u"]:
+    def _covariance(
+        self, values: Unknowns, lights: Sequence[_Light]
+    ) -> Float64[np.ndarray, "terms terms"]:
         """Of the terms, gain and stray light being free, those that ended at nothing too."""
         count = len(self.terms)
         steps, widths = self._steps(values)[:count], values[count:].tolist()
@@ -334,7 +336,7 @@ class _Problem:
         return np.where(values + steps > high, -steps, steps)
 
     def _probe_sd(
-        self, values: Unknowns, covariance: Float64[np.ndarray, "u u"]
+        self, values: Unknowns, covariance: Float64[np.ndarray, "terms terms"]
     ) -> tuple[float, ...]:
         """Carry what is left unknown on to the transmission of the probes."""
         known = values[: len(self.terms)]

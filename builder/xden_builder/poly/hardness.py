@@ -157,8 +157,8 @@ def _log_prior(shares: Sequence[tuple[float, float]]) -> Float64[np.ndarray, "fi
 
 
 def _normal(
-    off: Float64[np.ndarray, "n"], sd: Float64[np.ndarray, "*#m"] | np.float64
-) -> Float64[np.ndarray, "*m n"]:
+    off: Float64[np.ndarray, "*#n"], sd: Float64[np.ndarray, "*#n"] | np.float64
+) -> Float64[np.ndarray, "*n"]:
     return np.asarray(np.exp(-0.5 * (off / sd) ** 2) / sd)
 
 

@@ -131,7 +131,7 @@ def stray_image(
     density_g_cm3: Float64[np.ndarray, "k"],
     amplitudes: Float64[np.ndarray, "3"],
     glare: Values | None = None,
-) -> Values:
+) -> Float64[np.ndarray, "_rows _columns"]:
     """Stray light of a whole view: the shapes of :func:`stray_light` times their amplitudes.
 
     Parameters
