@@ -9,9 +9,12 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from xden1k.export.si import M_PER_CM
-from xden1k.values.arrays import Points, Vec3
+from xden1k.values.arrays import Vec3
 
 __all__ = ["Pose", "turn_between_deg"]
+
+Points = Float[np.ndarray, "*points 3"]
+"""One point or many, cm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

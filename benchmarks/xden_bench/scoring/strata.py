@@ -26,7 +26,7 @@ class Strata:
         Of each category, shape (objects, columns), at least two objects.
     """
 
-    scores: tuple[Float64[np.ndarray, "objects columns"], ...]
+    scores: tuple[Float64[np.ndarray, "_ columns"], ...]
 
     @property
     def objects(self) -> int:
