@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Final, Protocol
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float64
@@ -46,6 +46,7 @@ STEPS: Final = ((0, 1), (0, -1), (1, 0), (-1, 0))
 Views = tuple[XRayView, ...]
 
 
+@runtime_checkable
 class Disturbance(Protocol):
     """What is done to the radiographs of every object."""
 
@@ -98,7 +99,7 @@ class Shifted(Disturbance):
 
     def __call__(self, obj: DensityObject, rng: np.random.Generator) -> Views:
         """Return the shifted radiographs."""
-        return tuple(self._shifted(view, *rng.choice(STEPS)) for view in obj.views)
+        return tuple(self._shifted(view, *rng.choice(STEPS).tolist()) for view in obj.views)
 
     def _shifted(self, view: XRayView, down: int, right: int) -> XRayView:
         rows, columns = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, Final, Protocol, cast
+from typing import Any, Final, Protocol, cast, runtime_checkable
 
 from xden1k.errors import MissingExtraError, install_command
 from xden_bench.datasets.recipe import Recipe
@@ -18,6 +18,7 @@ EXTRA: Final = "build"
 """What the maker of phantoms needs beyond this package."""
 
 
+@runtime_checkable
 class Maker(Protocol):
     """Makes a dataset folder, which appears complete or not at all; resumable."""
 
