@@ -17,6 +17,7 @@ from xden1k.predictor import Examples, Fingerprinted, Prediction, Predictor, Sam
 from xden1k.values.modality import Modality, ModalityError
 from xden1k.values.types import DensityObject
 from xden_baselines.chat.candidates import Candidate
+from xden_baselines.features.settings import clip_folder
 from xden_baselines.nerf2physics.predictor import NeRF2Physics, NeRF2PhysicsThickness, described
 from xden_baselines.nerf2physics.prior import Proposals
 from xden_baselines.views.cameras import Rig
@@ -280,7 +281,7 @@ def test_weights_that_are_not_there_are_an_error(folder: DatasetFolder, tmp_path
 
 def test_a_folder_that_the_command_line_takes_for_a_number_is_refused() -> None:
     with pytest.raises(DataError, match=r"clip must be the name of a folder, got 7: write \./7"):
-        NeRF2Physics(clip=7)
+        clip_folder(7)
 
 
 def test_a_device_is_named_for_clip_alone() -> None:

@@ -18,6 +18,7 @@ from xden1k.predictions import open_predictions
 from xden1k.predictor import Predictor, SampleView
 from xden1k.values.modality import Modality
 from xden1k.values.types import DensityObject
+from xden_baselines.chat.zero_shot import is_zero_shot
 from xden_baselines.gaussian_property.predictor import GaussianProperty, GaussianPropertyWeighted
 from xden_baselines.nerf2physics import predictor as nerf2physics
 from xden_baselines.nerf2physics.predictor import NeRF2Physics, NeRF2PhysicsThickness
@@ -242,8 +243,8 @@ def test_what_it_cannot_do_without_is_told_in_one_line(
     for kind in (NeRF2Physics, GaussianProperty):
         with pytest.raises(DataError, match="zero_shot asks a chat model: set XDEN_VLM_MODE"):
             kind(zero_shot=True)
-        with pytest.raises(DataError, match="zero_shot must be true or false, got 'yes'"):
-            kind(zero_shot="yes")
+    with pytest.raises(DataError, match="zero_shot must be true or false, got 'yes'"):
+        is_zero_shot("yes")
     chat(monkeypatch, "live", tmp_path / "answers.jsonl", "http://127.0.0.1:1/v1")
     with pytest.raises(
         DataError, match=r"zero_shot needs CLIP: name the folder of its weights by X"

@@ -22,7 +22,7 @@ CLIP_VARIABLE = "XDEN_CLIP"
 HOW_TO_NAME_CLIP = f"name the folder of its weights by {CLIP_VARIABLE} or by --set clip=FOLDER"
 
 
-def clip_folder(given: str | None) -> str:
+def clip_folder(given: object) -> str:
     """Return the folder that a method was given, else the environment's; empty for none.
 
     Raises

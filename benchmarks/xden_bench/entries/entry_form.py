@@ -57,13 +57,13 @@ def read_form(path: Path) -> dict[str, Any]:
     return entry
 
 
-def check_form(entry: Mapping[str, Any], path: Path) -> None:
+def check_form(entry: Any, path: Path) -> None:
     """Refuse what is no entry.
 
     Parameters
     ----------
     entry
-        As it lies, or is to lie, in the file.
+        Whatever lies, or is to lie, in the file.
     path
         The file, for the message.
 

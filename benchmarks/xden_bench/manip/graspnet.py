@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 import trimesh
-from jaxtyping import Float, Shaped
+from jaxtyping import Float
 
 from xden1k.errors import DataError
 from xden1k.export.si import M_PER_CM
@@ -97,7 +97,7 @@ def read_graspnet(path: Path, surface: trimesh.Trimesh) -> Grasps:
     return found
 
 
-def _arrays(path: Path) -> tuple[Rows, Matrix]:
+def _arrays(path: Path) -> tuple[Float[np.ndarray, "..."], Matrix]:
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in (ROWS, CAMERA) if name in file}
@@ -112,7 +112,7 @@ def _arrays(path: Path) -> tuple[Rows, Matrix]:
     return arrays[ROWS].astype(np.float64), camera
 
 
-def _check_rows(path: Path, rows: Shaped[np.ndarray, "..."]) -> None:
+def _check_rows(path: Path, rows: Float[np.ndarray, "..."]) -> None:
     if rows.ndim != 2 or rows.shape[1] != COLUMNS or not len(rows):
         raise DataError(f"{path}: {ROWS}: expected (n, {COLUMNS}), got {rows.shape}")
     if (bad := ~np.isfinite(rows).all(axis=1)).any():
