@@ -149,8 +149,8 @@ def _told_names(volume: LabelVolume, category: str) -> tuple[str, ...]:
     Examples
     --------
     >>> labels = np.ones((1, 1, 1), dtype=np.uint8)
-    >>> lac, flags = np.ones(1), ("parts_from_volume",)
-    >>> whole = LabelVolume(labels, labels, ("region_01",), lac, lac, (), flags, (0, 0, 0), 1)
+    >>> share, lac, flags = labels.astype(np.float32), np.ones(1), ("parts_from_volume",)
+    >>> whole = LabelVolume(labels, share, ("region_01",), lac, lac, (), flags, (0, 0, 0), 1)
     >>> _told_names(whole, "wrench")
     ('wrench',)
     """

@@ -26,7 +26,7 @@ BOXED_CLOSE: Final = (8.0, 0.02)
 """A turn of the box is given whose loss is at most so many times that of the pose, and so much
 more."""
 MOST_BOXED: Final = 4
-SLIGHT_DEG: Final = np.array([-8, -6, -4, -2, 2, 4, 6, 8])
+SLIGHT_DEG: Final = np.array([-8.0, -6.0, -4.0, -2.0, 2.0, 4.0, 6.0, 8.0])
 """Over to the next trough of what is seen from its edge."""
 MOST_SLIGHT: Final = 2
 MOST_JUDGED: Final = 72
