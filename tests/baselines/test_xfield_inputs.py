@@ -68,7 +68,7 @@ def views(draw: st.DrawFn) -> ViewGeometry:
     kind = draw(st.sampled_from(sorted(place)))
     return ViewGeometry(
         beam=kind,
-        pixel00_cm=np.array([-8, 9, 8]),
+        pixel00_cm=np.array([-8.0, 9.0, 8.0]),
         column_step_cm=np.array([draw(st.floats(0.1, 0.3)), draw(some) / 10, 0]),
         row_step_cm=np.array([0, draw(some) / 10, -draw(st.floats(0.1, 0.3))]),
         shape=(80, 70),

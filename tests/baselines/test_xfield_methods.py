@@ -31,6 +31,7 @@ from xden_baselines.xfield import (
 )
 from xden_baselines.xfield.clusters import free_clusters, segmentation
 from xden_baselines.xfield.lessons import lesson
+from xden_baselines.xfield.network import XField
 from xden_baselines.xray import mean_lac_per_cm
 
 METHODS = [getattr(methods, name) for name in methods.__all__]
@@ -120,7 +121,8 @@ def test_voxels_hold_the_mean_over_themselves(
 
     monkeypatch.setattr(inference, "answers", squares)
     sample, _ = asked(folder, Modality.GEOMETRY)
-    grid = inference.predicted_g_cm3(None, sample, Settings())  # type: ignore[arg-type]
+    model = XField(variant="pixel", size="tiny")
+    grid = inference.predicted_g_cm3(model, sample, Settings())
     centre = sample.origin_cm[0] + 40 * sample.voxel_size_cm
     mean = centre**2 + (sample.voxel_size_cm / 4) ** 2  # of two points at a quarter either side
     assert np.allclose(grid[40][sample.envelope[40] == 1], mean)

@@ -112,7 +112,7 @@ def test_enlarging_spreads_a_ramp_about_the_centre_and_keeps_dead_pixels_out(
 ) -> None:
     (view, _) = bar.views
     rows, columns = np.indices(view.geometry.shape, dtype=np.float32)
-    middle = (np.array(view.geometry.shape) - 1) / 2
+    middle = [(size - 1) / 2 for size in view.geometry.shape]
     ramp = 0.5 + 0.001 * (rows - middle[0]) + 0.002 * (columns - middle[1])
     ramp[~view.valid] = np.nan
     flat = replace(bar, views=(replace(view, transmission=ramp), bar.views[1]))

@@ -42,7 +42,10 @@ def sampled(mesh: trimesh.Trimesh, **changed: float) -> Grasps:
 def looking_down(*centres_cm: tuple[float, float, float], width_cm: float = 2.0) -> Grasps:
     count = len(centres_cm)
     return Grasps(
-        np.ones(count), np.full(count, width_cm), np.tile(DOWN, (count, 1, 1)), np.array(centres_cm)
+        np.ones(count),
+        np.full(count, width_cm),
+        np.tile(DOWN, (count, 1, 1)),
+        np.array(centres_cm, dtype=np.float64),
     )
 
 

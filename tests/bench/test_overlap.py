@@ -100,7 +100,7 @@ def test_one_to_one_is_never_above_many_to_one(
 def test_an_added_mask_never_lowers_many_to_one(
     regions: np.ndarray, clusters: np.ndarray, mask: np.ndarray
 ) -> None:
-    iou, added = iou_matrix(regions, clusters), iou_matrix(regions, mask)[:, -1:]
+    iou, added = iou_matrix(regions, clusters), iou_matrix(regions, mask.astype(np.uint8))[:, -1:]
     assert many_to_one(np.hstack([iou, added])) >= many_to_one(iou)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import re
+import socket
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -14,6 +15,7 @@ import httpx
 import numpy as np
 import pytest
 import uvicorn
+from fastapi import FastAPI
 
 from tests.bench.desks import turned_away
 from tests.waiting import until
@@ -236,10 +238,12 @@ def test_a_forwarded_address_is_believed_of_a_configured_proxy_alone(
     monkeypatch.setattr(uvicorn.Server, "run", lambda self, _: configs.append(self.config))
     found: list[str] = []
 
-    async def note(scope: Any, *_: Any) -> None:
-        found.append(scope["client"][0])
+    class Noting(FastAPI):
+        async def __call__(self, scope: Any, *_: Any) -> None:
+            found.append(scope["client"][0])
 
-    web.serve(note, None, trusted)  # type: ignore[arg-type]
+    with socket.socket() as listener:
+        web.serve(Noting(), listener, trusted)
     (config,) = configs
     config.load()
     scope = {
