@@ -124,10 +124,10 @@ class XField(nn.Module, PyTorchModelHubMixin):
         *,
         variant: str,
         size: str,
-        target: Target = "density",
+        target: str = "density",
         format: str = FORMAT,
         unit_g_cm3: float = UNIT_G_CM3,
-        views: Sequence[str] = VIEWS,
+        views: Sequence[str] | None = VIEWS,
     ) -> None:
         super().__init__()
         _expect("variant", variant, VARIANTS)
