@@ -31,7 +31,6 @@ from xden1k.rays import ownership_order, path_lengths
 from xden1k.values.views import XRayView
 from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.source import Detector
-from xden_builder.poly import pose
 from xden_builder.poly.model.beam import Heel, ViewBeam
 from xden_builder.poly.model.frames import Pose, binned, coarse, posed
 from xden_builder.poly.model.radiograph import GAIN
@@ -224,30 +223,27 @@ def test_a_brick_of_twenty_pixels_that_lies_along_them_is_turned_to_half_a_degre
 def test_a_part_without_a_mesh_pulls_no_other_aside(true, weight):
     fit = refined(true, unmeshed=[weight])
     # up to 0.24 and 0.15 where its shadow counts in full, or as far as it is less than an eighth
-    assert left_deg(fit, true) < 0.06
+    assert left_deg(fit, true) < 0.09
     assert fit.how_sure([solid.mesh for solid in tool()]).rim_deg > 0.2 * left_deg(fit, true)
 
 
 def test_a_right_pose_that_a_large_part_without_a_mesh_leads_away_from_is_begun_at_again():
     block = Solid("block", box((3.4, 2.8, 6.0), (0.2, 0.6, -2.4)), "aluminium", 2.70)
-    # 2.2 if only what coarse images lead to is gone on from
-    assert left_deg(refined(Pose(), unmeshed=[block]), Pose()) < 1.5
+    # 3 by light itself
+    assert left_deg(refined(Pose(), unmeshed=[block]), Pose()) < 0.3
 
 
-def test_a_smaller_scale_that_leaves_most_pixels_more_is_not_believed(monkeypatch):
-    faint = Solid("handle", box((2.4, 1.8, 3.0), (1.2, 0.6, -2.4)), "pp", 0.91)
-    with monkeypatch.context() as patch:
-        patch.setattr(pose, "SCALINGS", 0)
-        plain = refined(TURNED, unmeshed=[faint])
-    scales = []
-
-    def more_by_a_smaller_one(end):
-        scales.append(end.level.scale)
-        return 1 / end.level.scale
-
-    monkeypatch.setattr(pose, "_doubt", more_by_a_smaller_one)
-    np.testing.assert_array_equal(refined(TURNED, unmeshed=[faint]).unknowns, plain.unknowns)
-    assert min(scales) < 1
+def test_content_whose_vessel_has_no_mesh_is_laid_onto_what_shows_of_it():
+    shallow = trimesh.creation.cone(1.4, 1.0, sections=24)
+    content = [
+        Solid("lump", box((1.0, 0.6, 0.8), (0.5, 0.3, -1.9)), "aluminium", 2.70),
+        Solid("oil", shallow.apply_translation((0.1, 0.0, -1.4)), "pp", 0.91),
+    ]
+    wall = trimesh.boolean.difference([cylinder(1.9, 6.4), cylinder(1.6, 5.8)])
+    true = Pose((0.02, -0.015, 0.03), (0.08, 0.12, -0.05), 0.01)
+    fit = refined(true, solids=content, unmeshed=[Solid("wall", wall, "glass_soda_lime", 2.5)])
+    assert left_deg(fit, true) < 0.4  # 0.9 by light itself, which the content has to explain
+    assert np.abs(np.subtract(fit.pose.shift_cm, true.shift_cm)).max() < 0.04
 
 
 def test_steel_whose_density_is_guessed_a_fortieth_is_turned_as_if_it_were_known():

@@ -10,9 +10,8 @@ from jaxtyping import Bool, Float64
 from numpy.testing import assert_allclose
 
 from xden_builder.fit.problem import Evaluation
-from xden_builder.poly import pyramid
 from xden_builder.poly.descent import descend
-from xden_builder.poly.pyramid import LEAST_SCALE, LOST_FROM, Level
+from xden_builder.poly.pyramid import LOST_FROM, Level
 
 Vector = Float64[np.ndarray, "_n"]
 FREE = np.full(3, np.inf)
@@ -79,18 +78,17 @@ class Met(Level):
 
     off: Vector
 
-    def __init__(self, off: Vector = NONE, scale: float = 1.0) -> None:
-        for name, value in (("off", off), ("scale", scale), ("lost_from", LOST_FROM)):
+    def __init__(self, off: Vector = NONE) -> None:
+        for name, value in (("off", off), ("lost_from", LOST_FROM)):
             object.__setattr__(self, name, value)
 
     def _off_there(self, *_: object) -> list[Vector]:
         return [self.off]
 
 
-@pytest.mark.parametrize("scale", [0.1, 1.0])
-def test_large_residuals_pull_by_the_slope_of_what_they_leave_at_any_scale(scale: float) -> None:
-    level, step = Met(scale=scale), 1e-6
-    for off in scale * np.array([-9.0, -1.0, 0.5, 2.2, 3.0, 8.0]):
+def test_large_residuals_pull_by_the_slope_of_what_they_leave() -> None:
+    level, step = Met(), 1e-6
+    for off in (-9.0, -1.0, 0.5, 2.2, 3.0, 8.0):
         ahead, behind = (level.tempered(np.array([off + way])) for way in (step, -step))
         (weight,) = level.weights_of(np.array([off]))
         assert_allclose((ahead - behind) / (2 * step), 2 * weight * off, rtol=1e-4)
@@ -104,16 +102,6 @@ def test_much_is_left_by_the_pixels_that_meet_an_object_or_by_all(
 ) -> None:
     monkeypatch.setattr(Met, "mean_left", lambda *_: everywhere**2)
     assert Met(np.full(9, there)).much_left(NONE, []) is much
-
-
-@pytest.mark.parametrize(("typical", "scale"), [(0.0, LEAST_SCALE), (0.4, 0.3), (9.0, 1.0)])
-def test_residuals_are_scaled_by_what_is_typical_within_bounds(
-    monkeypatch: pytest.MonkeyPatch, typical: float, scale: float
-) -> None:
-    monkeypatch.setattr(pyramid, "replace", lambda _, scale: Met(scale=scale))
-    monkeypatch.setattr(Met, "latest", {}, raising=False)
-    off = np.array([-typical, typical, typical, 99.0, 0.0])
-    assert Met(off).scaled(NONE, []).scale == pytest.approx(scale)
 
 
 class Seen(Level):

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float64
 
 from xden_builder.fit.box import box_minimum
 from xden_builder.fit.problem import Evaluation
-from xden_builder.poly.pyramid import Level
 
-__all__ = ["Descent", "descend"]
+__all__ = ["Compared", "Descent", "descend"]
 
 FIRST_DAMPING: Final = 1e-3
 FELT_DAMPING: Final = 0.05
@@ -36,19 +35,50 @@ class Descent(NamedTuple):
         The loss, and half its derivatives.
     before, residuals
         Of each view: residuals where it began, and where it ended.
-    level
-        The images as they are believed there.
     """
 
     unknowns: Float64[np.ndarray, "u"]
     there: Evaluation
     before: Sequence[Float64[np.ndarray, "_n"]]
     residuals: Sequence[Float64[np.ndarray, "_n"]]
-    level: Level
+
+
+@runtime_checkable
+class Compared(Protocol):
+    """Images of a model and measured ones, compared by residuals of each view."""
+
+    def believed(self, residuals: Sequence[Float64[np.ndarray, "_n"]], /) -> Self:
+        """Weigh the images by what a model leaves of them."""
+        ...
+
+    def residuals(self, unknowns: Float64[np.ndarray, "u"]) -> Sequence[Float64[np.ndarray, "_n"]]:
+        """Model less measurement of each view, in standard deviations."""
+        ...
+
+    def residuals_and_slopes(
+        self, unknowns: Float64[np.ndarray, "u"]
+    ) -> tuple[Sequence[Float64[np.ndarray, "_n"]], Sequence[Float64[np.ndarray, "_n u"]]]:
+        """Give the residuals of each view, and their derivatives by all unknowns."""
+        ...
+
+    def loss(
+        self, unknowns: Float64[np.ndarray, "u"], residuals: Sequence[Float64[np.ndarray, "_n"]]
+    ) -> float:
+        """Loss of residuals, with priors of the unknowns."""
+        ...
+
+    def evaluate(
+        self,
+        unknowns: Float64[np.ndarray, "u"],
+        residuals: Sequence[Float64[np.ndarray, "_n"]],
+        slopes: Sequence[Float64[np.ndarray, "_n u"]],
+    ) -> Evaluation:
+        """Loss, and half its derivatives."""
+        ...
 
 
 def descend(
-    level: Level,
+    level: Compared,
     unknowns: Float64[np.ndarray, "u"],
     most: int,
     low: Float64[np.ndarray, "u"],
@@ -84,7 +114,7 @@ def descend(
         if first.loss - here.loss < SETTLED_ROUND * here.loss:
             break
     assert before is not None
-    return Descent(unknowns, here, before, residuals, level)
+    return Descent(unknowns, here, before, residuals)
 
 
 def _ahead(

@@ -4,15 +4,16 @@ Comes from :mod:`start`, leads to :mod:`samples`. The unknowns of the poses (sev
 that share one) and the size of the object beside its meshes are found by Gauss-Newton steps,
 together with the densities, a gain and a share of glare of each view, on images averaged over
 8 x 8, 4 x 4 and 2 x 2 pixels (:mod:`pyramid`). Where the last of them leave much, something may
-have no mesh, and residuals are given a smaller scale, where no view was turned also from the pose
-of the files, from which coarse images may have led away. Turned views are laid onto their shadows
-one by one before (:mod:`alignment`).
+have no mesh, and it is gone on by what neighbouring pixels differ by (:mod:`edges`), where no view
+was turned also from the pose of the files, from which the light itself may have led away. Turned
+views are laid onto their shadows one by one before (:mod:`alignment`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any, Final
 
 import numpy as np
@@ -23,6 +24,7 @@ from xden1k.values.arrays import Mask
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.poly.alignment import aligned
 from xden_builder.poly.descent import Descent, descend
+from xden_builder.poly.edges import Edges
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.frames import Pose
 from xden_builder.poly.model.poses import RIGID, Poses
@@ -49,9 +51,11 @@ SCANNER_SD: Final = 0.001
 LAST_RAYS: Final = 90_000
 """Through the object in a view, about, on the last images: thin metal is missed by a third of them.
 """
-SCALINGS, SCALED_MOST = 2, 4
-"""How often residuals are given another scale where something may have no mesh, and how often
-derivatives are taken with it."""
+EDGE_SDS, LAST_EDGE_SD = (0.05, 0.02, 0.01), 0.004
+"""Of differences of neighbouring pixels' logarithms where something may have no mesh, one after the
+other, and of those that the best pose ends with."""
+EDGES_MOST: Final = 4
+"""How often derivatives are taken by each."""
 COARSEST_PX: Final = 32
 """Images are never smaller."""
 
@@ -78,10 +82,10 @@ class Placement:
     geometries: tuple[ViewGeometry, ...]
 
 
-def find_pose(guess: Guess, settings: PolySettings) -> Placement:
+def find_pose(guess: Guess, settings: PolySettings, *, begun_again: bool = True) -> Placement:
     """Move the scanner so that meshes at rest look as the object did, if the pose is sought.
 
-    They are given its size, if that is sought.
+    They are given its size, if that is sought. ``begun_again`` as of :func:`refine_pose`.
     """
     scene = guess.scene
     geometries = [view.geometry for view in scene.views]
@@ -99,6 +103,7 @@ def find_pose(guess: Guess, settings: PolySettings) -> Placement:
         scene.turned,
         size_sd=settings.size * scene.size_sd,
         glare=GLARE if settings.stray else NO_STRAY,
+        begun_again=begun_again,
     )
     size = fit.size or Size(1.0, scene.size_sd, np.zeros(3))
     return Placement(
@@ -133,6 +138,8 @@ class PoseFit:
     doubt, left
         What the finest leave, as of :meth:`Level.doubt` and :meth:`Level.all_left`, the latter by
         the usual scale: light that may be lost in what has no mesh hardly counts.
+    edges
+        What neighbouring pixels of the finest differ by, as of :meth:`Edges.doubt`.
     """
 
     poses: Poses
@@ -144,6 +151,7 @@ class PoseFit:
     rms_after: float
     doubt: float
     left: float
+    edges: float
 
     @property
     def sd(self) -> Float64[np.ndarray, "p"]:
@@ -212,6 +220,7 @@ def refine_pose(
     *,
     size_sd: float = 0.0,
     glare: tuple[float, float, float, float] = GLARE,
+    begun_again: bool = True,
 ) -> PoseFit:
     """Find the pose in which meshes and radiographs agree best.
 
@@ -234,6 +243,8 @@ def refine_pose(
         is no unknown.
     glare
         Mean, standard deviation, least and most of the share of a view's light that spreads.
+    begun_again
+        Whether a descent that leaves much is begun once more at the pose of the files.
     """
     target = Target(views, saturated, gains, beams, meshes, order, mac_cm2_g, glare)
     x, y, z = target.centre_cm.tolist()
@@ -245,6 +256,7 @@ def refine_pose(
     if poses.sized:
         low[-1], high[-1] = -SIZE_SDS_MOST * size_sd, SIZE_SDS_MOST * size_sd
     best = rms_before = None
+    levels = []
     binnings = _binnings(views, any(poses.turned))
     for number, (binning, most) in enumerate(binnings, start=1):
         windows = _windows(target, poses, starts[0][-poses.count :], binning)
@@ -252,6 +264,7 @@ def refine_pose(
         level = Level.of(target, poses, windows, binning, rays=LAST_RAYS if last else RAYS)
         if last:  # not before: far off, its own shadow seems another's
             level = replace(level, lost_from=LOST_FROM, weighs=True)
+        levels.append(level)
         if best is not None and not any(poses.turned):
             believed = level.believed(level.residuals(starts[0]))
             starts = [min(starts[0], _as_told(starts[0], poses), key=believed.loss_at)]
@@ -263,13 +276,10 @@ def refine_pose(
     assert best is not None
     assert rms_before is not None
     if level.much_left(best.unknowns, best.residuals):
-        ahead = [_scaled(level, best.unknowns, low, high, below=_doubt(best))]
-        if not any(poses.turned):
-            ahead.append(_scaled(level, _as_told(best.unknowns, poses), low, high))
-        best = min([best, *(each for each in ahead if each is not None)], key=_doubt)
-    unknowns, there, _, residuals, believed = best
-    told = there.hessian if believed.scale == 1 else believed.as_sure(there, residuals)
-    told = told + 1e-9 * np.diag(told.diagonal())
+        told = _as_told(best.unknowns, poses) if begun_again and not any(poses.turned) else None
+        best = _by_edges(levels, best, told, low, high)
+    unknowns, there, _, residuals = best
+    told = there.hessian + 1e-9 * np.diag(there.hessian.diagonal())
     covariance = np.linalg.pinv(told, hermitian=True)
     return PoseFit(
         poses=poses,
@@ -279,34 +289,41 @@ def refine_pose(
         gain=unknowns[len(meshes) :][: len(views)],
         rms_before=rms_before,
         rms_after=level.rms(residuals),
-        doubt=_doubt(best),
+        doubt=level.doubt(unknowns, residuals),
         left=level.all_left(unknowns, residuals),
+        edges=Edges.of(level).doubt(unknowns),
     )
 
 
-def _scaled(
-    level: Level,
-    unknowns: Float64[np.ndarray, "u"],
+def _by_edges(
+    levels: Sequence[Level],
+    end: Descent,
+    told: Float64[np.ndarray, "u"] | None,
     low: Float64[np.ndarray, "u"],
     high: Float64[np.ndarray, "u"],
-    *,
-    below: float = np.inf,
-) -> Descent | None:
-    """Go down by residuals of a smaller scale, as long as doubt falls, from below some on."""
-    best: Descent | None = None
-    residuals: Sequence[Float64[np.ndarray, "_n"]] = level.residuals(unknowns)
-    for _ in range(SCALINGS):
-        ahead = descend(level.scaled(unknowns, residuals), unknowns, SCALED_MOST, low, high)
-        doubt = _doubt(ahead)
-        if doubt >= below:
-            break
-        best, below, unknowns, residuals = ahead, doubt, ahead.unknowns, ahead.residuals
-    return best
+) -> Descent:
+    """Go on by differences of neighbouring pixels, from an end and, if it is told, another pose.
 
+    From that on the last two images and on the last three: a thin object is lost by the one, one
+    that is far off by the other.
+    """
 
-def _doubt(end: Descent) -> float:
-    """Tell what a descent leaves most pixels, by a loss that no scale of its own changes."""
-    return end.level.doubt(end.unknowns, end.residuals)
+    def down(
+        unknowns: Float64[np.ndarray, "u"], levels: Sequence[Level], sds: Sequence[float]
+    ) -> Float64[np.ndarray, "u"]:
+        for level, sd in product(levels, sds):
+            unknowns = descend(Edges.of(level, sd), unknowns, EDGES_MOST, low, high).unknowns
+        return unknowns
+
+    level, starts = levels[-1], [(end.unknowns, 2)]
+    if told is not None:
+        starts += [(told, 2), (told, 3)]
+    ends = [down(start, levels[-count:], EDGE_SDS) for start, count in starts]
+    best = min([end.unknowns, *ends], key=Edges.of(level).doubt)
+    best = down(best, [level], [LAST_EDGE_SD])
+    residuals, slopes = level.residuals_and_slopes(best)
+    there = level.believed(residuals).evaluate(best, residuals, slopes)
+    return Descent(best, there, end.before, residuals)
 
 
 def _as_told(unknowns: Float64[np.ndarray, "u"], poses: Poses) -> Float64[np.ndarray, "u"]:

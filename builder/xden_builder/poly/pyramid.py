@@ -47,14 +47,13 @@ KEPT_POSES: Final = 2
 """Whose path lengths are kept."""
 PIXEL_SD: Final = 0.05
 LOST_FROM: Final = 2.5
-"""Times the scale of residuals: how much too bright the model is where something without a mesh
+"""Standard deviations: how much too bright the model is where something without a mesh
 took the light."""
 WORTH: Final = 400.0
 """Independent observations that all pixels together are worth: their errors hang together."""
-TYPICAL: Final = 0.75
-"""Of the median residual where the object is, not all of which the model leaves by being wrong."""
-LEAST_SCALE: Final = 0.1
-"""Half a hundredth of the light: whole objects leave as much."""
+DOUBT_SCALE: Final = 0.1
+"""Of residuals where poses are doubted: half a hundredth of the light, whole objects leave as much.
+"""
 SHADED: Final = 0.96
 """Of the light of the open field: less was taken by something."""
 MUCH_LEFT, MUCH_LEFT_THERE = 0.05, 0.15
@@ -93,10 +92,8 @@ class Level:
     """Whether they stand turned against the raster, see :func:`xden1k.rays.path_lengths`."""
     step_cm: float = STEPS_CM
     """Of a central difference, for each pixel that is averaged along a side."""
-    scale: float = 1.0
-    """Of residuals: those beyond twice of it count linearly."""
     lost_from: float = np.inf
-    """Times the scale: from there on light is taken for lost in what has no mesh; nowhere by
+    """Standard deviations from which on light is taken for lost in what has no mesh; nowhere by
     default."""
     weighs: bool = False
     """Whether a descent believes the images as far as the model explains them."""
@@ -157,21 +154,38 @@ class Level:
         slopes: Sequence[Float64[np.ndarray, "_n u"]],
     ) -> Evaluation:
         """Sum of squares, large ones tempered, with priors; and half its derivatives."""
+        counted = list(self.counted(residuals))
+        weights = [self.share * counts * self.weights_of(off) for counts, off in counted]
+        told = [off for _, off in counted]
+        gradient, hessian = self.derivatives(unknowns, told, weights, slopes)
+        return Evaluation(self.loss(unknowns, residuals), gradient, hessian, ())
+
+    def derivatives(
+        self,
+        unknowns: Float64[np.ndarray, "u"],
+        residuals: Sequence[Float64[np.ndarray, "_n"]],
+        weights: Sequence[Float64[np.ndarray, "_n"]],
+        slopes: Sequence[Float64[np.ndarray, "_n u"]],
+    ) -> tuple[Float64[np.ndarray, "u"], Float64[np.ndarray, "u u"]]:
+        """Half the gradient of weighted squares and priors, and the curvature."""
         mean, precision = self._prior()
         gradient, hessian = (unknowns - mean) * precision, np.diag(precision)
-        for (counts, off), slope in zip(self.counted(residuals), slopes, strict=True):
-            weighted = slope * (self.share * counts * self.weights_of(off))[:, None]
+        for off, weight, slope in zip(residuals, weights, slopes, strict=True):
+            weighted = slope * weight[:, None]
             gradient = gradient + weighted.T @ off
             hessian = hessian + weighted.T @ slope
-        return Evaluation(self.loss(unknowns, residuals), gradient, hessian, ())
+        return gradient, hessian
 
     def loss(
         self, unknowns: Float64[np.ndarray, "u"], residuals: Sequence[Float64[np.ndarray, "_n"]]
     ) -> float:
         """Sum of squares as of :meth:`evaluate`, without derivatives."""
+        return self.expected(unknowns) + self.share * self.left(residuals)
+
+    def expected(self, unknowns: Float64[np.ndarray, "u"]) -> float:
+        """Sum of squares of the priors."""
         mean, precision = self._prior()
-        expected = float(((unknowns - mean) * precision) @ (unknowns - mean))
-        return expected + self.share * self.left(residuals)
+        return float(((unknowns - mean) * precision) @ (unknowns - mean))
 
     def left(self, residuals: Sequence[Float64[np.ndarray, "_n"]]) -> float:
         """Sum of squares of all views, large ones tempered."""
@@ -184,11 +198,11 @@ class Level:
 
     def tempered(self, off: Float64[np.ndarray, "_n"]) -> float:
         """Sum of squares of residuals that count, large ones tempered."""
-        return self.scale**2 * huber.tempered(off / self.scale, self.lost_from)
+        return huber.tempered(off, self.lost_from)
 
     def weights_of(self, off: Float64[np.ndarray, "_n"]) -> Float64[np.ndarray, "_n"]:
         """Weights with which least squares has the gradient of :meth:`tempered`."""
-        return huber.weights(off / self.scale, self.lost_from)
+        return huber.weights(off, self.lost_from)
 
     def counted(
         self, residuals: Sequence[Float64[np.ndarray, "_n"]]
@@ -212,7 +226,9 @@ class Level:
         if not self.weighs:
             return self
         mean = min(max(self.mean_left(residuals), LEAST_LEFT), 1.0)
-        return self._handed_on(replace(self, worth=WORTH / mean))
+        believed = replace(self, worth=WORTH / mean)
+        believed.latest.update(self.latest)
+        return believed
 
     def much_left(
         self,
@@ -223,19 +239,6 @@ class Level:
         there = np.concatenate(list(self._off_there(unknowns, residuals)))
         left_there = self.tempered(there) / max(len(there), 1)
         return left_there > MUCH_LEFT_THERE or self.mean_left(residuals) > MUCH_LEFT
-
-    def scaled(
-        self,
-        unknowns: Float64[np.ndarray, "u"],
-        residuals: Sequence[Float64[np.ndarray, "_n"]],
-    ) -> Level:
-        """Give residuals another scale, by what is typical of those where the object is.
-
-        What has no mesh then no longer outweighs what has one, were it a twentieth of the light.
-        """
-        off = np.abs(np.concatenate(list(self._off_there(unknowns, residuals))))
-        typical = TYPICAL * float(np.median(off)) if len(off) else 1.0
-        return self._handed_on(replace(self, scale=min(max(typical, LEAST_SCALE), 1.0)))
 
     def doubt(
         self,
@@ -254,7 +257,7 @@ class Level:
             off[counts & (met | (seen < SHADED * gain))]
             for (counts, off), met, gain, seen in zip(*there, strict=True)
         ]
-        off = np.concatenate([*inside, *self._shade_beside(gains)]) / LEAST_SCALE
+        off = np.concatenate([*inside, *self._shade_beside(gains)]) / DOUBT_SCALE
         return float(np.log1p(off**2).sum() / max(len(off), 1))
 
     def all_left(
@@ -275,23 +278,6 @@ class Level:
         """Yield what the pixels beside the windows measured, but for those known from below."""
         for each, mask in zip(self.whole, self.masks, strict=True):
             yield each.image[each.known & ~each.at_least & ~mask].astype(np.float64)
-
-    def as_sure(
-        self, there: Evaluation, residuals: Sequence[Float64[np.ndarray, "_n"]]
-    ) -> Float64[np.ndarray, "u u"]:
-        """Curvature of a loss, images worth as much as if all residuals were of one scale.
-
-        By their own they are few and small where something has no mesh, and say of themselves that
-        they are sure.
-        """
-        plain = replace(self, scale=1.0).believed(residuals)
-        expected = np.diag(self.precision)
-        return np.asarray(expected + plain.worth / self.worth * (there.hessian - expected))
-
-    def _handed_on(self, changed: Level) -> Level:
-        """Give the path lengths that are kept to a level of the same images."""
-        changed.latest.update(self.latest)
-        return changed
 
     def _off_there(
         self,
@@ -338,6 +324,11 @@ class Level:
         """Root mean square residual of transmission, saturated pixels left out."""
         told = np.concatenate(residuals)[~np.concatenate(self.at_least)]
         return PIXEL_SD * float(np.sqrt((told**2).mean())) if told.size else 0.0
+
+    def gains(self, unknowns: Float64[np.ndarray, "u"]) -> Float64[np.ndarray, "v"]:
+        """Of the views."""
+        _, gains, *_ = self._split(unknowns)
+        return gains
 
     def _split(
         self, unknowns: Float64[np.ndarray, "u"]

@@ -46,16 +46,16 @@ def told_closely(
     if sum(close) < 2 or capture.tube is None:
         return list(found)
     there = [
-        _refined(capture, order, each) if is_close else each
+        _refined(capture, order, each, doubted=doubted) if is_close else each
         for each, is_close in zip(found, close, strict=True)
     ]
     return sorted(there, key=lambda each: each.improbability)
 
 
-def _refined(capture: Capture, order: Sequence[int], found: Found) -> Found:
+def _refined(capture: Capture, order: Sequence[int], found: Found, *, doubted: bool) -> Found:
     """Say what a pose leaves once refined; it stays as it was found."""
     settings = PolySettings()
     scene = set_scene(found.placement.of_capture(capture), order, settings)
-    fit = find_pose(first_guess(scene), settings).fit
+    fit = find_pose(first_guess(scene), settings, begun_again=False).fit
     assert fit is not None
-    return replace(found, doubt=fit.doubt, left=fit.left)
+    return replace(found, doubt=fit.doubt, left=fit.left, edges=fit.edges if doubted else None)

@@ -124,6 +124,8 @@ class Found:
     doubt, left
         What it leaves once refined on the images as they are, as of
         :class:`xden_builder.poly.pose.PoseFit`; None where it was not.
+    edges
+        The same of neighbouring pixels' differences; None where no part may lack its mesh.
     gains
         Of the views, and after them their shares of glare, where the pose has been moved with them.
     growth
@@ -136,6 +138,7 @@ class Found:
     deviance: float | None = None
     doubt: float | None = None
     left: float | None = None
+    edges: float | None = None
     gains: Float64[np.ndarray, "v"] | None = None
     growth: float = 0.0
 
@@ -144,8 +147,12 @@ class Found:
         """What refined poses are sorted by; infinite where it was not refined.
 
         Neither doubt nor squares have a known scale. So they are compared by their shares, which
-        multiply, and what large residuals hardly rule counts twice.
+        multiply, and what large residuals hardly rule counts twice. Where a part may have no mesh
+        neighbouring pixels alone tell: the right pose leaves more light than one that spends
+        another part on it.
         """
+        if self.edges is not None:
+            return self.edges
         if self.doubt is None or self.left is None:
             return np.inf
         return self.doubt**2 * self.left
@@ -156,7 +163,7 @@ class Found:
         By what is left of them once the best was refined: no pose is that was not, being told
         before. Else by the deviance where both were fitted, else by the loss.
         """
-        if best.doubt is not None:
+        if np.isfinite(best.improbability):
             return self.improbability <= AS_LITTLE_LEFT * best.improbability
         if best.deviance is None or self.deviance is None:
             return self.loss <= AS_GOOD * best.loss
@@ -225,6 +232,7 @@ class Registration:
                     "deviance": each.deviance,
                     "doubt": each.doubt,
                     "left": each.left,
+                    "edges": each.edges,
                 }
                 for each in self.candidates
             ],

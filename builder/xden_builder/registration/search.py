@@ -80,7 +80,9 @@ MANY_RAYS: Final = 30_000
 """Through the object in a view, on fine images: by a third of them a hinge leaves twice as much."""
 SYMMETRY_DEG: Final = 15
 """Between turns that may leave the object where it is."""
-LISTED: Final = 6
+LISTED, MANY_LISTED, CLOSELY = 6, 20, 4
+"""Poses that are handed on; where a part may have no mesh, and those of them that differences of
+neighbouring pixels tell."""
 ELSEWHERE: Final = 0.025
 """Of the radius: an equally good pose that is farther makes the pose ambiguous."""
 SYMMETRIC: Final = 0.03
@@ -146,8 +148,9 @@ def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness:
     """Find unlike poses.
 
     Where even the best leaves much, a part may have no mesh: its shadow leads all others astray. So
-    they are looked for once more by what light the meshes cannot have taken, unless a scale is
-    sought or a view was turned: both are led by the boxes around the shadows.
+    they are looked for once more by what light the meshes cannot have taken, and told by what
+    neighbouring pixels differ by, unless a scale is sought or a view was turned: both are led by
+    the boxes around the shadows.
     """
     there = _searched_complete(capture, shadows, body, likeness)
     boxed = capture.mesh_scale == "unknown" or any(shadow.turned for shadow in shadows)
@@ -160,13 +163,15 @@ def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness:
     if there.judge.fixed(best.placement, best.growth).loss <= DOUBTED_LOSS:
         plain = _finely(capture, shadows, body, likeness, coarse._replace(found=again.found))
         return min(there, plain, key=lambda each: each.found[0].loss)
-    stayed = settled(
-        again.judge, again.judge.fixed(there.found[0].placement, there.found[0].growth)
-    )
-    unlike = apart(best.placement, stayed.placement, likeness, body)
-    if not unlike or stayed.loss > most_of_rivals(best):
-        return again
-    return again._replace(found=first_of_like([stayed, *again.found], likeness, body, LISTED))
+    judge = again.judge
+    stayed = [judge.fixed(each.placement, each.growth) for each in there.found]
+    return again._replace(found=_by_edges(judge, [*again.found, *stayed], likeness, body))
+
+
+def _by_edges(judge: Judge, found: Sequence[Found], likeness: Likeness, body: Body) -> list[Found]:
+    """Move poses by what neighbouring pixels differ by, the one that leaves least of it first."""
+    there = sorted((judge.edged(each) for each in found), key=lambda each: each.improbability)
+    return unlike_of(there, likeness, body, CLOSELY)
 
 
 def _searched_complete(
@@ -229,7 +234,9 @@ def _finely(
             break
     rivals = unlike_of(best, likeness.strict, body, LISTED, RIVALS_APART * same_share(body))
     told = rivals if incomplete else _told_apart(capture, shadows, body, fine, rivals)
-    listed = first_of_like([*told, *sorted(near, key=loss_of)], likeness, body, LISTED)
+    listed = first_of_like(
+        [*told, *sorted(near, key=loss_of)], likeness, body, _most_listed(incomplete)
+    )
     there = _Fine(listed, fine)
     if not REJUDGED_LOSS < listed[0].loss <= HOPELESS_LOSS:
         return there
@@ -261,10 +268,10 @@ def _on_finest(
     fixed = [finest.fixed(each.placement, each.growth) for each in listed]
     tried = [*fixed, *slightly_turned(finest, fixed[0], body)]
     there = sorted((finest.refined(each, DERIVATIVES) for each in tried), key=loss_of)
-    told = unlike_of(there, likeness, body, LISTED)
+    told = unlike_of(there, likeness, body, _most_listed(incomplete))
     if not incomplete:
         told = _told_apart(capture, shadows, body, finest, told)
-    return _Fine(first_of_like(told, likeness, body, LISTED), finest)
+    return _Fine(first_of_like(told, likeness, body, _most_listed(incomplete)), finest)
 
 
 def _judge(
@@ -287,6 +294,10 @@ def _judge(
         sized=sized,
         incomplete=incomplete,
     )
+
+
+def _most_listed(incomplete: bool) -> int:
+    return MANY_LISTED if incomplete else LISTED
 
 
 class _Fine(NamedTuple):

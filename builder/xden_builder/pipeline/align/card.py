@@ -62,7 +62,7 @@ class CandidateCard:
     ----------
     number
         From 1, the best first.
-    loss, deviance, doubt, left
+    loss, deviance, doubt, left, edges
         As of :class:`xden_builder.registration.placement.Found`.
     turned_deg
         Angle between it and the pose that is used.
@@ -79,6 +79,7 @@ class CandidateCard:
     deviance: float | None
     doubt: float | None
     left: float | None
+    edges: float | None
     turned_deg: float
     scale: float
     pose: str
@@ -226,6 +227,7 @@ def _candidates(
             each.deviance,
             each.doubt,
             each.left,
+            each.edges,
             _turned_deg(registration.placement, each),
             each.placement.scale,
             pose_text(each.placement),

@@ -1,0 +1,131 @@
+"""Differences of neighbouring pixels: what they see of a model, and what not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tests.builder.poly_scenes import TUBE, box, composition, geometries, radiograph, tool
+from xden1k.rays import ownership_order
+from xden1k.values.views import XRayView
+from xden_builder.physics.groups import energy_groups
+from xden_builder.physics.source import Detector
+from xden_builder.poly.edges import Edges
+from xden_builder.poly.model.beam import Heel, ViewBeam
+from xden_builder.poly.model.frames import Pose
+from xden_builder.poly.model.poses import Poses
+from xden_builder.poly.model.radiograph import GAIN
+from xden_builder.poly.pyramid import Level
+from xden_builder.poly.target import Target, window
+
+SOLIDS = tool()
+
+
+def level_of(views: list[XRayView], saturated: float = np.inf) -> Level:
+    """The tool before its radiographs, of which pixels beyond some light are saturated."""
+    groups, meshes = energy_groups(TUBE, Detector("CsI")), [solid.mesh for solid in SOLIDS]
+    target = Target(
+        views,
+        [view.transmission > saturated for view in views],
+        [GAIN] * len(views),
+        [ViewBeam(groups, view.geometry, Heel()) for view in views],
+        meshes,
+        ownership_order(meshes),
+        np.stack([groups.mac_cm2_g(composition(solid.material)) for solid in SOLIDS]),
+    )
+    x, y, z = target.centre_cm.tolist()
+    windows = [window(view.geometry, target.points_cm, 1) for view in views]
+    return Level.of(target, Poses((False, False), Pose(centre_cm=(x, y, z))), windows, 1)
+
+
+def shown() -> list[XRayView]:
+    """What the tool looks like in its place."""
+    return [radiograph(SOLIDS, name, geometry, rays=4) for name, geometry in geometries(96).items()]
+
+
+def right(level: Level) -> np.ndarray:
+    """Unknowns of the tool as it is."""
+    density = np.array([solid.density_g_cm3 for solid in SOLIDS])
+    return np.concatenate([density, [1.0, 1.0, 0.0, 0.0], np.zeros(level.poses.count)])
+
+
+@pytest.fixture(scope="module")
+def views() -> list[XRayView]:
+    return shown()
+
+
+def test_what_takes_the_same_share_of_all_light_changes_no_difference(views):
+    dimmed = [replace(view, transmission=np.float32(0.7) * view.transmission) for view in views]
+    plain, behind = (Edges.of(level_of(each)) for each in (views, dimmed))
+    unknowns = right(plain.level)
+    told = (each.residuals(unknowns) for each in (plain, behind))
+    for off, same, scale, other in zip(*told, plain.scales, behind.scales, strict=True):
+        assert_allclose(other * same, scale * off, atol=1e-5)
+        assert np.abs(off).max() > 0.1
+
+
+def test_slopes_are_those_of_the_residuals(views):
+    edges = Edges.of(level_of(views), sd=0.05)
+    unknowns = right(edges.level)
+    _, slopes = edges.residuals_and_slopes(unknowns)
+    last = len(unknowns) - 1
+    for place, step, most in ((0, 1e-3, 1e-3), (1, 1e-3, 1e-3), (last - 2, 1e-2, 0.5)):
+        way = step * np.eye(len(unknowns))[place]
+        ahead, behind = (edges.residuals(unknowns + sign * way) for sign in (1, -1))
+        for number, slope in enumerate(slopes):
+            told = (ahead[number] - behind[number]) / (2 * step)
+            off = np.linalg.norm(slope[:, place] - told)
+            assert off < most * np.linalg.norm(told)
+
+
+def test_the_derivatives_of_the_loss_are_half_its_gradient(views):
+    edges = Edges.of(level_of(views), sd=0.05)
+    unknowns = 1.1 * right(edges.level)
+    residuals, slopes = edges.residuals_and_slopes(unknowns)
+    there = edges.evaluate(unknowns, residuals, slopes)
+    for place in range(edges.level.parts):
+        way = 1e-4 * np.eye(len(unknowns))[place]
+        ahead, behind = (
+            edges.loss(there_, edges.residuals(there_))
+            for there_ in (unknowns + way, unknowns - way)
+        )
+        assert (ahead - behind) / 4e-4 == pytest.approx(there.gradient[place], rel=0.02)
+
+
+def test_saturated_pixels_have_no_differences(views):
+    level = level_of(views, saturated=0.5)
+    for (before, after), at_least in zip(Edges.of(level).pairs, level.at_least, strict=True):
+        assert not at_least[before].any()
+        assert not at_least[after].any()
+        assert len(before)
+
+
+def test_the_true_pose_is_doubted_least_where_a_block_has_no_mesh(views):
+    block = replace(SOLIDS[0], mesh=box((3.4, 2.8, 6.0), (0.2, 0.6, -2.4)), material="pp")
+    seen = [
+        replace(
+            radiograph([*SOLIDS, block], view.name, view.geometry, rays=4), geometry=view.geometry
+        )
+        for view in views
+    ]
+    edges = Edges.of(level_of(seen))
+    unknowns = right(edges.level)
+    here = edges.doubt(unknowns)
+    for place in range(len(unknowns) - edges.level.poses.count, len(unknowns) - 1):
+        for sign in (-1, 1):
+            moved = unknowns + sign * 0.1 * np.eye(len(unknowns))[place]
+            assert edges.doubt(moved) > 1.05 * here
+
+
+def test_shade_beside_what_is_compared_is_doubted(views):
+    level = level_of(views)
+    unknowns = right(level)
+    stained = []
+    for view, mask in zip(views, level.masks, strict=True):
+        image = view.transmission.copy()
+        image[::2][~mask[::2]] = 0.3
+        stained.append(replace(view, transmission=image))
+    assert Edges.of(level_of(stained)).doubt(unknowns) > 1.2 * Edges.of(level).doubt(unknowns)
