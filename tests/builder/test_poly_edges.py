@@ -13,7 +13,7 @@ from xden1k.rays import ownership_order
 from xden1k.values.views import XRayView
 from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.source import Detector
-from xden_builder.poly.edges import Edges
+from xden_builder.poly.edges import Edges, edge_doubt
 from xden_builder.poly.model.beam import Heel, ViewBeam
 from xden_builder.poly.model.frames import Pose
 from xden_builder.poly.model.poses import Poses
@@ -72,13 +72,14 @@ def test_slopes_are_those_of_the_residuals(views):
     unknowns = right(edges.level)
     _, slopes = edges.residuals_and_slopes(unknowns)
     last = len(unknowns) - 1
-    for place, step, most in ((0, 1e-3, 1e-3), (1, 1e-3, 1e-3), (last - 2, 1e-2, 0.5)):
+    by_light = [(0, 1e-3, 1e-3), (1, 1e-3, 1e-3), (2, 1e-3, 1e-3), (4, 1e-3, 1e-3)]
+    for place, step, most in (*by_light, (last - 4, 3e-3, 0.5), (last - 2, 1e-2, 0.5)):
         way = step * np.eye(len(unknowns))[place]
         ahead, behind = (edges.residuals(unknowns + sign * way) for sign in (1, -1))
         for number, slope in enumerate(slopes):
             told = (ahead[number] - behind[number]) / (2 * step)
             off = np.linalg.norm(slope[:, place] - told)
-            assert off < most * np.linalg.norm(told)
+            assert off <= most * np.linalg.norm(told) + 1e-9
 
 
 def test_the_derivatives_of_the_loss_are_half_its_gradient(views):
@@ -111,13 +112,13 @@ def test_the_true_pose_is_doubted_least_where_a_block_has_no_mesh(views):
         )
         for view in views
     ]
-    edges = Edges.of(level_of(seen))
-    unknowns = right(edges.level)
-    here = edges.doubt(unknowns)
-    for place in range(len(unknowns) - edges.level.poses.count, len(unknowns) - 1):
+    level = level_of(seen)
+    unknowns = right(level)
+    here = edge_doubt(level, unknowns)
+    for place in range(len(unknowns) - level.poses.count, len(unknowns) - 1):
         for sign in (-1, 1):
             moved = unknowns + sign * 0.1 * np.eye(len(unknowns))[place]
-            assert edges.doubt(moved) > 1.05 * here
+            assert edge_doubt(level, moved) > 1.05 * here
 
 
 def test_shade_beside_what_is_compared_is_doubted(views):
@@ -128,4 +129,4 @@ def test_shade_beside_what_is_compared_is_doubted(views):
         image = view.transmission.copy()
         image[::2][~mask[::2]] = 0.3
         stained.append(replace(view, transmission=image))
-    assert Edges.of(level_of(stained)).doubt(unknowns) > 1.2 * Edges.of(level).doubt(unknowns)
+    assert edge_doubt(level_of(stained), unknowns) > 1.2 * edge_doubt(level, unknowns)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple, cast
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ from xden_builder.registration.likeness import Likeness, unlike
 from xden_builder.registration.middles import own_shifts, shifts_to_middles
 from xden_builder.registration.placement import Found, Registration, RigidPlacement
 from xden_builder.registration.rotations import spread_rotations
-from xden_builder.registration.search import register
+from xden_builder.registration.search import _by_edges, register
 from xden_builder.registration.shadow import Shadow, shadow_of
 from xden_builder.registration.shortlist import (
     INCOMPLETE,
@@ -796,6 +797,7 @@ def test_poses_the_search_does_not_tell_are_told_by_the_images_as_they_are(
     assert first.loss == right.loss
     assert not second.as_good_as(first)
     assert [each.doubt is not None for each in (first, second, *others)] == [True, True, doubted]
+    assert {each.edges is not None for each in (first, second)} == {doubted}
     untold = replace(away, tube=None)
     assert told_closely(untold, order, [rolled, right], doubted=doubted) == [rolled, right]
 
@@ -825,13 +827,42 @@ def test_what_large_residuals_hardly_rule_counts_twice_beside_their_squares(
     rivals = [Found(at(Rotation.identity()), loss, np.ones(3)) for loss in (1.1, 1.0)]
     refined = {1.1: (doubts[0], 50.0), 1.0: (doubts[1], 55.0)}
 
-    def refine(_capture: Capture, _order: Sequence[int], found: Found) -> Found:
+    def refine(_c: Capture, _order: Sequence[int], found: Found, *, doubted: bool) -> Found:
+        assert not doubted
         doubt, left = refined[found.loss]
         return replace(found, doubt=doubt, left=left)
 
     monkeypatch.setattr("xden_builder.registration.closely._refined", refine)
     told = told_closely(hammer, [0, 1, 2], rivals, doubted=False)
     assert told[0].loss == rivals[first].loss
+
+
+def test_where_a_part_may_have_no_mesh_differences_of_pixels_tell_alone() -> None:
+    spent, right = (
+        Found(at(Rotation.identity()), 1.0, np.ones(3), doubt=doubt, left=left, edges=edges)
+        for doubt, left, edges in ((1.0, 10.0, 0.9), (1.1, 30.0, 0.1))
+    )
+    assert right.improbability < spent.improbability
+    assert not spent.as_good_as(right)
+
+
+def test_four_poses_go_on_by_differences_of_pixels_not_by_loss(
+    hammer: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    turns = (0.0, 0.6, 1.2, 1.8, 2.4)
+    order = ownership_order([part.mesh for part in hammer.parts])
+    body = Body.of([part.mesh for part in hammer.parts], order, np.ones(len(hammer.parts)))
+    found = [
+        Found(at(Rotation.from_rotvec([0, angle, 0])), loss, np.ones(len(hammer.parts)))
+        for loss, angle in enumerate(turns, start=1)
+    ]
+
+    class Told(NamedTuple):
+        def edged(self, found: Found) -> Found:
+            return replace(found, edges=10 - found.loss)
+
+    told = _by_edges(cast(Judge, Told()), found, Likeness(body), body)
+    assert [each.loss for each in told] == [5, 4, 3, 2]
 
 
 @pytest.mark.parametrize(("left", "times"), [(0.4, 1), (0.6, 2)])

@@ -19,12 +19,16 @@ from jaxtyping import Float64, Int64
 
 from xden1k.values.arrays import Mask
 from xden_builder.fit.problem import Evaluation
+from xden_builder.poly.descent import descend
 from xden_builder.poly.pyramid import PIXEL_SD, SHADED, WORTH, Level
+from xden_builder.poly.target import Bounds
 
-__all__ = ["EDGE_SD", "Edges"]
+__all__ = ["Edges", "descend_by_edges", "edge_doubt"]
 
 EDGE_SD: Final = 0.01
 """Of the logarithm of light from pixel to pixel, behind anything but the darkest."""
+MOST: Final = 4
+"""How often derivatives are taken by each standard deviation."""
 DARK: Final = 0.1
 """Share of the light, below which its logarithm is known less well."""
 DARKEST: Final = 1e-3
@@ -81,7 +85,7 @@ class Edges:
         changes = [
             (by[after] - by[before]) / scale[:, None]
             for by, (before, after), scale in (
-                (PIXEL_SD * slope / image.clip(min=DARKEST)[:, None], pairs, scale)
+                (PIXEL_SD * slope * _slope(image)[:, None], pairs, scale)
                 for slope, image, pairs, scale in both
             )
         ]
@@ -109,30 +113,6 @@ class Edges:
         """What a difference counts."""
         return WORTH / max(sum(map(len, self.scales)), WORTH)
 
-    def doubt(self, unknowns: Float64[np.ndarray, "u"]) -> float:
-        """Mean of Cauchy's loss where the object is or something else takes light.
-
-        All pixels count, also those that are not compared, since each pose has windows of its own.
-        """
-        off = np.concatenate(list(self._everywhere(unknowns)))
-        return _cauchy(off) / max(len(off), 1)
-
-    def _everywhere(
-        self, unknowns: Float64[np.ndarray, "u"]
-    ) -> Iterator[Float64[np.ndarray, "_a"]]:
-        """Yield the residuals of each whole view, of pairs of which a pixel is shaded."""
-        level = self.level
-        images, gains = level.images(unknowns), level.gains(unknowns).tolist()
-        for gain, image, mask, whole in zip(gains, images, level.masks, level.whole, strict=True):
-            seen = whole.image.astype(np.float64)
-            model = np.full_like(seen, gain)
-            model[mask] = image
-            pairs = _neighbours(whole.known & ~whole.at_least)
-            off = _differences(_logarithm(model) - _logarithm(seen), pairs)
-            shaded = np.minimum(seen, model).ravel() < SHADED * gain
-            counts = shaded[pairs[0]] | shaded[pairs[1]]
-            yield (off / _scale(seen, pairs, EDGE_SD))[counts]
-
     def _off(self, images: Sequence[Float64[np.ndarray, "_n"]]) -> list[Float64[np.ndarray, "_m"]]:
         """Images of the model less the measured ones, in standard deviations."""
         both = zip(images, self.level.measured, self.pairs, self.scales, strict=True)
@@ -140,6 +120,41 @@ class Edges:
             _differences(_logarithm(image) - _logarithm(seen), pairs) / scale
             for image, seen, pairs, scale in both
         ]
+
+
+def descend_by_edges(
+    level: Level, unknowns: Float64[np.ndarray, "u"], sds: Sequence[float], bounds: Bounds
+) -> Float64[np.ndarray, "u"]:
+    """Go down by differences of neighbouring pixels, of one standard deviation after the other."""
+    for sd in sds:
+        unknowns = descend(Edges.of(level, sd), unknowns, MOST, *bounds).unknowns
+    return unknowns
+
+
+def edge_doubt(level: Level, unknowns: Float64[np.ndarray, "u"]) -> float:
+    """Mean of Cauchy's loss of neighbouring pixels' differences, where either is shaded.
+
+    All pixels count, also those that are not compared, since each pose has windows of its own.
+    """
+    off = np.concatenate(list(_everywhere(level, unknowns)))
+    return _cauchy(off) / max(len(off), 1)
+
+
+def _everywhere(
+    level: Level, unknowns: Float64[np.ndarray, "u"]
+) -> Iterator[Float64[np.ndarray, "_a"]]:
+    """Yield the residuals of each whole view, of pairs of which a pixel is shaded."""
+    lights = zip(*level.lights(unknowns), strict=True)
+    each = zip(lights, level.images(unknowns), level.masks, level.whole, strict=True)
+    for (gain, share), image, mask, whole in each:
+        seen = whole.image.astype(np.float64)
+        model = gain + share * whole.glare
+        model[mask] = image
+        pairs = _neighbours(whole.known & ~whole.at_least)
+        off = _differences(_logarithm(model) - _logarithm(seen), pairs)
+        shaded = np.minimum(seen, model).ravel() < SHADED * gain
+        counts = shaded[pairs[0]] | shaded[pairs[1]]
+        yield (off / _scale(seen, pairs, EDGE_SD))[counts]
 
 
 def _neighbours(usable: Mask) -> Pairs:
@@ -160,6 +175,11 @@ def _differences(values: Float64[np.ndarray, "..."], pairs: Pairs) -> Float64[np
 
 def _logarithm(light: Float64[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n"]:
     return np.asarray(np.log(light.clip(min=DARKEST)))
+
+
+def _slope(light: Float64[np.ndarray, "n"]) -> Float64[np.ndarray, "n"]:
+    """Give the derivative of that logarithm."""
+    return np.where(light > DARKEST, 1 / light.clip(min=DARKEST), 0.0)
 
 
 def _scale(seen: Float64[np.ndarray, "..."], pairs: Pairs, sd: float) -> Float64[np.ndarray, "m"]:

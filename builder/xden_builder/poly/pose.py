@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -24,7 +24,7 @@ from xden1k.values.arrays import Mask
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.poly.alignment import aligned
 from xden_builder.poly.descent import Descent, descend
-from xden_builder.poly.edges import Edges
+from xden_builder.poly.edges import descend_by_edges, edge_doubt
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.frames import Pose
 from xden_builder.poly.model.poses import RIGID, Poses
@@ -35,7 +35,7 @@ from xden_builder.poly.pyramid import LOST_FROM, RAYS, Level
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import Guess
 from xden_builder.poly.sureness import Sureness, how_sure
-from xden_builder.poly.target import Target, Window, window
+from xden_builder.poly.target import Bounds, Target, Window, window
 
 __all__ = ["Placement", "PoseFit", "find_pose", "refine_pose"]
 
@@ -54,8 +54,6 @@ LAST_RAYS: Final = 90_000
 EDGE_SDS, LAST_EDGE_SD = (0.05, 0.02, 0.01), 0.004
 """Of differences of neighbouring pixels' logarithms where something may have no mesh, one after the
 other, and of those that the best pose ends with."""
-EDGES_MOST: Final = 4
-"""How often derivatives are taken by each."""
 COARSEST_PX: Final = 32
 """Images are never smaller."""
 
@@ -139,7 +137,8 @@ class PoseFit:
         What the finest leave, as of :meth:`Level.doubt` and :meth:`Level.all_left`, the latter by
         the usual scale: light that may be lost in what has no mesh hardly counts.
     edges
-        What neighbouring pixels of the finest differ by, as of :meth:`Edges.doubt`.
+        What neighbouring pixels of the finest differ by, as of
+        :func:`xden_builder.poly.edges.edge_doubt`.
     """
 
     poses: Poses
@@ -244,7 +243,8 @@ def refine_pose(
     glare
         Mean, standard deviation, least and most of the share of a view's light that spreads.
     begun_again
-        Whether a descent that leaves much is begun once more at the pose of the files.
+        Whether a descent that leaves much is begun once more at the pose of the files, where no
+        view was turned.
     """
     target = Target(views, saturated, gains, beams, meshes, order, mac_cm2_g, glare)
     x, y, z = target.centre_cm.tolist()
@@ -277,7 +277,7 @@ def refine_pose(
     assert rms_before is not None
     if level.much_left(best.unknowns, best.residuals):
         told = _as_told(best.unknowns, poses) if begun_again and not any(poses.turned) else None
-        best = _by_edges(levels, best, told, low, high)
+        best = _by_edges(levels, best, told, (low, high))
     unknowns, there, _, residuals = best
     told = there.hessian + 1e-9 * np.diag(there.hessian.diagonal())
     covariance = np.linalg.pinv(told, hermitian=True)
@@ -291,7 +291,7 @@ def refine_pose(
         rms_after=level.rms(residuals),
         doubt=level.doubt(unknowns, residuals),
         left=level.all_left(unknowns, residuals),
-        edges=Edges.of(level).doubt(unknowns),
+        edges=edge_doubt(level, unknowns),
     )
 
 
@@ -299,28 +299,25 @@ def _by_edges(
     levels: Sequence[Level],
     end: Descent,
     told: Float64[np.ndarray, "u"] | None,
-    low: Float64[np.ndarray, "u"],
-    high: Float64[np.ndarray, "u"],
+    bounds: Bounds,
 ) -> Descent:
     """Go on by differences of neighbouring pixels, from an end and, if it is told, another pose.
 
-    From that on the last two images and on the last three: a thin object is lost by the one, one
-    that is far off by the other.
+    From that on the last two images and on the last three: a thin object is lost by the latter, one
+    that is far off by the former.
     """
-
-    def down(
-        unknowns: Float64[np.ndarray, "u"], levels: Sequence[Level], sds: Sequence[float]
-    ) -> Float64[np.ndarray, "u"]:
-        for level, sd in product(levels, sds):
-            unknowns = descend(Edges.of(level, sd), unknowns, EDGES_MOST, low, high).unknowns
-        return unknowns
-
-    level, starts = levels[-1], [(end.unknowns, 2)]
+    level, starts = levels[-1], [(end.unknowns, levels[-2:])]
     if told is not None:
-        starts += [(told, 2), (told, 3)]
-    ends = [down(start, levels[-count:], EDGE_SDS) for start, count in starts]
-    best = min([end.unknowns, *ends], key=Edges.of(level).doubt)
-    best = down(best, [level], [LAST_EDGE_SD])
+        starts += [(told, levels[-2:])]
+        starts += [(told, levels[-3:])] if len(levels) > 2 else []
+    ends = [end.unknowns]
+    for unknowns, finer in starts:
+        for each in finer:
+            unknowns = descend_by_edges(each, unknowns, EDGE_SDS, bounds)
+        ends.append(unknowns)
+    doubt = partial(edge_doubt, level)
+    best = min(ends, key=doubt)
+    best = min(best, descend_by_edges(level, best, [LAST_EDGE_SD], bounds), key=doubt)
     residuals, slopes = level.residuals_and_slopes(best)
     there = level.believed(residuals).evaluate(best, residuals, slopes)
     return Descent(best, there, end.before, residuals)

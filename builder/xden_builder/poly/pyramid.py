@@ -325,10 +325,10 @@ class Level:
         told = np.concatenate(residuals)[~np.concatenate(self.at_least)]
         return PIXEL_SD * float(np.sqrt((told**2).mean())) if told.size else 0.0
 
-    def gains(self, unknowns: Float64[np.ndarray, "u"]) -> Float64[np.ndarray, "v"]:
-        """Of the views."""
-        _, gains, *_ = self._split(unknowns)
-        return gains
+    def lights(self, unknowns: Float64[np.ndarray, "u"]) -> tuple[list[float], list[float]]:
+        """Gains of the views, and their shares of glare."""
+        _, gains, glares, _ = self._split(unknowns)
+        return gains.tolist(), glares.tolist()
 
     def _split(
         self, unknowns: Float64[np.ndarray, "u"]

@@ -16,7 +16,7 @@ from xden1k.values.views import ViewGeometry
 from xden_builder.capture import Capture
 from xden_builder.fit import huber
 from xden_builder.poly.descent import descend
-from xden_builder.poly.edges import Edges
+from xden_builder.poly.edges import descend_by_edges, edge_doubt
 from xden_builder.poly.model.frames import Pose, coarse
 from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import gain_prior
@@ -50,9 +50,8 @@ DENSITY_STEPS: Final = 2
 SHARES: Final = (0.01, 30.0)
 """Least and most density in shares of the expected: a label may call aluminium lead."""
 DAMPING: Final = 1e-2
-EDGE_SDS, EDGES_MOST = (0.1, 0.03), 3
-"""Of differences of neighbouring pixels' logarithms, one after the other, and how often derivatives
-are taken by each."""
+EDGE_SDS: Final = (0.1, 0.03)
+"""Of differences of neighbouring pixels' logarithms, one after the other."""
 UNLIT, OF_TYPICAL = 0.04, 0.5
 """Opacity of a shadow, since scatter is not modelled; less, as a share of what is
 typical of the object, where that is faint."""
@@ -210,10 +209,9 @@ class Judge:
     def edged(self, found: Found) -> Found:
         """Move a pose by what neighbouring pixels differ by, and say what it leaves of that."""
         level, unknowns, bounds = self.unknowns(found)
-        for sd in EDGE_SDS:
-            unknowns = descend(Edges.of(level, sd), unknowns, EDGES_MOST, *bounds).unknowns
+        unknowns = descend_by_edges(level, unknowns, EDGE_SDS, bounds)
         there = self.found(level, found.placement, unknowns, level.residuals(unknowns))
-        return replace(there, edges=Edges.of(level).doubt(unknowns))
+        return replace(there, edges=edge_doubt(level, unknowns))
 
     def unknowns(self, found: Found) -> tuple[Level, Float64[np.ndarray, "u"], Bounds]:
         """Give images and parts in a pose, its unknowns, and the least and most of these."""

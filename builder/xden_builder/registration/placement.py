@@ -125,7 +125,8 @@ class Found:
         What it leaves once refined on the images as they are, as of
         :class:`xden_builder.poly.pose.PoseFit`; None where it was not.
     edges
-        The same of neighbouring pixels' differences; None where no part may lack its mesh.
+        The same of neighbouring pixels' differences, on the images of the search where the source
+        is not told; None where no part may lack its mesh.
     gains
         Of the views, and after them their shares of glare, where the pose has been moved with them.
     growth
@@ -144,7 +145,7 @@ class Found:
 
     @property
     def improbability(self) -> float:
-        """What refined poses are sorted by; infinite where it was not refined.
+        """What poses are sorted by that were refined; infinite where this one was not.
 
         Neither doubt nor squares have a known scale. So they are compared by their shares, which
         multiply, and what large residuals hardly rule counts twice. Where a part may have no mesh

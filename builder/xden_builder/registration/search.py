@@ -171,7 +171,7 @@ def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness:
 def _by_edges(judge: Judge, found: Sequence[Found], likeness: Likeness, body: Body) -> list[Found]:
     """Move poses by what neighbouring pixels differ by, the one that leaves least of it first."""
     there = sorted((judge.edged(each) for each in found), key=lambda each: each.improbability)
-    return unlike_of(there, likeness, body, CLOSELY)
+    return first_of_like(there, likeness, body, CLOSELY)
 
 
 def _searched_complete(
