@@ -952,6 +952,24 @@ def without(missing: str) -> Capture:
     return replace(whole, parts=tuple(part for part in whole.parts if part.name != missing))
 
 
+def test_a_pose_is_led_to_the_true_one_by_differences_of_pixels_where_a_part_has_no_mesh() -> None:
+    capture = without("grip")
+    body = Body.of([part.mesh for part in capture.parts], [0, 1, 2], np.array([2.0, 0.2, 2.0]))
+    views, true = [shadow_of(view) for view in capture.fitted_views], at(Rotation.identity())
+    judge = Judge.of(capture, views, body, 120, true, sized=True, incomplete=True)
+    start = judge.fixed(at(Rotation.from_rotvec([0.02, -0.03, 0.04]), (0.05, -0.03, 0.02)), 0.004)
+    there, by_light = judge.edged(start), judge.refined(start, 4)
+
+    def off_deg(found: Found) -> float:
+        return float(np.degrees(Rotation.from_matrix(found.placement.rotation).magnitude()))
+
+    assert off_deg(start) > 3
+    assert off_deg(there) < 0.5
+    assert off_deg(there) < off_deg(by_light)
+    assert there.edges is not None
+    assert there.edges < 0.5 * judge.edged(judge.fixed(at(TURN))).improbability
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("missing", ["blade", "grip", "level"])
 def test_a_search_for_what_meshes_explain_is_not_led_astray_by_a_part_without_one(
