@@ -207,15 +207,20 @@ def test_a_brick_of_twenty_pixels_that_lies_along_them_is_turned_to_half_a_degre
 @pytest.mark.parametrize(
     "true",
     [
-        Pose(),
-        Pose((0.004, -0.003, 0.005), (0.02, 0.01, -0.03), 0.01),
+        pytest.param(Pose(), marks=pytest.mark.slow),
+        pytest.param(
+            Pose((0.004, -0.003, 0.005), (0.02, 0.01, -0.03), 0.01), marks=pytest.mark.slow
+        ),
         Pose((-0.006, 0.004, 0.002), (-0.02, 0.03, 0.01)),
     ],
 )
 @pytest.mark.parametrize(
     "weight",
     [
-        Solid("counterweight", box((1.6, 1.2, 1.0), (-1.2, 0.6, 2.4)), "steel", 7.82),
+        pytest.param(
+            Solid("counterweight", box((1.6, 1.2, 1.0), (-1.2, 0.6, 2.4)), "steel", 7.82),
+            marks=pytest.mark.slow,
+        ),
         Solid("handle", box((2.4, 1.8, 3.0), (1.2, 0.6, -2.4)), "pp", 0.91),
     ],
     ids=["dark", "faint"],
@@ -227,6 +232,7 @@ def test_a_part_without_a_mesh_pulls_no_other_aside(true, weight):
     assert fit.how_sure([solid.mesh for solid in tool()]).rim_deg > 0.2 * left_deg(fit, true)
 
 
+@pytest.mark.slow
 def test_a_right_pose_that_a_large_part_without_a_mesh_leads_away_from_is_begun_at_again():
     block = Solid("block", box((3.4, 2.8, 6.0), (0.2, 0.6, -2.4)), "aluminium", 2.70)
     # 3 by light itself
