@@ -81,14 +81,11 @@ class Edges:
         residuals, slopes = self.level.residuals_and_slopes(unknowns)
         seen = zip(residuals, self.level.measured, strict=True)
         images = [PIXEL_SD * off + measured for off, measured in seen]
+        changes = []
         both = zip(slopes, images, self.pairs, self.scales, strict=True)
-        changes = [
-            (by[after] - by[before]) / scale[:, None]
-            for by, (before, after), scale in (
-                (PIXEL_SD * slope * _slope(image)[:, None], pairs, scale)
-                for slope, image, pairs, scale in both
-            )
-        ]
+        for slope, image, (before, after), scale in both:
+            by = PIXEL_SD * slope * _slope(image)[:, None]
+            changes.append((by[after] - by[before]) / scale[:, None])
         return self._off(images), changes
 
     def loss(
