@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple, Protocol, Self, runtime_checkable
+from typing import Final, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float64
@@ -47,7 +47,7 @@ class Descent(NamedTuple):
 class Compared(Protocol):
     """Images of a model and measured ones, compared by residuals of each view."""
 
-    def believed(self, residuals: Sequence[Float64[np.ndarray, "_n"]], /) -> Self:
+    def believed(self, residuals: Sequence[Float64[np.ndarray, "_n"]], /) -> Compared:
         """Weigh the images by what a model leaves of them."""
         ...
 
