@@ -62,17 +62,42 @@ def test_what_takes_the_same_share_of_all_light_changes_no_difference(views):
     plain, behind = (Edges.of(level_of(each)) for each in (views, dimmed))
     unknowns = right(plain.level)
     told = (each.residuals(unknowns) for each in (plain, behind))
-    for off, same, scale, other in zip(*told, plain.scales, behind.scales, strict=True):
-        assert_allclose(other * same, scale * off, atol=1e-5)
-        assert np.abs(off).max() > 0.1
+    for off, other, scale, same in zip(*told, plain.scales, behind.scales, strict=True):
+        assert_allclose(other[: len(same)] * same, off[: len(scale)] * scale, atol=1e-5)
+        assert np.abs(off[: len(scale)]).max() > 0.1
+
+
+def test_light_that_the_model_lacks_counts_and_light_that_was_taken_does_not(views):
+    plain, darker, brighter = (
+        Edges.of(
+            level_of(
+                [
+                    replace(view, transmission=np.float32(share) * view.transmission)
+                    for view in views
+                ]
+            )
+        )
+        for share in (1.0, 0.8, 1.25)
+    )
+    unknowns = right(plain.level)
+    wanting = [
+        sum(
+            float(np.abs(off[len(scale) :]).sum())
+            for off, scale in zip(each.residuals(unknowns), each.scales, strict=True)
+        )
+        for each in (plain, darker, brighter)
+    ]
+    assert wanting[1] <= wanting[0]
+    assert wanting[2] > 10 * wanting[0]
 
 
 def test_slopes_are_those_of_the_residuals(views):
     edges = Edges.of(level_of(views), sd=0.05)
     unknowns = right(edges.level)
+    unknowns[edges.level.parts :][:2] = 0.9  # darker than the image everywhere
     _, slopes = edges.residuals_and_slopes(unknowns)
     last = len(unknowns) - 1
-    by_light = [(0, 1e-3, 1e-3), (1, 1e-3, 1e-3), (2, 1e-3, 1e-3), (4, 1e-3, 1e-3)]
+    by_light = [(place, 1e-3, 1e-2) for place in (0, 1, 2, 4)]
     for place, step, most in (*by_light, (last - 4, 3e-3, 0.5), (last - 2, 1e-2, 0.5)):
         way = step * np.eye(len(unknowns))[place]
         ahead, behind = (edges.residuals(unknowns + sign * way) for sign in (1, -1))
@@ -130,3 +155,13 @@ def test_shade_beside_what_is_compared_is_doubted(views):
         image[::2][~mask[::2]] = 0.3
         stained.append(replace(view, transmission=image))
     assert edge_doubt(level_of(stained), unknowns) > 1.2 * edge_doubt(level, unknowns)
+
+
+def test_a_model_that_shades_all_of_a_panel_evenly_is_not_believed_for_that(views):
+    level = level_of(views)
+    unknowns = right(level)
+    fainter = unknowns.copy()
+    fainter[: level.parts] = 1e-4
+    bright = fainter.copy()
+    bright[level.parts : level.parts + 2] = 1.1  # so that all air is darker than the open field
+    assert edge_doubt(level, bright) > 0.9 * edge_doubt(level, fainter)

@@ -4,33 +4,41 @@ In logarithms what has no mesh adds to what the meshes take (Beer-Lambert), smoo
 edges: the wall of a vessel around its content, a head on its wedge. So neighbouring pixels differ
 by the meshes alone nearly everywhere, and a loss that large residuals do not rule leaves aside the
 rest. It is what a gradient difference does for a radiograph that shows more than its model (Penney
-et al., 1998, doi:10.1109/42.730403).
+et al., 1998, doi:10.1109/42.730403). What is missing only takes light: a model that is darker than
+an image is wrong there, and its want of light counts along with the differences.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import repeat
+from operator import itemgetter
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
+from scipy.optimize import minimize
 
 from xden1k.values.arrays import Mask
 from xden_builder.fit.problem import Evaluation
 from xden_builder.poly.descent import descend
+from xden_builder.poly.model.poses import RIGID
 from xden_builder.poly.pyramid import PIXEL_SD, SHADED, WORTH, Level
 from xden_builder.poly.target import Bounds
 
-__all__ = ["Edges", "descend_by_edges", "edge_doubt"]
+__all__ = ["Edges", "descend_by_edges", "edge_doubt", "sought_by_edges"]
 
 EDGE_SD: Final = 0.01
 """Of the logarithm of light from pixel to pixel, behind anything but the darkest."""
 MOST: Final = 4
 """How often derivatives are taken by each standard deviation."""
+LEAST_REACH, MOST_TRIES = 0.003, 200
+"""Of a search without derivatives: its last trust region, and poses that are tried."""
 DARK: Final = 0.1
 """Share of the light, below which its logarithm is known less well."""
+AIR: Final = 0.95
+"""Quantile of an image that is taken for the open field."""
 DARKEST: Final = 1e-3
 """Share of the light that has a logarithm."""
 
@@ -41,6 +49,9 @@ Pairs = tuple[Int64[np.ndarray, "m"], Int64[np.ndarray, "m"]]
 @dataclass(frozen=True, slots=True, eq=False)
 class Edges:
     """Images of a level, compared by differences of neighbouring pixels; its unknowns.
+
+    Residuals of a view are those of its differences and, behind them, by how much each pixel of the
+    model is too dark.
 
     Parameters
     ----------
@@ -72,27 +83,31 @@ class Edges:
 
     def residuals(self, unknowns: Float64[np.ndarray, "u"]) -> list[Float64[np.ndarray, "_m"]]:
         """Model less measurement of each view, in standard deviations."""
-        return self._off(self.level.images(unknowns))
+        return self._off(self.level.residuals(unknowns))
 
     def residuals_and_slopes(
         self, unknowns: Float64[np.ndarray, "u"]
     ) -> tuple[list[Float64[np.ndarray, "_m"]], list[Float64[np.ndarray, "_m u"]]]:
         """Give the residuals of each view, and their derivatives by all unknowns."""
         residuals, slopes = self.level.residuals_and_slopes(unknowns)
-        seen = zip(residuals, self.level.measured, strict=True)
-        images = [PIXEL_SD * off + measured for off, measured in seen]
         changes = []
-        both = zip(slopes, images, self.pairs, self.scales, strict=True)
-        for slope, image, (before, after), scale in both:
-            by = PIXEL_SD * slope * _slope(image)[:, None]
-            changes.append((by[after] - by[before]) / scale[:, None])
-        return self._off(images), changes
+        each = zip(slopes, residuals, self.level.measured, self.pairs, self.scales, strict=True)
+        for slope, off, seen, (before, after), scale in each:
+            by = PIXEL_SD * slope * _slope(PIXEL_SD * off + seen)[:, None]
+            darker = np.where(off[:, None] < 0, slope, 0.0)
+            changes.append(np.concatenate([(by[after] - by[before]) / scale[:, None], darker]))
+        return self._off(residuals), changes
 
     def loss(
         self, unknowns: Float64[np.ndarray, "u"], residuals: Sequence[Float64[np.ndarray, "_m"]]
     ) -> float:
-        """Cauchy's loss of all differences, with priors."""
+        """Cauchy's loss of all residuals, with priors."""
         return self.level.expected(unknowns) + self.share * sum(map(_cauchy, residuals))
+
+    def mean_left(self, unknowns: Float64[np.ndarray, "u"]) -> float:
+        """Cauchy's loss of all residuals for each difference, without priors."""
+        differences = max(sum(map(len, self.scales)), 1)
+        return sum(map(_cauchy, self.residuals(unknowns))) / differences
 
     def evaluate(
         self,
@@ -110,12 +125,18 @@ class Edges:
         """What a difference counts."""
         return WORTH / max(sum(map(len, self.scales)), WORTH)
 
-    def _off(self, images: Sequence[Float64[np.ndarray, "_n"]]) -> list[Float64[np.ndarray, "_m"]]:
-        """Images of the model less the measured ones, in standard deviations."""
-        both = zip(images, self.level.measured, self.pairs, self.scales, strict=True)
+    def _off(self, plain: Sequence[Float64[np.ndarray, "_n"]]) -> list[Float64[np.ndarray, "_m"]]:
+        """Turn residuals of the level into those of differences and of light that is wanting."""
+        each = zip(plain, self.level.measured, self.pairs, self.scales, strict=True)
         return [
-            _differences(_logarithm(image) - _logarithm(seen), pairs) / scale
-            for image, seen, pairs, scale in both
+            np.concatenate(
+                [
+                    _differences(_logarithm(PIXEL_SD * off + seen) - _logarithm(seen), pairs)
+                    / scale,
+                    np.minimum(off, 0.0),
+                ]
+            )
+            for off, seen, pairs, scale in each
         ]
 
 
@@ -128,19 +149,55 @@ def descend_by_edges(
     return unknowns
 
 
-def edge_doubt(level: Level, unknowns: Float64[np.ndarray, "u"]) -> float:
-    """Mean of Cauchy's loss of neighbouring pixels' differences, where either is shaded.
+def sought_by_edges(
+    level: Level, unknowns: Float64[np.ndarray, "u"], sd: float, reach: float, bounds: Bounds
+) -> Float64[np.ndarray, "u"]:
+    """Look for the pose that views share without derivatives by it, which lead to the next trough.
 
-    All pixels count, also those that are not compared, since each pose has windows of its own.
+    By quadratic models in trust regions (COBYQA: Ragonneau, 2022, arXiv:2210.12018); in each pose
+    densities, gains and glare are found anew, from those of the best.
+
+    Parameters
+    ----------
+    level
+        Renders the images.
+    unknowns
+        Where it begins.
+    sd
+        Of a difference.
+    reach
+        First trust region: radians, and as a share of the object's radius.
+    bounds
+        Least and most unknowns.
     """
-    off = np.concatenate(list(_everywhere(level, unknowns)))
-    return _cauchy(off) / max(len(off), 1)
+    edges, first = Edges.of(replace(level, still=True), sd), len(unknowns) - level.poses.count
+    units = np.array([1.0] * 3 + [level.target.radius_cm] * 3)
+    pose = slice(first, first + RIGID)
+    start, best = unknowns[pose] / units, (np.inf, unknowns)
+
+    def left(at: Float64[np.ndarray, "6"]) -> float:
+        nonlocal best
+        there = best[1].copy()
+        there[pose] = at * units
+        low, high = (np.append(end[:first], there[first:]) for end in bounds)
+        there = descend(edges, there, 1, low, high).unknowns
+        mean = edges.mean_left(there)
+        best = min(best, (mean, there), key=itemgetter(0))
+        return mean
+
+    options = {"initial_tr_radius": reach, "final_tr_radius": LEAST_REACH, "maxfev": MOST_TRIES}
+    minimize(left, start, method="COBYQA", options=options)
+    return best[1]
 
 
-def _everywhere(
-    level: Level, unknowns: Float64[np.ndarray, "u"]
-) -> Iterator[Float64[np.ndarray, "_a"]]:
-    """Yield the residuals of each whole view, of pairs of which a pixel is shaded."""
+def edge_doubt(level: Level, unknowns: Float64[np.ndarray, "u"]) -> float:
+    """Cauchy's loss of neighbouring pixels' differences and of light that the model lacks.
+
+    For each pair of pixels that is shaded in the images, whatever the model shades beside them: one
+    that covers a panel evenly differs nowhere. All pixels count, also those that are not compared,
+    since each pose has windows of its own.
+    """
+    left, shaded_pairs = 0.0, 0
     lights = zip(*level.lights(unknowns), strict=True)
     each = zip(lights, level.images(unknowns), level.masks, level.whole, strict=True)
     for (gain, share), image, mask, whole in each:
@@ -149,9 +206,20 @@ def _everywhere(
         model[mask] = image
         pairs = _neighbours(whole.known & ~whole.at_least)
         off = _differences(_logarithm(model) - _logarithm(seen), pairs)
-        shaded = np.minimum(seen, model).ravel() < SHADED * gain
-        counts = shaded[pairs[0]] | shaded[pairs[1]]
-        yield (off / _scale(seen, pairs, EDGE_SD))[counts]
+        off /= _scale(seen, pairs, EDGE_SD)
+        lit = SHADED * float(np.quantile(seen[whole.known], AIR))
+        by_image, by_either = (
+            _either(light < lit, pairs) for light in (seen, np.minimum(seen, model))
+        )
+        darker = np.minimum(model - seen, 0.0)[whole.known] / PIXEL_SD
+        left += _cauchy(off[by_either]) + _cauchy(darker)
+        shaded_pairs += int(by_image.sum())
+    return left / max(shaded_pairs, 1)
+
+
+def _either(there: Mask, pairs: Pairs) -> Bool[np.ndarray, "m"]:
+    """Give pairs in either of whose pixels something is so."""
+    return np.asarray(there.ravel()[pairs[0]] | there.ravel()[pairs[1]])
 
 
 def _neighbours(usable: Mask) -> Pairs:

@@ -24,7 +24,7 @@ from xden1k.values.arrays import Mask
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.poly.alignment import aligned
 from xden_builder.poly.descent import Descent, descend
-from xden_builder.poly.edges import descend_by_edges, edge_doubt
+from xden_builder.poly.edges import descend_by_edges, edge_doubt, sought_by_edges
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.frames import Pose
 from xden_builder.poly.model.poses import RIGID, Poses
@@ -54,6 +54,8 @@ LAST_RAYS: Final = 90_000
 EDGE_SDS, LAST_EDGE_SD = (0.05, 0.02, 0.01), 0.004
 """Of differences of neighbouring pixels' logarithms where something may have no mesh, one after the
 other, and of those that the best pose ends with."""
+REACH, ROUNDS = 0.02, 2
+"""How far it is looked around that pose, radians and as a share of the radius; and how often."""
 COARSEST_PX: Final = 32
 """Images are never smaller."""
 
@@ -318,6 +320,12 @@ def _by_edges(
     doubt = partial(edge_doubt, level)
     best = min(ends, key=doubt)
     best = min(best, descend_by_edges(level, best, [LAST_EDGE_SD], bounds), key=doubt)
+    for _ in range(ROUNDS if told is not None else 0):
+        around = sought_by_edges(levels[-2:][0], best, EDGE_SDS[1], REACH, bounds)
+        ahead = descend_by_edges(level, around, EDGE_SDS[1:], bounds)
+        if doubt(ahead) >= doubt(best):
+            break
+        best = ahead
     residuals, slopes = level.residuals_and_slopes(best)
     there = level.believed(residuals).evaluate(best, residuals, slopes)
     return Descent(best, there, end.before, residuals)

@@ -99,6 +99,8 @@ class Level:
     """Whether a descent believes the images as far as the model explains them."""
     worth: float = WORTH
     """Independent observations, of errors of ``PIXEL_SD``, that all pixels together are worth."""
+    still: bool = False
+    """Whether derivatives by the poses are left out, and are zero."""
     latest: dict[tuple[int, bytes], PathLengths] = field(default_factory=dict, init=False)
     """Path lengths of the views in the poses asked for last: a descent comes back to them."""
 
@@ -372,13 +374,26 @@ class Level:
         density, gains, glares, pose = self._split(unknowns)
         gain, seen, views = gains[number], self._kept(number, pose), len(gains)
         model, slopes = self.image_and_slopes(number, density, seen)
-        along = self.seen(number, pose, along=True) if self.turned else seen
-        gradient = self._gradient(number, density, along)
         jacobian = np.zeros((len(model), len(unknowns)))
         jacobian[:, : self.parts] = gain * slopes
         jacobian[:, self.parts + number] = model
         jacobian[:, self.parts + views + number] = self.glare[number]
-        jacobian[:, self.parts + 2 * views :] = gain * slopes_by_pose(
+        if not self.still:
+            by_pose = self._slopes_by_pose(number, density, pose, seen)
+            jacobian[:, self.parts + 2 * views :] = gain * by_pose
+        return gain * model + glares[number] * self.glare[number], jacobian
+
+    def _slopes_by_pose(
+        self,
+        number: int,
+        density: Float64[np.ndarray, "k"],
+        pose: Float64[np.ndarray, "q"],
+        seen: PathLengths,
+    ) -> Float64[np.ndarray, "_p q"]:
+        """Give the derivatives of a view's image, without gain, by the unknowns of the poses."""
+        along = self.seen(number, pose, along=True) if self.turned else seen
+        gradient = self._gradient(number, density, along)
+        return slopes_by_pose(
             self.poses,
             number,
             self.panels[number],
@@ -387,7 +402,6 @@ class Level:
             partial(self._spread, number, gradient),
             partial(self._difference, number, density, pose),
         )
-        return gain * model + glares[number] * self.glare[number], jacobian
 
     def _gradient(
         self, number: int, density: Float64[np.ndarray, "k"], seen: PathLengths
