@@ -23,7 +23,7 @@ from xden_builder.capture.pose import Candidate, CoarsePose
 from xden_builder.cli import cli
 from xden_builder.phantoms import Scanner, write_captures
 from xden_builder.poly.model.frames import Pose
-from xden_builder.registration import search, steps
+from xden_builder.registration import missing, search, steps
 from xden_builder.registration.around import Around
 from xden_builder.registration.ball import ball_turns, is_ball
 from xden_builder.registration.body import Body
@@ -35,17 +35,17 @@ from xden_builder.registration.exact import Judge, side_of
 from xden_builder.registration.kinds import close_to_best, unlike_of
 from xden_builder.registration.likeness import Likeness, unlike
 from xden_builder.registration.middles import own_shifts, shifts_to_middles
+from xden_builder.registration.missing import found_by_edges
 from xden_builder.registration.placement import Found, Registration, RigidPlacement
 from xden_builder.registration.rotations import spread_rotations
-from xden_builder.registration.search import _by_edges, register
+from xden_builder.registration.search import register
 from xden_builder.registration.shadow import Shadow, shadow_of
 from xden_builder.registration.shortlist import (
-    INCOMPLETE,
-    WIDE,
+    Poses,
     Search,
     distinct,
+    laid_upon_content,
     round_axis,
-    shortlist,
 )
 from xden_builder.registration.steps import hopped, settled
 from xden_builder.registration.turns import box_turned, least_turns, lowest_beside
@@ -121,7 +121,7 @@ def test_edges_tell_where_an_object_is_beside_what_has_no_mesh(cone: bool) -> No
     wanted = turn.apply(body.middle_cm) + there
     linear = turn.as_matrix()[None]
     by_boxes = shifts_to_middles(seen, body.rim_cm, linear)
-    search = Search(seen, body, 16, 16, incomplete=True)
+    search = Search(seen, body, 16, 16)
     by_edges = search.led_to_content(linear, by_boxes).shifts[0]
     assert np.linalg.norm(by_boxes[0] - wanted) > 1
     assert by_edges == pytest.approx(wanted, abs=search.cameras[0].pixel_cm)
@@ -132,9 +132,9 @@ def test_what_no_mesh_explains_is_forgiven_and_what_meshes_would_darken_is_not()
     more, less = image.copy(), image.copy()
     more[:4] += np.float32(2.0)
     less[4:8] = 0.0
-    (here,), (gain,), _ = explained_in_part(image[None], image)
-    (forgiven,), (its,), _ = explained_in_part(image[None], more)
-    (refused,), _, _ = explained_in_part(image[None], less)
+    (here,), (gain,) = explained_in_part(image[None], image)
+    (forgiven,), (its,) = explained_in_part(image[None], more)
+    (refused,), _ = explained_in_part(image[None], less)
     assert here == pytest.approx(0, abs=1e-6)
     assert gain == pytest.approx(1)
     assert its == pytest.approx(1, abs=0.05)
@@ -849,20 +849,36 @@ def test_where_a_part_may_have_no_mesh_differences_of_pixels_tell_alone() -> Non
 def test_four_poses_go_on_by_differences_of_pixels_not_by_loss(
     hammer: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    turns = (0.0, 0.6, 1.2, 1.8, 2.4)
+    turns = np.array([[0, angle, 0] for angle in (0.0, 0.6, 1.2, 1.8, 2.4, 3.0)])
     order = ownership_order([part.mesh for part in hammer.parts])
     body = Body.of([part.mesh for part in hammer.parts], order, np.ones(len(hammer.parts)))
-    found = [
-        Found(at(Rotation.from_rotvec([0, angle, 0])), loss, np.ones(len(hammer.parts)))
-        for loss, angle in enumerate(turns, start=1)
-    ]
+    laid = Poses(Rotation.from_rotvec(turns[1:]).as_matrix(), np.zeros((5, 3)), np.zeros(5))
+    asked = []
 
     class Told(NamedTuple):
+        """Finds losses in order, and differences of pixels the other way round."""
+
+        def fixed(self, placement: RigidPlacement, growth: float = 0.0) -> Found:
+            asked.append(placement)
+            return Found(placement, len(asked), np.ones(3), growth=growth)
+
+        def sought(self, found: Found, _reach: float) -> Found:
+            return replace(found, loss=found.loss + 0.5)
+
         def edged(self, found: Found) -> Found:
             return replace(found, edges=10 - found.loss)
 
-    told = _by_edges(cast(Judge, Told()), found, Likeness(body), body)
-    assert [each.loss for each in told] == [5, 4, 3, 2]
+        @classmethod
+        def of(cls, *_: object, incomplete: bool) -> Told:
+            assert incomplete
+            return cls()
+
+    monkeypatch.setattr(missing, "laid_upon_content", lambda *_: laid)
+    monkeypatch.setattr(missing, "Judge", Told)
+    before = [Found(at(Rotation.from_rotvec(turns[0])), 0.1, np.ones(3))]
+    told = found_by_edges(hammer, [], body, body, Likeness(body), before, cast(Judge, Told()))
+    assert [round(each.loss, 1) for each in told] == [7, 6.5, 5.5, 4.5]
+    assert told[0].placement is before[0].placement
 
 
 @pytest.mark.parametrize(("left", "times"), [(0.4, 1), (0.6, 2)])
@@ -971,24 +987,31 @@ def test_a_pose_is_led_to_the_true_one_by_differences_of_pixels_where_a_part_has
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("missing", ["blade", "grip", "level"])
-def test_a_search_for_what_meshes_explain_is_not_led_astray_by_a_part_without_one(
-    missing: str,
-) -> None:
-    capture = without(missing)
+@pytest.mark.parametrize("gone", ["blade", "grip", "level"])
+def test_meshes_are_laid_upon_what_they_resemble_beside_a_part_without_one(gone: str) -> None:
+    capture = without(gone)
     meshes = [part.mesh for part in capture.parts]
     lac_per_cm = [2.0 if part.material == "steel" else 0.2 for part in capture.parts]
     body = Body.of(meshes, [0, 1, 2], np.array(lac_per_cm))
     views, likeness = [shadow_of(view) for view in capture.fitted_views], Likeness(body)
     there = body.placed(at(Rotation.identity()))
-    wide, incomplete = (
-        [
-            likeness.distance_cm(there, each) / body.radius_cm
-            for each in shortlist(views, body, likeness, breadth=breadth)[0].placements()
-        ]
-        for breadth in (WIDE, INCOMPLETE)
-    )
-    assert incomplete[0] < 0.04 < min(wide)
+    laid = laid_upon_content(views, body, likeness, 60).placements()
+    assert min(likeness.distance_cm(there, each) for each in laid) < 0.15 * body.radius_cm
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gone", ["blade", "grip", "level"])
+def test_what_derivatives_do_not_reach_is_found_without_them(gone: str) -> None:
+    capture = without(gone)
+    body = Body.of([part.mesh for part in capture.parts], [0, 1, 2], np.array([2.0, 0.2, 2.0]))
+    views, true = [shadow_of(view) for view in capture.fitted_views], at(Rotation.identity())
+    judge = Judge.of(capture, views, body, 80, true, incomplete=True)
+    astray = Rotation.from_rotvec([0.075, -0.09, 0.0975])
+    start = judge.fixed(at(astray, (0.15, -0.13, 0.12)))
+    by_derivatives, without_them = judge.edged(start), judge.edged(judge.sought(start, 0.1))
+    assert without_them.improbability < by_derivatives.improbability
+    off = Rotation.from_matrix(without_them.placement.rotation).magnitude()
+    assert np.degrees(off) < 1 < np.degrees(astray.magnitude()) - 7
 
 
 @pytest.mark.slow

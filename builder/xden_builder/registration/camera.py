@@ -15,7 +15,7 @@ from xden_builder.registration import kernels
 from xden_builder.registration.body import Cloud
 from xden_builder.registration.shadow import OPAQUE, Shadow
 
-__all__ = ["Camera", "rendered", "seen"]
+__all__ = ["Camera", "Features", "rendered", "seen"]
 
 BLUR_PX: Final = 1.0
 """Standard deviation of the blur, in the camera's pixels, part of it before light is counted."""

@@ -25,20 +25,17 @@ class Explained(NamedTuple):
         What is left, as a share of what an empty image leaves.
     gains
         By which features are multiplied, of each pose.
-    weights
-        With which least squares has the costs' gradient; None where it is least squares.
     """
 
     costs: Float64[np.ndarray, "b"]
     gains: Float64[np.ndarray, "b"]
-    weights: Float64[np.ndarray, "b n"] | None
 
 
 def explained(images: Float32[np.ndarray, "b n"], wanted: Float32[np.ndarray, "n"]) -> Explained:
     """Find the best gain of each image, and the share of the wanted features that it leaves."""
     alike = (images @ wanted).astype(np.float64)
     own = np.einsum("bn,bn->b", images, images).astype(np.float64) + 1e-12
-    return Explained(1 - alike**2 / (own * float(wanted @ wanted)), alike / own, None)
+    return Explained(1 - alike**2 / (own * float(wanted @ wanted)), alike / own)
 
 
 def explained_in_part(
@@ -57,7 +54,7 @@ def explained_in_part(
     off, share = gains[:, None] * images - wanted, _lost_share(gains, images, wanted)
     left = np.einsum("bn,bn,bn->b", share, off, off)
     empty = float((LOST**2 * wanted**2 / (LOST**2 + wanted**2)).sum())
-    return Explained(left / empty, gains, share**2)
+    return Explained(left / empty, gains)
 
 
 def _lost_share(

@@ -16,7 +16,7 @@ from xden1k.values.views import ViewGeometry
 from xden_builder.capture import Capture
 from xden_builder.fit import huber
 from xden_builder.poly.descent import descend
-from xden_builder.poly.edges import descend_by_edges, edge_doubt
+from xden_builder.poly.edges import descend_by_edges, edge_doubt, sought_by_edges
 from xden_builder.poly.model.frames import Pose, coarse
 from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import gain_prior
@@ -210,6 +210,13 @@ class Judge:
         """Move a pose by what neighbouring pixels differ by, and say what it leaves of that."""
         level, unknowns, bounds = self.unknowns(found)
         unknowns = descend_by_edges(level, unknowns, EDGE_SDS, bounds)
+        there = self.found(level, found.placement, unknowns, level.residuals(unknowns))
+        return replace(there, edges=edge_doubt(level, unknowns))
+
+    def sought(self, found: Found, reach: float) -> Found:
+        """Look around a pose by the same, without derivatives; its size stays."""
+        level, unknowns, bounds = self.unknowns(found)
+        unknowns = sought_by_edges(level, unknowns, EDGE_SDS[-1], reach, bounds)
         there = self.found(level, found.placement, unknowns, level.residuals(unknowns))
         return replace(there, edges=edge_doubt(level, unknowns))
 

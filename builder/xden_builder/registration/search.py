@@ -32,16 +32,17 @@ from xden_builder.registration.kinds import (
     unlike_of,
 )
 from xden_builder.registration.likeness import Likeness
+from xden_builder.registration.missing import found_by_edges
 from xden_builder.registration.placement import Found, Registration, RigidPlacement
 from xden_builder.registration.reduced import USUAL_KEV
 from xden_builder.registration.shadow import Shadow, shadow_of
 from xden_builder.registration.shortlist import (
-    INCOMPLETE,
     USUAL,
     WIDE,
     Breadth,
     Poses,
     Search,
+    finer_search,
     shortlist,
     turned_about,
 )
@@ -80,9 +81,8 @@ MANY_RAYS: Final = 30_000
 """Through the object in a view, on fine images: by a third of them a hinge leaves twice as much."""
 SYMMETRY_DEG: Final = 15
 """Between turns that may leave the object where it is."""
-LISTED, MANY_LISTED, CLOSELY = 6, 20, 4
-"""Poses that are handed on; where a part may have no mesh, and those of them that differences of
-neighbouring pixels tell."""
+LISTED: Final = 6
+"""Poses that are handed on."""
 ELSEWHERE: Final = 0.025
 """Of the radius: an equally good pose that is farther makes the pose ambiguous."""
 SYMMETRIC: Final = 0.03
@@ -148,30 +148,21 @@ def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness:
     """Find unlike poses.
 
     Where even the best leaves much, a part may have no mesh: its shadow leads all others astray. So
-    they are looked for once more by what light the meshes cannot have taken, and told by what
-    neighbouring pixels differ by, unless a scale is sought or a view was turned: both are led by
-    the boxes around the shadows.
+    they are looked for once more by what neighbouring pixels differ by, unless a scale is sought or
+    a view was turned: both are led by the boxes around the shadows.
     """
     there = _searched_complete(capture, shadows, body, likeness)
     boxed = capture.mesh_scale == "unknown" or any(shadow.turned for shadow in shadows)
     if boxed or not there.doubted:
         return there
-    coarse = _coarsely(capture, shadows, body.evened(EVENED), likeness, INCOMPLETE)
-    both = coarse._replace(found=[*coarse.found, *there.found])
-    again = _finely(capture, shadows, body, likeness, both, incomplete=True)
-    best = again.found[0]
-    if there.judge.fixed(best.placement, best.growth).loss <= DOUBTED_LOSS:
-        plain = _finely(capture, shadows, body, likeness, coarse._replace(found=again.found))
-        return min(there, plain, key=lambda each: each.found[0].loss)
-    judge = again.judge
-    stayed = [judge.fixed(each.placement, each.growth) for each in there.found]
-    return again._replace(found=_by_edges(judge, [*again.found, *stayed], likeness, body))
-
-
-def _by_edges(judge: Judge, found: Sequence[Found], likeness: Likeness, body: Body) -> list[Found]:
-    """Move poses by what neighbouring pixels differ by, the one that leaves least of it first."""
-    there = sorted((judge.edged(each) for each in found), key=lambda each: each.improbability)
-    return first_of_like(there, likeness, body, CLOSELY)
+    clouded, best = body.evened(EVENED), there.found[0].placement
+    judge = _judge(capture, shadows, body, FINE_PX, best, incomplete=True)
+    again = found_by_edges(capture, shadows, clouded, body, likeness, there.found, judge)
+    if judge.fixed(again[0].placement, again[0].growth).loss > DOUBTED_LOSS:
+        return _Fine(again, judge)
+    nothing_lost = _Coarse(again, finer_search(shadows, clouded))
+    plain = _finely(capture, shadows, body, likeness, nothing_lost)
+    return min(there, plain, key=lambda each: each.found[0].loss)
 
 
 def _searched_complete(
@@ -216,12 +207,10 @@ def _finely(
     body: Body,
     likeness: Likeness,
     coarse: _Coarse,
-    *,
-    incomplete: bool = False,
 ) -> _Fine:
     """Move poses on fine images, and tell them apart."""
     found = coarse.found
-    fine = _judge(capture, shadows, body, FINE_PX, found[0].placement, incomplete)
+    fine = _judge(capture, shadows, body, FINE_PX, found[0].placement)
     near = [fine.fixed(each.placement, each.growth) for each in found]
     best = all_settled(fine, unlike_of(near, likeness, body, FINAL, FINAL_APART))
     best = sorted([*best, *_turned(fine, best[0], coarse, likeness, body)], key=loss_of)
@@ -233,14 +222,11 @@ def _finely(
         if best[0].loss > WORTH_ANOTHER * before:
             break
     rivals = unlike_of(best, likeness.strict, body, LISTED, RIVALS_APART * same_share(body))
-    told = rivals if incomplete else _told_apart(capture, shadows, body, fine, rivals)
-    listed = first_of_like(
-        [*told, *sorted(near, key=loss_of)], likeness, body, _most_listed(incomplete)
-    )
-    there = _Fine(listed, fine)
+    told = _told_apart(capture, shadows, body, fine, rivals)
+    listed = first_of_like([*told, *sorted(near, key=loss_of)], likeness, body, LISTED)
     if not REJUDGED_LOSS < listed[0].loss <= HOPELESS_LOSS:
-        return there
-    return _on_finest(capture, shadows, body, likeness, listed, incomplete)
+        return _Fine(listed, fine)
+    return _on_finest(capture, shadows, body, likeness, listed)
 
 
 def _told_apart(
@@ -257,21 +243,19 @@ def _on_finest(
     body: Body,
     likeness: Likeness,
     listed: Sequence[Found],
-    incomplete: bool,
 ) -> _Fine:
     """Judge poses that leave much once more, on images of half the pixel where there are any.
 
     Thin metal is nothing but rim: what rays miss of it in a large pixel is no fault of the pose,
     and may have led beside it.
     """
-    finest = _judge(capture, shadows, body, FINEST_PX, listed[0].placement, incomplete)
+    finest = _judge(capture, shadows, body, FINEST_PX, listed[0].placement)
     fixed = [finest.fixed(each.placement, each.growth) for each in listed]
     tried = [*fixed, *slightly_turned(finest, fixed[0], body)]
     there = sorted((finest.refined(each, DERIVATIVES) for each in tried), key=loss_of)
-    told = unlike_of(there, likeness, body, _most_listed(incomplete))
-    if not incomplete:
-        told = _told_apart(capture, shadows, body, finest, told)
-    return _Fine(first_of_like(told, likeness, body, _most_listed(incomplete)), finest)
+    unlike = unlike_of(there, likeness, body, LISTED)
+    told = _told_apart(capture, shadows, body, finest, unlike)
+    return _Fine(first_of_like(told, likeness, body, LISTED), finest)
 
 
 def _judge(
@@ -280,7 +264,8 @@ def _judge(
     body: Body,
     wide_px: int,
     likely: RigidPlacement,
-    incomplete: bool,
+    *,
+    incomplete: bool = False,
 ) -> Judge:
     """Compare fine images; the size beside the meshes follows, but for one that was found apart."""
     sized = capture.mesh_scale != "unknown"
@@ -294,10 +279,6 @@ def _judge(
         sized=sized,
         incomplete=incomplete,
     )
-
-
-def _most_listed(incomplete: bool) -> int:
-    return MANY_LISTED if incomplete else LISTED
 
 
 class _Fine(NamedTuple):
@@ -327,8 +308,7 @@ def _coarsely(
     told = _told_rotations(capture, body)
     poses, search = shortlist(shadows, body, likeness, told, scaled=scaled, breadth=breadth)
     there = [body.of_files(each) for each in poses.placements()]
-    incomplete = breadth.incomplete
-    tiny = Judge.of(capture, shadows, body, TINY_PX, there[0], incomplete=incomplete)
+    tiny = Judge.of(capture, shadows, body, TINY_PX, there[0])
     found = sorted((tiny.refined(tiny.fixed(each), 1) for each in there), key=loss_of)
     found = [*found, *least_turns(tiny.fixed, found[0], search, likeness, body, ROUGH_DEG)]
     found = close_to_best(unlike_of(found, likeness, body, SOME), HARDLY_CLOSE)
@@ -337,7 +317,7 @@ def _coarsely(
     for wide_px in _coarse_widths(shadows):
         if side_of(shadows, wide_px) != judge.side:
             likely = found[0].placement
-            judge = Judge.of(capture, shadows, body, wide_px, likely, incomplete=incomplete)
+            judge = Judge.of(capture, shadows, body, wide_px, likely)
             found = [judge.fixed(each.placement) for each in found]
         found = close_to_best(unlike_of(found, likeness, body, COMPARED))
         found = sorted((judge.refined(each, DERIVATIVES) for each in found), key=loss_of)

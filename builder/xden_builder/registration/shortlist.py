@@ -8,7 +8,7 @@ together with their half turns, which outlines hardly tell apart.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,9 +17,9 @@ from jaxtyping import Float32, Float64, Int64
 from scipy.spatial.transform import Rotation
 
 from xden_builder.registration.body import Body
-from xden_builder.registration.camera import Camera, Rotations, Shifts, rendered, seen
+from xden_builder.registration.camera import Camera, Features, Rotations, Shifts, rendered, seen
 from xden_builder.registration.content import shifts_to_content
-from xden_builder.registration.costs import explained, explained_in_part
+from xden_builder.registration.costs import Explained, explained, explained_in_part
 from xden_builder.registration.likeness import Likeness, unlike
 from xden_builder.registration.middles import own_shifts, shifts_to_middles
 from xden_builder.registration.placement import RigidPlacement
@@ -27,14 +27,15 @@ from xden_builder.registration.rotations import spread_rotations
 from xden_builder.registration.shadow import Shadow
 
 __all__ = [
-    "INCOMPLETE",
     "USUAL",
     "WIDE",
     "Breadth",
     "Poses",
     "Search",
     "distinct",
+    "finer_search",
     "half_turns",
+    "laid_upon_content",
     "round_axis",
     "shortlist",
     "turned_about",
@@ -73,23 +74,18 @@ class Breadth:
         Rotations to begin with.
     first, second, last
         Poses that are kept for the coarse images, for the finer ones, and in the end.
-    incomplete
-        Whether a part of the object may have no mesh.
     """
 
     spread: int
     first: int
     second: int
     last: int
-    incomplete: bool = False
 
 
 USUAL: Final = Breadth(4608, 320, 50, 14)
 """Begins with rotations about ten degrees from any there is."""
 WIDE: Final = Breadth(4608, 640, 100, 20)
 """For an object that was hardly found."""
-INCOMPLETE: Final = Breadth(4608, 640, 100, 20, incomplete=True)
-"""For one of which even the best pose leaves much."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,28 +137,22 @@ class Poses:
 class Search:
     """A body before its shadows, at one resolution."""
 
-    def __init__(
-        self,
-        shadows: Sequence[Shadow],
-        body: Body,
-        cells: int,
-        wide_px: int,
-        *,
-        incomplete: bool = False,
-    ) -> None:
+    def __init__(self, shadows: Sequence[Shadow], body: Body, cells: int, wide_px: int) -> None:
         self.shadows, self.rim_cm = shadows, body.rim_cm
         self.cameras = [Camera.of(shadow, wide_px) for shadow in shadows]
         self.cloud, self.radius_cm = body.cloud(cells), body.radius_cm
         self.seen = seen(self.cameras)
         self.step_cm = STEP_PX * min(camera.pixel_cm for camera in self.cameras)
-        self._explained = explained_in_part if incomplete else explained
 
-    def judged(self, linear: Rotations, shifts: Shifts) -> Poses:
+    def judged(
+        self,
+        linear: Rotations,
+        shifts: Shifts,
+        by: Callable[[Features, Float32[np.ndarray, "n"]], Explained] = explained,
+    ) -> Poses:
         """Work out the costs of poses."""
         costs = [
-            self._explained(
-                self._render(linear[start:][:BATCH], shifts[start:][:BATCH]), self.seen
-            ).costs
+            by(self._render(linear[start:][:BATCH], shifts[start:][:BATCH]), self.seen).costs
             for start in range(0, len(linear), BATCH)
         ]
         return Poses(linear, shifts, np.concatenate([np.empty(0), *costs]))
@@ -170,11 +160,11 @@ class Search:
     def led_to_content(self, linear: Rotations, shifts: Shifts) -> Poses:
         """Shift poses, unless they are better as they are, to where they explain what is seen.
 
-        The boxes around the shadows play no part.
+        The boxes around the shadows play no part, and neither has all that is seen to be explained.
         """
         told = self.cameras[:MOST_SHIFTING]
         tries = [
-            self.judged(linear, each)
+            self.judged(linear, each, explained_in_part)
             for each in (shifts, *shifts_to_content(told, self.cloud, linear, shifts))
         ]
         costs, found = (
@@ -191,25 +181,23 @@ class Search:
         """Follow the derivatives from all poses at once (Levenberg-Marquardt)."""
         linear, shifts = poses.linear, poses.shifts
         images = self._render(linear, shifts)
-        costs, gains, weights = self._explained(images, self.seen)
+        costs, gains = explained(images, self.seen)
         damping = np.full(len(linear), FIRST_DAMPING)
         for _ in range(steps):
             slopes = self._slopes(linear, shifts, images, gains, scaled=scaled)
             off = gains[:, None] * images - self.seen
-            moves = _step(slopes, off, weights, damping).clip(
+            moves = _step(slopes, off, damping).clip(
                 -LONGEST_STEP * self.radius_cm, LONGEST_STEP * self.radius_cm
             )
             new_linear, new_shifts = self._moved(linear, shifts, moves)
             new_images = self._render(new_linear, new_shifts)
-            there = self._explained(new_images, self.seen)
+            there = explained(new_images, self.seen)
             better = there.costs < costs
             linear = np.where(better[:, None, None], new_linear, linear)
             shifts = np.where(better[:, None], new_shifts, shifts)
             images = np.where(better[:, None], new_images, images)
             costs = np.where(better, there.costs, costs)
             gains = np.where(better, there.gains, gains)
-            if weights is not None and there.weights is not None:
-                weights = np.where(better[:, None], there.weights, weights)
             damping = np.where(better, damping / 5, damping * 10)
         return Poses(linear, shifts, costs)
 
@@ -243,13 +231,9 @@ class Search:
 def _step(
     slopes: Float32[np.ndarray, "b u n"],
     off: Float64[np.ndarray, "b n"],
-    weights: Float64[np.ndarray, "b n"] | None,
     damping: Float64[np.ndarray, "b"],
 ) -> Float64[np.ndarray, "b m"]:
     """Damped Gauss-Newton steps, without that of the gain."""
-    if weights is not None:
-        root = np.sqrt(weights, dtype=np.float32)
-        slopes, off = slopes * root[:, None], off * root
     curvature = (slopes @ slopes.transpose(0, 2, 1)).astype(np.float64)
     gradient = np.einsum("bun,bn->bu", slopes, off)
     own = np.einsum("buu->bu", curvature)
@@ -292,12 +276,9 @@ def shortlist(
     linear = (spread_rotations(breadth.spread) if rotations is None else rotations).as_matrix()
     if scaled:
         linear = _scales(shadows, body.rim_cm, linear)[:, None, None] * linear
-    incomplete = breadth.incomplete
-    coarse = Search(shadows, body, COARSE_CELLS, COARSE_PX, incomplete=incomplete)
-    fine = Search(shadows, body, FINE_CELLS, FINE_PX, incomplete=incomplete)
-    shifts = shifts_to_middles(shadows, body.rim_cm, linear)
-    first = coarse.led_to_content(linear, shifts) if incomplete else coarse.judged(linear, shifts)
-    first = first.best_first()
+    coarse = Search(shadows, body, COARSE_CELLS, COARSE_PX)
+    fine = finer_search(shadows, body)
+    first = coarse.judged(linear, shifts_to_middles(shadows, body.rim_cm, linear)).best_first()
     axis = round_axis(body, likeness)
     some = range(breadth.first) if axis is None else distinct(first, breadth.first, axis)
     second = _winnowed(coarse, first.picked(some[: len(first)]), COARSE_STEPS, scaled=scaled)
@@ -307,6 +288,34 @@ def shortlist(
     last = _winnowed(fine, second, FINE_STEPS, scaled=scaled)
     kept = unlike(last.placements(), likeness, APART_SHARE * body.radius_cm, breadth.last)
     return last.picked(kept), fine
+
+
+def finer_search(shadows: Sequence[Shadow], body: Body) -> Search:
+    """At the finer of two resolutions."""
+    return Search(shadows, body, FINE_CELLS, FINE_PX)
+
+
+def laid_upon_content(
+    shadows: Sequence[Shadow], body: Body, likeness: Likeness, most: int
+) -> Poses:
+    """Lay a body of which a part may be missing upon what it resembles, in all rotations.
+
+    Nothing moves them on: derivatives lead to what the missing part has made.
+
+    Parameters
+    ----------
+    shadows
+        Of all views, none of which was turned.
+    body, likeness
+        What is searched for, and how far apart its poses are.
+    most
+        How many poses of unlike rotation are given, the best first.
+    """
+    linear = spread_rotations(USUAL.spread).as_matrix()
+    search = Search(shadows, body, COARSE_CELLS, COARSE_PX)
+    shifts = shifts_to_middles(shadows, body.rim_cm, linear)
+    laid = search.led_to_content(linear, shifts).best_first()
+    return laid.picked(distinct(laid, most, round_axis(body, likeness)))
 
 
 def _winnowed(search: Search, poses: Poses, steps: int, *, scaled: bool) -> Poses:
