@@ -157,11 +157,23 @@ def test_shade_beside_what_is_compared_is_doubted(views):
     assert edge_doubt(level_of(stained), unknowns) > 1.2 * edge_doubt(level, unknowns)
 
 
-def test_a_model_that_shades_all_of_a_panel_evenly_is_not_believed_for_that(views):
+@pytest.mark.parametrize("gain", [0.9, 1.1])
+def test_air_that_a_model_makes_darker_or_brighter_hides_no_difference(views, gain):
     level = level_of(views)
-    unknowns = right(level)
-    fainter = unknowns.copy()
-    fainter[: level.parts] = 1e-4
-    bright = fainter.copy()
-    bright[level.parts : level.parts + 2] = 1.1  # so that all air is darker than the open field
-    assert edge_doubt(level, bright) > 0.9 * edge_doubt(level, fainter)
+    nothing = right(level)
+    nothing[: level.parts] = 1e-4
+    otherwise = nothing.copy()
+    otherwise[level.parts : level.parts + 2] = gain
+    assert edge_doubt(level, otherwise) > 0.99 * edge_doubt(level, nothing)
+
+
+def test_too_dark_a_model_is_doubted_where_nothing_differs(views):
+    dark = [replace(view, transmission=np.full_like(view.transmission, 0.5)) for view in views]
+    for view in dark:
+        view.transmission[:48] = 1.0
+    level = level_of(dark)
+    nothing = right(level)
+    nothing[: level.parts] = 0.0
+    darker = nothing.copy()
+    darker[level.parts : level.parts + 2] = 0.6
+    assert edge_doubt(level, darker) > 3 * edge_doubt(level, nothing)

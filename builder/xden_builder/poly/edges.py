@@ -24,7 +24,7 @@ from xden1k.values.arrays import Mask
 from xden_builder.fit.problem import Evaluation
 from xden_builder.poly.descent import descend
 from xden_builder.poly.model.poses import RIGID
-from xden_builder.poly.pyramid import PIXEL_SD, SHADED, WORTH, Level
+from xden_builder.poly.pyramid import AIR, PIXEL_SD, SHADED, WORTH, Level
 from xden_builder.poly.target import Bounds
 
 __all__ = ["Edges", "descend_by_edges", "edge_doubt", "sought_by_edges"]
@@ -37,8 +37,6 @@ LEAST_REACH, MOST_TRIES = 0.003, 200
 """Of a search without derivatives: its last trust region, and poses that are tried."""
 DARK: Final = 0.1
 """Share of the light, below which its logarithm is known less well."""
-AIR: Final = 0.95
-"""Quantile of an image that is taken for the open field."""
 DARKEST: Final = 1e-3
 """Share of the light that has a logarithm."""
 
@@ -50,7 +48,7 @@ Pairs = tuple[Int64[np.ndarray, "m"], Int64[np.ndarray, "m"]]
 class Edges:
     """Images of a level, compared by differences of neighbouring pixels; its unknowns.
 
-    Residuals of a view are those of its differences and, behind them, by how much each pixel of the
+    Residuals of a view are those of its differences and, after them, how much each pixel of the
     model is too dark.
 
     Parameters
@@ -102,12 +100,11 @@ class Edges:
         self, unknowns: Float64[np.ndarray, "u"], residuals: Sequence[Float64[np.ndarray, "_m"]]
     ) -> float:
         """Cauchy's loss of all residuals, with priors."""
-        return self.level.expected(unknowns) + self.share * sum(map(_cauchy, residuals))
+        return self.level.expected(unknowns) + self.left(residuals)
 
-    def mean_left(self, unknowns: Float64[np.ndarray, "u"]) -> float:
-        """Cauchy's loss of all residuals for each difference, without priors."""
-        differences = max(sum(map(len, self.scales)), 1)
-        return sum(map(_cauchy, self.residuals(unknowns))) / differences
+    def left(self, residuals: Sequence[Float64[np.ndarray, "_m"]]) -> float:
+        """Cauchy's loss of all residuals, without priors."""
+        return self.share * sum(map(_cauchy, residuals))
 
     def evaluate(
         self,
@@ -122,8 +119,8 @@ class Edges:
 
     @property
     def share(self) -> float:
-        """What a difference counts."""
-        return WORTH / max(sum(map(len, self.scales)), WORTH)
+        """What a difference counts, or a pixel that is too dark."""
+        return WORTH / max(sum(map(len, [*self.scales, *self.level.measured])), WORTH)
 
     def _off(self, plain: Sequence[Float64[np.ndarray, "_n"]]) -> list[Float64[np.ndarray, "_m"]]:
         """Turn residuals of the level into those of differences and of light that is wanting."""
@@ -180,10 +177,9 @@ def sought_by_edges(
         there = best[1].copy()
         there[pose] = at * units
         low, high = (np.append(end[:first], there[first:]) for end in bounds)
-        there = descend(edges, there, 1, low, high).unknowns
-        mean = edges.mean_left(there)
-        best = min(best, (mean, there), key=itemgetter(0))
-        return mean
+        end = descend(edges, there, 1, low, high)
+        best = min(best, (edges.left(end.residuals), end.unknowns), key=itemgetter(0))
+        return edges.left(end.residuals)
 
     options = {"initial_tr_radius": reach, "final_tr_radius": LEAST_REACH, "maxfev": MOST_TRIES}
     minimize(left, start, method="COBYQA", options=options)
@@ -191,11 +187,11 @@ def sought_by_edges(
 
 
 def edge_doubt(level: Level, unknowns: Float64[np.ndarray, "u"]) -> float:
-    """Cauchy's loss of neighbouring pixels' differences and of light that the model lacks.
+    """Cauchy's loss of pixels' differences, and of too dark ones, for each pair in shadow.
 
-    For each pair of pixels that is shaded in the images, whatever the model shades beside them: one
-    that covers a panel evenly differs nowhere. All pixels count, also those that are not compared,
-    since each pose has windows of its own.
+    Pairs are counted that are shaded in the images, whatever the model shades beside them: one that
+    covers a panel evenly differs nowhere. All pixels count, also those that are not compared, since
+    each pose has windows of its own.
     """
     left, shaded_pairs = 0.0, 0
     lights = zip(*level.lights(unknowns), strict=True)
@@ -207,7 +203,7 @@ def edge_doubt(level: Level, unknowns: Float64[np.ndarray, "u"]) -> float:
         pairs = _neighbours(whole.known & ~whole.at_least)
         off = _differences(_logarithm(model) - _logarithm(seen), pairs)
         off /= _scale(seen, pairs, EDGE_SD)
-        lit = SHADED * float(np.quantile(seen[whole.known], AIR))
+        lit = SHADED * _open_field(seen[whole.known])
         by_image, by_either = (
             _either(light < lit, pairs) for light in (seen, np.minimum(seen, model))
         )
@@ -215,6 +211,12 @@ def edge_doubt(level: Level, unknowns: Float64[np.ndarray, "u"]) -> float:
         left += _cauchy(off[by_either]) + _cauchy(darker)
         shaded_pairs += int(by_image.sum())
     return left / max(shaded_pairs, 1)
+
+
+def _open_field(seen: Float64[np.ndarray, "n"]) -> float:
+    """Give the usual light of pixels that nothing shades."""
+    brightest = float(np.quantile(seen, AIR))
+    return float(np.median(seen[seen > SHADED * brightest]))
 
 
 def _either(there: Mask, pairs: Pairs) -> Bool[np.ndarray, "m"]:

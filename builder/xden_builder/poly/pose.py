@@ -139,7 +139,7 @@ class PoseFit:
         What the finest leave, as of :meth:`Level.doubt` and :meth:`Level.all_left`, the latter by
         the usual scale: light that may be lost in what has no mesh hardly counts.
     edges
-        What neighbouring pixels of the finest differ by, as of
+        What neighbouring pixels of the finest differ by, and light that the model lacks, as of
         :func:`xden_builder.poly.edges.edge_doubt`.
     """
 
@@ -246,7 +246,7 @@ def refine_pose(
         Mean, standard deviation, least and most of the share of a view's light that spreads.
     begun_again
         Whether a descent that leaves much is begun once more at the pose of the files, where no
-        view was turned.
+        view was turned, and its end looked around without derivatives.
     """
     target = Target(views, saturated, gains, beams, meshes, order, mac_cm2_g, glare)
     x, y, z = target.centre_cm.tolist()
@@ -306,7 +306,8 @@ def _by_edges(
     """Go on by differences of neighbouring pixels, from an end and, if it is told, another pose.
 
     From that on the last two images and on the last three: a thin object is lost by the latter, one
-    that is far off by the former.
+    that is far off by the former. Then it is looked around the best without derivatives; poses that
+    are only told from each other, for which no other is told, are left where these led.
     """
     level, starts = levels[-1], [(end.unknowns, levels[-2:])]
     if told is not None:
@@ -319,13 +320,13 @@ def _by_edges(
         ends.append(unknowns)
     doubt = partial(edge_doubt, level)
     best = min(ends, key=doubt)
-    best = min(best, descend_by_edges(level, best, [LAST_EDGE_SD], bounds), key=doubt)
     for _ in range(ROUNDS if told is not None else 0):
         around = sought_by_edges(levels[-2:][0], best, EDGE_SDS[1], REACH, bounds)
         ahead = descend_by_edges(level, around, EDGE_SDS[1:], bounds)
         if doubt(ahead) >= doubt(best):
             break
         best = ahead
+    best = min(best, descend_by_edges(level, best, [LAST_EDGE_SD], bounds), key=doubt)
     residuals, slopes = level.residuals_and_slopes(best)
     there = level.believed(residuals).evaluate(best, residuals, slopes)
     return Descent(best, there, end.before, residuals)

@@ -27,6 +27,7 @@ from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.target import Averaged, Target, Window
 
 __all__ = [
+    "AIR",
     "LOST_FROM",
     "MOST_SUBRAYS",
     "RAYS",
@@ -54,6 +55,8 @@ WORTH: Final = 400.0
 DOUBT_SCALE: Final = 0.1
 """Of residuals where poses are doubted: half a hundredth of the light, whole objects leave as much.
 """
+AIR: Final = 0.95
+"""Quantile of the transmission that is about the open field's."""
 SHADED: Final = 0.96
 """Of the light of the open field: less was taken by something."""
 MUCH_LEFT, MUCH_LEFT_THERE = 0.05, 0.15

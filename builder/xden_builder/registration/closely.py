@@ -3,7 +3,7 @@
 What tells a racket from the racket turned by half, or a yo-yo, is finer than the pixels of the
 search. And where the best pose leaves much, as where a part has no mesh, another of those that were
 found may be the right one. So they are refined as the rebuild will refine the one it is given, but
-not begun again where they were found, which would take twice as long.
+neither begun again where they were found nor looked around, which would take twice as long.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from xden_builder.poly.model.frames import Pose, coarse
 from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.size import SIZE_SDS_MOST
-from xden_builder.poly.pyramid import LOST_FROM, MOST_SUBRAYS, Level, subrays_of
+from xden_builder.poly.pyramid import AIR, LOST_FROM, MOST_SUBRAYS, Level, subrays_of
 from xden_builder.poly.scene import Scene, set_scene
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import first_guess
@@ -55,8 +55,6 @@ EDGE_SDS: Final = (0.1, 0.03)
 UNLIT, OF_TYPICAL = 0.04, 0.5
 """Opacity of a shadow, since scatter is not modelled; less, as a share of what is
 typical of the object, where that is faint."""
-AIR: Final = 0.95
-"""Quantile of the transmission that is taken for the open field."""
 OUTLINE_PX: Final = 2
 """By which outlines may differ, of the pixels of a large shadow."""
 
@@ -217,8 +215,7 @@ class Judge:
         """Look around a pose by the same, without derivatives; its size stays."""
         level, unknowns, bounds = self.unknowns(found)
         unknowns = sought_by_edges(level, unknowns, EDGE_SDS[-1], reach, bounds)
-        there = self.found(level, found.placement, unknowns, level.residuals(unknowns))
-        return replace(there, edges=edge_doubt(level, unknowns))
+        return self.found(level, found.placement, unknowns, level.residuals(unknowns))
 
     def unknowns(self, found: Found) -> tuple[Level, Float64[np.ndarray, "u"], Bounds]:
         """Give images and parts in a pose, its unknowns, and the least and most of these."""

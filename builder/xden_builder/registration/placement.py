@@ -125,8 +125,8 @@ class Found:
         What it leaves once refined on the images as they are, as of
         :class:`xden_builder.poly.pose.PoseFit`; None where it was not.
     edges
-        The same of neighbouring pixels' differences, on the images of the search where the source
-        is not told; None where no part may lack its mesh.
+        The same of neighbouring pixels' differences, and of light that the model lacks, on the
+        images of the search where the source is not told; None where no part may lack its mesh.
     gains
         Of the views, and after them their shares of glare, where the pose has been moved with them.
     growth

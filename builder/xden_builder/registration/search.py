@@ -32,7 +32,7 @@ from xden_builder.registration.kinds import (
     unlike_of,
 )
 from xden_builder.registration.likeness import Likeness
-from xden_builder.registration.missing import found_by_edges
+from xden_builder.registration.missing import told_by_edges
 from xden_builder.registration.placement import Found, Registration, RigidPlacement
 from xden_builder.registration.reduced import USUAL_KEV
 from xden_builder.registration.shadow import Shadow, shadow_of
@@ -43,6 +43,7 @@ from xden_builder.registration.shortlist import (
     Poses,
     Search,
     finer_search,
+    laid_upon_content,
     shortlist,
     turned_about,
 )
@@ -81,8 +82,8 @@ MANY_RAYS: Final = 30_000
 """Through the object in a view, on fine images: by a third of them a hinge leaves twice as much."""
 SYMMETRY_DEG: Final = 15
 """Between turns that may leave the object where it is."""
-LISTED: Final = 6
-"""Poses that are handed on."""
+LISTED, LAID = 6, 60
+"""Poses that are handed on, and where a part may have no mesh those that are moved first."""
 ELSEWHERE: Final = 0.025
 """Of the radius: an equally good pose that is farther makes the pose ambiguous."""
 SYMMETRIC: Final = 0.03
@@ -157,8 +158,11 @@ def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness:
         return there
     clouded, best = body.evened(EVENED), there.found[0].placement
     judge = _judge(capture, shadows, body, FINE_PX, best, incomplete=True)
-    again = found_by_edges(capture, shadows, clouded, body, likeness, there.found, judge)
-    if judge.fixed(again[0].placement, again[0].growth).loss > DOUBTED_LOSS:
+    told = _told_rotations(capture, body)
+    laid = laid_upon_content(shadows, clouded, likeness, LAID, told).placements()
+    poses = [*(each.placement for each in there.found), *map(body.of_files, laid)]
+    again = told_by_edges(capture, shadows, body, likeness, poses, judge)
+    if there.judge.fixed(again[0].placement, again[0].growth).loss > DOUBTED_LOSS:
         return _Fine(again, judge)
     nothing_lost = _Coarse(again, finer_search(shadows, clouded))
     plain = _finely(capture, shadows, body, likeness, nothing_lost)

@@ -1,9 +1,9 @@
 """From no pose at all to a dozen unlike ones, by few points on few pixels.
 
 Rotations are spread evenly over all there are; each is shifted until its shadows lie where the
-measured ones do or, where a part may have no mesh, until it looks like some of them. The best few
-hundred follow the derivatives on very coarse images, the best few dozen of those on finer ones,
-together with their half turns, which outlines hardly tell apart.
+measured ones do. The best few hundred follow the derivatives on very coarse images, the best few
+dozen of those on finer ones, together with their half turns, which outlines hardly tell apart.
+Where a part may have no mesh, each is shifted until it looks like some of what is seen, and stays.
 """
 
 from __future__ import annotations
@@ -291,12 +291,16 @@ def shortlist(
 
 
 def finer_search(shadows: Sequence[Shadow], body: Body) -> Search:
-    """At the finer of two resolutions."""
+    """Give the search at the finer of two resolutions."""
     return Search(shadows, body, FINE_CELLS, FINE_PX)
 
 
 def laid_upon_content(
-    shadows: Sequence[Shadow], body: Body, likeness: Likeness, most: int
+    shadows: Sequence[Shadow],
+    body: Body,
+    likeness: Likeness,
+    most: int,
+    rotations: Rotation | None = None,
 ) -> Poses:
     """Lay a body of which a part may be missing upon what it resembles, in all rotations.
 
@@ -310,8 +314,10 @@ def laid_upon_content(
         What is searched for, and how far apart its poses are.
     most
         How many poses of unlike rotation are given, the best first.
+    rotations
+        In which it is laid; all there are by default.
     """
-    linear = spread_rotations(USUAL.spread).as_matrix()
+    linear = (spread_rotations(USUAL.spread) if rotations is None else rotations).as_matrix()
     search = Search(shadows, body, COARSE_CELLS, COARSE_PX)
     shifts = shifts_to_middles(shadows, body.rim_cm, linear)
     laid = search.led_to_content(linear, shifts).best_first()
