@@ -508,6 +508,20 @@ def test_a_row_that_is_told_the_materials_has_no_rank_and_says_why(entry: dict[s
     assert "not ranked: it is told the material of each part" in render(rows)
 
 
+def test_a_row_that_measures_what_it_is_told_has_no_interval_and_says_why(
+    entry: dict[str, Any],
+) -> None:
+    rows = [row(entry, "a", 1.0, 0.1), row(entry, "b", 0.5, 0.1)]
+    rows[1]["method"]["inputs"] = ["parts", "materials"]
+    assert "0.500 [0.400, 0.600]" in render(rows)
+    rows[1]["method"]["inputs"] = ["parts", "xray", "materials"]
+    text = render(rows)
+    assert "1.000 [0.900, 1.100]" in text
+    assert "0.500 [" not in text
+    assert text.count("no intervals: its means are made by a few objects") == 1
+    assert "no intervals" not in render([one | {"protocol": "v1"} for one in rows])
+
+
 def test_what_differs_is_never_in_one_table(entry: dict[str, Any]) -> None:
     rows = [
         row(entry, "base", 1.0, 0.1),

@@ -104,27 +104,30 @@ def echo_score(scored: Score) -> None:
     """Print the metrics of a submission."""
     from tabulate import tabulate
 
+    from xden_bench.entries.ranking import no_interval_because
     from xden_bench.scoring.metrics import METRICS
 
-    meta = scored.meta
+    meta, unsure = scored.meta, no_interval_because(scored.meta.inputs)
     click.echo(
         f"{meta.method}: track {meta.track}, target {meta.target}, {len(scored.objects)} objects "
         f"({' and '.join(scored.sources)}), protocol {scored.protocol.name}"
     )
     rows = [
-        (METRICS[name].heading, f"{one.mean:.4f}", *_beside(one))
+        (METRICS[name].heading, f"{one.mean:.4f}", *_beside(one, is_trusted=unsure is None))
         for name, one in scored.metrics.items()
     ]
     headings = ["metric", "mean", "by category", "95 % interval"][: len(rows[0])]
     click.echo(tabulate(rows, headings, disable_numparse=True))
+    if unsure and scored.protocol.is_ranked:
+        click.echo(unsure)
     echo_lines(None, scored.warnings)
 
 
-def _beside(one: Estimate) -> tuple[str, ...]:
+def _beside(one: Estimate, *, is_trusted: bool) -> tuple[str, ...]:
     """Return what is printed beside a mean; nothing by a protocol before v2."""
     if one.macro_mean is None:
         return ()
-    return f"{one.macro_mean:.4f}", interval_text(one, ".4f")
+    return f"{one.macro_mean:.4f}", interval_text(one, ".4f") if is_trusted else "-"
 
 
 def echo_groups(title: str, groups: Mapping[str, tuple[int, Mapping[str, Estimate]]]) -> None:

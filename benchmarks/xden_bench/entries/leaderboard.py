@@ -16,6 +16,7 @@ from xden_bench.entries.merging import few_seeds, merged_rows, place, seed_sprea
 from xden_bench.entries.ranking import (
     TRIVIAL,
     Entry,
+    no_interval_because,
     rank_labels,
     ranks,
     trusted_interval,
@@ -48,7 +49,8 @@ How to read the tables:
 - A value is the mean over objects; ↓ lower is better, ↑ higher is better. *By category* is the mean
   over categories. Brackets are 95 % intervals over categories, which hang together; of `unseen`
   over the objects of its thirty categories. They stand only where simulations show that they cover:
-  at least 300 objects of 100 categories, or 10 of each unseen one, and no heavy tail.
+  at least 300 objects of 100 categories, or 10 of each unseen one, no heavy tail, and no method
+  that is told the truth, or the materials beside X-rays.
 - Density MAE is over the volume inside the outer surface, enclosed cavities included; the relative
   density error is the same over the density there. MAPE, ALDE and MnRE are three errors of the
   mass; MAPE alone would favour methods that predict too little.
@@ -380,12 +382,15 @@ def _details(row: Entry) -> str:
     commit = row["commit"] or ""
     shown = f", commit {code(commit[:12] + _dirty(commit))}" if commit else ""
     reason = unranked_because(row) or ""
+    is_ranked = load_rules(row["protocol"]).is_ranked
+    unsure = no_interval_because(method["inputs"]) if is_ranked else None
     facts = [
         f"**{plain(method['name'])}**: {', then '.join(commands)}",
         f"xden1k {plain(row['xden_version'])}{shown}",
         f"submission {code(row['submission_sha256'][:12])}",
         *([f"team {plain(row['team']['name'])}"] if "team" in row else []),
         *([f"not ranked: {plain(reason)}"] if reason not in ("", TRIVIAL) else []),
+        *([plain(unsure)] if unsure else []),
         *([f"erratum: {plain(row['erratum']['text'])}"] if "erratum" in row else []),
         *map(plain, row.get("remarks", ())),
         *_seed_notes(row),

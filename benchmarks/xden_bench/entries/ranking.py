@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, Final
 
@@ -24,11 +24,13 @@ __all__ = [
     "Entry",
     "critical_distance",
     "dense_ranks",
+    "no_interval_because",
     "rank_label",
     "rank_labels",
     "ranks",
     "row_losses",
     "trusted_interval",
+    "trusted_metrics",
     "unranked_because",
     "worse_beyond_doubt",
     "worse_rows",
@@ -40,6 +42,9 @@ Entry = Mapping[str, Any]
 TRIVIAL: Final = "trivial"
 MERGED: Final = "merged"
 """Key of the reason why a row counts as another: :mod:`xden_bench.entries.merging`."""
+
+LABELLED: Final = frozenset({"materials", "xray"})
+"""A method that is told the materials and measures them is right but for a few objects."""
 
 
 def worse_beyond_doubt(
@@ -202,10 +207,34 @@ def unranked_because(row: Entry) -> str | None:
     return reason
 
 
+def no_interval_because(inputs: Iterable[str]) -> str | None:
+    """Why no mean of a method has an interval, or None if its means may have one.
+
+    Who is told the materials and measures them in X-rays is right but for a few objects, which make
+    its mean, and a sample has them or lacks them. A sample that lacks them does not show it, so
+    that what a method declares decides, not its scores: docs/method/scoring.md has the numbers.
+
+    Parameters
+    ----------
+    inputs
+        What the method declares to look at.
+
+    Examples
+    --------
+    >>> no_interval_because(["parts", "xray", "materials"])
+    'no intervals: its means are made by a few objects, which a sample has or lacks'
+    >>> no_interval_because(["parts", "xray"])
+    """
+    if not {*inputs} >= LABELLED:
+        return None
+    return "no intervals: its means are made by a few objects, which a sample has or lacks"
+
+
 def trusted_interval(row: Entry, metric: str) -> Sequence[float] | None:
     """Return both ends of the 95 % interval of a row's mean; None where it would cover less.
 
-    So it is by a protocol before v2, and of an oracle, whose few errors are all tail.
+    So it is by a protocol before v2, of an oracle, whose few errors are all tail, and where
+    :func:`no_interval_because` gives a reason.
 
     Parameters
     ----------
@@ -214,10 +243,20 @@ def trusted_interval(row: Entry, metric: str) -> Sequence[float] | None:
     metric
         Its name.
     """
-    if not load_rules(row["protocol"]).is_ranked or "truth" in row["method"]["inputs"]:
+    inputs = row["method"]["inputs"]
+    if not load_rules(row["protocol"]).is_ranked or "truth" in inputs:
+        return None
+    if no_interval_because(inputs):
         return None
     ends: Sequence[float] | None = row["metrics"][metric]["ci95"]
     return ends
+
+
+def trusted_metrics(row: Entry) -> dict[str, dict[str, Any]]:
+    """Metrics of a row, without the intervals that :func:`trusted_interval` withholds."""
+    return {
+        name: {**one, "ci95": trusted_interval(row, name)} for name, one in row["metrics"].items()
+    }
 
 
 def worse_rows(

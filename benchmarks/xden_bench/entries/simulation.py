@@ -13,7 +13,13 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float64
 
-from xden_bench.entries.ranking import Entry, dense_ranks, row_losses, worse_rows
+from xden_bench.entries.ranking import (
+    Entry,
+    dense_ranks,
+    no_interval_because,
+    row_losses,
+    worse_rows,
+)
 from xden_bench.scoring.bootstrap import SAME
 from xden_bench.scoring.clusters import category_sums
 from xden_bench.scoring.protocol import Rules
@@ -93,12 +99,15 @@ class Population:
         Shape (categories, objects): each category of as many objects.
     is_fixed
         Whether these are all categories that matter: the unseen ones.
+    is_trusted
+        Whether a row of the method may have an interval.
     """
 
     name: str
     metric: str
     scores: Float64[np.ndarray, "categories objects"]
     is_fixed: bool = False
+    is_trusted: bool = True
 
     def fits(self, design: Design) -> bool:
         """Whether objects are drawn so; those of a distribution may be in either way."""
@@ -160,14 +169,17 @@ def drawn_populations(seed: int = 0) -> tuple[Population, ...]:
 def stored_populations(entries: Iterable[Entry], protocol: Rules) -> Iterator[Population]:
     """Every metric of every entry that could have an interval, in categories of one size.
 
-    Of three objects where categories are drawn, of all where they are given. Oracles have none, nor
-    what is the same for every object. Objects that a metric leaves out do not count; where all of a
-    given category are left out, there is no interval.
+    Of three objects where categories are drawn, of all where they are given. Oracles are left out,
+    and what is the same for every object; another method whose rows have no interval is simulated
+    to show why. Objects that a metric leaves out do not count; where all of a given category are
+    left out, there is no interval.
     """
     for entry in entries:
         columns, is_fixed = entry["object_scores"], _is_fixed(entry, protocol)
         names = [name for name in protocol.interval_metrics if name in columns]
-        for name in names if "truth" not in entry["method"]["inputs"] else []:
+        inputs = entry["method"]["inputs"]
+        is_trusted = no_interval_because(inputs) is None
+        for name in names if "truth" not in inputs else []:
             values = np.array(columns[name], dtype=np.float64)
             counts = ~np.isnan(values)
             categories = np.array(columns["category"])[counts].tolist()
@@ -175,7 +187,7 @@ def stored_populations(entries: Iterable[Entry], protocol: Rules) -> Iterator[Po
                 continue
             scores = _even(values[counts], categories, is_fixed)
             if scores.size and np.ptp(scores) > SAME:
-                yield Population(entry["method"]["name"], name, scores, is_fixed)
+                yield Population(entry["method"]["name"], name, scores, is_fixed, is_trusted)
 
 
 def coverage(
@@ -200,7 +212,7 @@ def coverage(
     low, high = studentised_intervals(drawn, RESAMPLES, seed)
     mean = population.scores[: design.categories if design.is_fixed else None].mean()
     share = float(((low <= mean) & (mean <= high)).mean())
-    printed = design.is_printed(protocol)
+    printed = population.is_trusted and design.is_printed(protocol)
     return Coverage(population.name, population.metric, design, printed, share)
 
 

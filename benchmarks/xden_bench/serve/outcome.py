@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from xden1k.predictions import Problem
+from xden_bench.entries.ranking import trusted_metrics
 
 __all__ = ["Outcome", "find_entered"]
 
@@ -75,4 +76,4 @@ def find_entered(
 def _scored(entry: Mapping[str, Any], place: Path) -> Outcome:
     pairs = (warning.partition(": ") for warning in entry["warnings"])
     warnings = tuple(Problem(code, None, message) for code, _, message in pairs)
-    return Outcome("scored", warnings, entry=place.as_posix(), metrics=entry["metrics"])
+    return Outcome("scored", warnings, entry=place.as_posix(), metrics=trusted_metrics(entry))

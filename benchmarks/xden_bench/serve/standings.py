@@ -23,7 +23,7 @@ from typing import Any, Final
 from xden1k.errors import DataError
 from xden_bench.entries.leaderboard import tables
 from xden_bench.entries.merging import entries_of, holds
-from xden_bench.entries.ranking import Entry, ranks, trusted_interval
+from xden_bench.entries.ranking import Entry, ranks, trusted_metrics
 from xden_bench.entries.reading import read_entry, read_sound_entries
 from xden_bench.entries.result import entry_path, entry_paths
 from xden_bench.entries.untrusted import read_table
@@ -236,10 +236,7 @@ def _objects(row: Entry, results: Path) -> dict[str, list[Any]]:
 def _light(entry: Entry) -> Entry:
     """Return an entry without the scores of its objects and without intervals that cover less."""
     light = {key: value for key, value in entry.items() if key != _OBJECTS}
-    light["metrics"] = {
-        name: {**one, "ci95": trusted_interval(entry, name)}
-        for name, one in entry["metrics"].items()
-    }
+    light["metrics"] = trusted_metrics(entry)
     return light | ({"seeds": [*map(_light, entry["seeds"])]} if "seeds" in entry else {})
 
 
