@@ -13,6 +13,8 @@ from xden1k.rays import ownership_order
 from xden1k.values.views import XRayView
 from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.source import Detector
+from xden_builder.poly import pose
+from xden_builder.poly.descent import Descent
 from xden_builder.poly.edges import Edges, edge_doubt
 from xden_builder.poly.model.beam import Heel, ViewBeam
 from xden_builder.poly.model.frames import Pose
@@ -177,3 +179,28 @@ def test_too_dark_a_model_is_doubted_where_nothing_differs(views):
     darker = nothing.copy()
     darker[level.parts : level.parts + 2] = 0.6
     assert edge_doubt(level, darker) > 3 * edge_doubt(level, nothing)
+
+
+@pytest.mark.parametrize("begun_again", [True, False])
+def test_a_pose_is_looked_around_where_it_is_begun_again_and_kept_if_that_leaves_more(
+    views, monkeypatch, begun_again
+):
+    level = level_of(views)
+    true = right(level)
+    off = true.copy()
+    off[level.parts + 4] = 0.05
+    asked = []
+
+    def around(_level, unknowns, *_rest):
+        asked.append(unknowns)
+        return true if len(asked) == 1 else off
+
+    monkeypatch.setattr(pose, "descend_by_edges", lambda _level, unknowns, *_rest: unknowns)
+    monkeypatch.setattr(pose, "sought_by_edges", around)
+    residuals = level.residuals(off)
+    evaluated = level.evaluate(off, *level.residuals_and_slopes(off))
+    end = Descent(off, evaluated, residuals, residuals)
+    told = off if begun_again else None
+    there = pose._by_edges([level], end, told, level.target.bounds(true[: level.parts], 7))
+    assert np.array_equal(there.unknowns, true if begun_again else off)
+    assert len(asked) == (2 if begun_again else 0)
