@@ -141,6 +141,8 @@ class PoseFit:
     edges
         What neighbouring pixels of the finest differ by, and light that the model lacks, as of
         :func:`xden_builder.poly.edges.edge_doubt`.
+    growth_by_light
+        Logarithm of the size that light alone would have, where differences of pixels tell it.
     """
 
     poses: Poses
@@ -153,6 +155,7 @@ class PoseFit:
     doubt: float
     left: float
     edges: float
+    growth_by_light: float | None = None
 
     @property
     def sd(self) -> Float64[np.ndarray, "p"]:
@@ -179,7 +182,10 @@ class PoseFit:
             return None
         (place,) = self.poses.size_places
         factor, centre_cm = np.exp(self.unknowns[place]), np.array(self.poses.origin.centre_cm)
-        return Size(float(factor), float(np.hypot(self.sd[place], SCANNER_SD)), centre_cm)
+        light = self.growth_by_light
+        by_light = None if light is None else float(np.exp(light))
+        sd = float(np.hypot(self.sd[place], SCANNER_SD))
+        return Size(float(factor), sd, centre_cm, by_light)
 
     @property
     def _telling(self) -> int:
@@ -277,7 +283,9 @@ def refine_pose(
         starts = [best.unknowns]
     assert best is not None
     assert rms_before is not None
+    growth_by_light = None
     if level.much_left(best.unknowns, best.residuals):
+        growth_by_light = float(best.unknowns[-1]) if poses.sized else None
         told = _as_told(best.unknowns, poses) if begun_again and not any(poses.turned) else None
         best = _by_edges(levels, best, told, (low, high))
     unknowns, there, _, residuals = best
@@ -294,6 +302,7 @@ def refine_pose(
         doubt=level.doubt(unknowns, residuals),
         left=level.all_left(unknowns, residuals),
         edges=edge_doubt(level, unknowns),
+        growth_by_light=growth_by_light,
     )
 
 

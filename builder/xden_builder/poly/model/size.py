@@ -39,11 +39,15 @@ class Size:
         Relative standard deviation of it.
     centre_cm
         Shape (3,): what meshes are enlarged about.
+    factor_by_light
+        The factor that light alone would have, where differences of pixels tell it: meshes of
+        another size are no part without a mesh. None where light tells it.
     """
 
     factor: float
     sd: float
     centre_cm: Vec3
+    factor_by_light: float | None = None
 
     def enlarged(self, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
         """Give a mesh this size; its faces stay as they are."""
@@ -61,14 +65,17 @@ class Size:
         return np.asarray(self.factor * points_cm + (1 - self.factor) * self.centre_cm)
 
     def at_bound(self, told: MeshScale) -> bool:
-        """Whether it is as far off as it may be, by what was told of the meshes.
+        """Whether it is as far off as it may be, or would be by light alone.
 
         Examples
         --------
         >>> [Size(factor, 0.001, np.zeros(3)).at_bound("known") for factor in (1.014, 1.0152)]
         [False, True]
+        >>> Size(1.01, 0.001, np.zeros(3), factor_by_light=1.0152).at_bound("known")
+        True
         """
-        return abs(float(np.log(self.factor))) > NEARLY * SIZE_SDS_MOST * SIZE_SDS[told]
+        factors = np.array([self.factor, self.factor_by_light or self.factor])
+        return bool(np.abs(np.log(factors)).max() > NEARLY * SIZE_SDS_MOST * SIZE_SDS[told])
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Size:
