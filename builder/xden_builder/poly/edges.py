@@ -178,8 +178,9 @@ def sought_by_edges(
         there[pose] = at * units
         low, high = (np.append(end[:first], there[first:]) for end in bounds)
         end = descend(edges, there, 1, low, high)
-        best = min(best, (edges.left(end.residuals), end.unknowns), key=itemgetter(0))
-        return edges.left(end.residuals)
+        here = edges.left(end.residuals)
+        best = min(best, (here, end.unknowns), key=itemgetter(0))
+        return here
 
     options = {"initial_tr_radius": reach, "final_tr_radius": LEAST_REACH, "maxfev": MOST_TRIES}
     minimize(left, start, method="COBYQA", options=options)
