@@ -40,7 +40,7 @@ DARK: Final = 0.1
 DARKEST: Final = 1e-3
 """Share of the light that has a logarithm."""
 
-Pairs = tuple[Int64[np.ndarray, "m"], Int64[np.ndarray, "m"]]
+Pairs = tuple[Int64[np.ndarray, "_m"], Int64[np.ndarray, "_m"]]
 """Places of neighbouring pixels: of the one before, and of the one after."""
 
 
