@@ -136,9 +136,10 @@ def test_turning_over_maps_the_axes_as_said() -> None:
     assert shapes.upright_across(plate, 2.0).bounding_box() == pytest.approx((-1, 0, 0, 1, 3, 1))
 
 
-def test_mesh_keeps_cavities_and_drops_crumbs() -> None:
+@pytest.mark.parametrize("crumb_cm", [(0.01, 0.01, 0.01), (3.0, 0.03, 0.02)])
+def test_mesh_keeps_cavities_and_drops_crumbs(crumb_cm: tuple[float, float, float]) -> None:
     hollow = shapes.box((3.0, 3.0, 3.0)) - shapes.box((1.0, 1.0, 1.0))
-    crumb = shapes.box((0.01, 0.01, 0.01), (5.0, 0.0, 0.0))
+    crumb = shapes.box(crumb_cm, (5.0, 0.0, 0.0))
     mesh = shapes.to_mesh(hollow + crumb)
     assert mesh.is_volume
     assert float(mesh.volume) == pytest.approx(26.0)

@@ -43,8 +43,9 @@ __all__ = [
 CHORD_TOLERANCE_CM = 0.004
 """A circle's polygon strays from it by at most this much: a tenth of a detector pixel."""
 
-CRUMB_CM3 = 1e-5
-"""Bodies smaller than this are no part of an object: a hundredth of a cubic millimetre."""
+CRUMB_CM3, CRUMB_SHARE = 1e-5, 1e-4
+"""Bodies smaller than this, a hundredth of a cubic millimetre, or than this share of the largest of
+a solid are no part of an object: a splinter of a long cut lies in what was joined there."""
 
 OUTLINE_TOLERANCE_CM = 0.002
 """Corners of rounded outlines that matter less are left out."""
@@ -258,7 +259,8 @@ def to_mesh(solid: Manifold) -> trimesh.Trimesh:
     faces = mesh.tri_verts.astype(np.int64)
     body_of_vertex = _connected(faces, len(vertices))
     volumes = np.bincount(body_of_vertex[faces[:, 0]], np.linalg.det(vertices[faces]) / 6)
-    kept = faces[np.abs(volumes[body_of_vertex[faces[:, 0]]]) > CRUMB_CM3]
+    least_cm3 = max(CRUMB_CM3, CRUMB_SHARE * float(np.abs(volumes).max(initial=0.0)))
+    kept = faces[np.abs(volumes[body_of_vertex[faces[:, 0]]]) > least_cm3]
     whole = trimesh.Trimesh(vertices, kept, process=False)
     whole.remove_unreferenced_vertices()
     return whole
