@@ -29,7 +29,7 @@ from xden_builder.registration.ball import ball_turns, is_ball
 from xden_builder.registration.body import Body
 from xden_builder.registration.camera import Camera
 from xden_builder.registration.closely import told_closely
-from xden_builder.registration.contest import told_apart
+from xden_builder.registration.contest import told_by_labels
 from xden_builder.registration.costs import explained_in_part
 from xden_builder.registration.exact import Judge, side_of
 from xden_builder.registration.kinds import close_to_best, unlike_of
@@ -292,37 +292,45 @@ def test_ambiguous_poses_spread_the_densities_by_their_difference() -> None:
     assert unsure.density_spread() == pytest.approx([0.1, 0.0])
 
 
-def test_a_pose_is_as_good_by_its_deviance_where_the_whole_fit_told_it() -> None:
-    one, near, far = (
-        Found(at(Rotation.identity()), loss, np.ones(1), deviance)
-        for loss, deviance in ((1.0, 10.0), (1.9, 15.0), (0.9, 17.0))
-    )
+def test_a_pose_that_was_not_refined_is_as_good_by_its_loss() -> None:
+    one, near, far = (Found(at(TURN), loss, np.ones(1)) for loss in (1.0, 1.1, 1.2))
     assert near.as_good_as(one)
     assert not far.as_good_as(one)
 
 
-def test_a_pose_that_was_not_fitted_is_as_good_by_its_loss() -> None:
-    one, near, far = (
-        Found(at(Rotation.identity()), loss, np.ones(1), deviance)
-        for loss, deviance in ((1.0, 10.0), (1.1, None), (1.2, None))
-    )
-    assert near.as_good_as(one)
-    assert not far.as_good_as(one)
+@pytest.mark.parametrize(
+    ("left", "edges", "as_good"),
+    [
+        (95.0, 1.0, True),
+        (105.0, 1.0, False),
+        (50.0, 1.05, True),
+        (50.0, 1.1, False),
+        (30.0, 1.1, True),
+        (None, None, False),
+    ],
+)
+def test_a_refined_pose_is_as_good_by_differences_first_then_squares_and_doubt(
+    left: float | None, edges: float | None, as_good: bool
+) -> None:
+    best = Found(at(TURN), 1.0, np.ones(1), doubt=1.0, left=50.0, edges=1.0)
+    other = Found(at(TURN), 1.0, np.ones(1), doubt=1.0, left=left, edges=edges)
+    assert other.as_good_as(best) is as_good
 
 
-def test_a_refined_pose_is_as_good_by_doubt_and_squares_and_one_that_is_not_is_worse() -> None:
-    one, near, far, told = (
-        Found(at(Rotation.identity()), 1.0, np.ones(1), deviance, doubt, left)
-        for deviance, doubt, left in (
-            (10.0, 1.0, 50.0),
-            (99.0, 1.2, 50.0),
-            (10.0, 1.2, 55.0),
-            (10.0, None, None),
-        )
+def test_doubt_counts_twice_beside_squares() -> None:
+    one, other = (
+        Found(at(TURN), 1.0, np.ones(1), doubt=doubt, left=left, edges=1.0)
+        for doubt, left in ((1.0, 50.0), (0.94, 55.0))
     )
-    assert near.as_good_as(one)
-    assert not far.as_good_as(one)
-    assert not told.as_good_as(one)
+    assert other.improbability < one.improbability
+    assert replace(other, doubt=0.96).improbability > one.improbability
+
+
+def test_a_pose_the_whole_fit_did_not_look_at_is_not_as_good_as_one_it_told() -> None:
+    told = Found(at(TURN), 1.0, np.ones(1), doubt=1.0, left=50.0, edges=1.0, deviance=30.0)
+    assert replace(told, deviance=50.0).as_good_as(told)
+    assert not replace(told, deviance=70.0).as_good_as(told)
+    assert not replace(told, deviance=None).as_good_as(told)
 
 
 def test_a_pose_after_another_is_both_in_turn() -> None:
@@ -711,95 +719,71 @@ def test_an_exposure_that_is_off_leaves_the_loss_of_a_pose_as_it_is(hammer: Capt
     assert other == pytest.approx(usual, rel=0.2)
 
 
-def test_the_whole_fit_tells_poses_apart_whose_losses_are_close(hammer: Capture) -> None:
+def test_labels_tell_poses_that_the_images_do_not(hammer: Capture) -> None:
     meshes = [part.mesh for part in hammer.parts]
     order = ownership_order(meshes, [part.priority for part in hammer.parts])
     views = [shadow_of(view) for view in hammer.fitted_views]
-    rolled, right, lost = (
-        Found(at(Rotation.from_rotvec([0, 0, angle])), loss, np.ones(len(meshes)))
-        for angle, loss in ((0.7, 0.05), (0.0, 0.06), (0.0, 0.3))
+    angles = {0.68: 50.0, 0.69: 51.0, 0.7: 52.0, 0.71: 53.0, 0.0: 54.0, 0.2: 120.0}
+    *rolled, right, told = (
+        Found(at(Rotation.from_rotvec([0, 0, angle])), 1.0, np.ones(3), 1.0, left, 1.0)
+        for angle, left in angles.items()
     )
-    first, second, third = told_apart(hammer, order, views, [rolled, right, lost], unmoved)
-    assert (first.loss, second.loss, third) == (0.06, 0.05, lost)
-    assert first.deviance < second.deviance
+    first, *others, last = told_by_labels(hammer, order, views, [*rolled, right, told])
+    assert first.left == right.left
+    assert [each.deviance is not None for each in (first, *others, last)] == [True] * 5 + [False]
+    assert not others[0].as_good_as(first)
     untold = replace(hammer, tube=None)
-    assert told_apart(untold, order, views, [rolled, right], unmoved) == [rolled, right]
+    assert told_by_labels(untold, order, views, [*rolled, right]) == [*rolled, right]
 
 
-def test_the_right_pose_is_fitted_behind_four_of_another_trough(hammer: Capture) -> None:
+def test_poses_that_the_images_tell_are_not_fitted(hammer: Capture) -> None:
+    found = [Found(at(TURN), 1.0, np.ones(3), 1.0, left, 1.0) for left in (50.0, 120.0)]
+    assert told_by_labels(hammer, [0, 1, 2], [], found) == found
+
+
+@pytest.mark.parametrize(("doubted", "far"), [(False, 0.2), (False, 0.08), (True, 0.2)])
+def test_poses_the_search_does_not_tell_are_told_by_the_images_as_they_are(
+    hammer: Capture, doubted: bool, far: float
+) -> None:
     order = ownership_order([part.mesh for part in hammer.parts])
-    views = [shadow_of(view) for view in hammer.fitted_views]
-    angles = {0.68: 0.05, 0.69: 0.052, 0.7: 0.054, 0.71: 0.056, 0.0: 0.06}
-    rivals = [
+    given = [
         Found(at(Rotation.from_rotvec([0, 0, angle])), loss, np.ones(len(hammer.parts)))
-        for angle, loss in angles.items()
+        for angle, loss in ((0.7, 0.05), (0.0, 0.055), (1.2, far))
     ]
-    assert told_apart(hammer, order, views, rivals, unmoved)[0].loss == 0.06
-
-
-def unmoved(_: Found) -> Found:
-    """Fail where fits were to tell poses apart."""
-    raise AssertionError
+    away = replace(hammer, pose="unknown")
+    first, second, third = told_closely(away, order, given, doubted=doubted)
+    assert first.loss == given[1].loss
+    assert not second.as_good_as(first)
+    refined = [each.edges is not None for each in (first, second, third)]
+    assert refined == [True, True, doubted or far < 0.085]
+    assert {each.doubt is None for each in (first, second)} == {doubted}
+    untold = replace(away, tube=None)
+    assert told_closely(untold, order, given, doubted=doubted) == given
 
 
 @pytest.mark.parametrize(
-    ("deviances", "moved", "first"),
-    [
-        ((150.0, 100.0), None, 1),
-        ((140.0, 110.0), None, 1),
-        ((130.0, 100.0), None, 1),
-        ((115.0, 100.0), (0.9, 0.8), 1),
-        ((115.0, 100.0), (0.7, 0.8), 0),
-        ((105.0, 100.0), (0.9, 0.8), 1),
-        ((105.0, 100.0), (0.7, 0.8), 0),
-        ((100.0, 110.0), None, 0),
-        ((5000.0, 4000.0), None, 0),
-    ],
+    ("best", "other", "refined"), [(0.35, 1.4, 2), (0.35, 1.8, 0), (0.25, 1, 0)]
 )
-def test_fits_tell_poses_apart_or_what_is_left_of_them_moved_once_more(
-    hammer: Capture,
-    monkeypatch: pytest.MonkeyPatch,
-    deviances: tuple[float, float],
-    moved: tuple[float, float] | None,
-    first: int,
-) -> None:
-    """By deviance times loss; the loss alone where none explains the images."""
-    rivals = [Found(at(Rotation.identity()), loss, np.ones(3)) for loss in (1.0, 1.1)]
-    given = dict(zip((1.0, 1.1), deviances, strict=True))
-    monkeypatch.setattr(
-        "xden_builder.registration.contest._fitted",
-        lambda _capture, _order, each: replace(
-            each, deviance=given[each.loss], density_g_cm3=np.full(3, 2.0)
-        ),
-    )
-    shadows = [shadow_of(view) for view in hammer.fitted_views]
-    left = dict(zip((1.0, 1.1), moved or (), strict=moved is not None))
-
-    def settle(each: Found) -> Found:
-        assert (each.density_g_cm3 == 1).all()  # the fit's are those of other materials
-        return replace(each, loss=left[each.loss]) if moved else unmoved(each)
-
-    told = told_apart(hammer, [0, 1, 2], shadows, rivals, settle)
-    assert told[0].loss == rivals[first].loss
-
-
-@pytest.mark.parametrize("doubted", [False, True])
-def test_poses_the_search_does_not_tell_are_told_by_the_images_as_they_are(
-    hammer: Capture, doubted: bool
+def test_where_the_best_leaves_much_the_right_pose_may_leave_more_until_it_is_refined(
+    hammer: Capture, best: float, other: float, refined: int
 ) -> None:
     order = ownership_order([part.mesh for part in hammer.parts])
-    rolled, right, far = (
+    found = [
         Found(at(Rotation.from_rotvec([0, 0, angle])), loss, np.ones(len(hammer.parts)))
-        for angle, loss in ((0.7, 0.05), (0.0, 0.055), (1.2, 0.06))
-    )
-    away = replace(hammer, pose="unknown")
-    first, second, *others = told_closely(away, order, [rolled, right, far], doubted=doubted)
-    assert first.loss == right.loss
-    assert not second.as_good_as(first)
-    assert [each.doubt is not None for each in (first, second, *others)] == [True, True, doubted]
-    assert {each.edges is not None for each in (first, second)} == {doubted}
-    untold = replace(away, tube=None)
-    assert told_closely(untold, order, [rolled, right], doubted=doubted) == [rolled, right]
+        for angle, loss in ((0.7, best), (0.0, other))
+    ]
+    there = told_closely(replace(hammer, pose="unknown"), order, found, doubted=False)
+    assert sum(each.edges is not None for each in there) == refined
+    assert there[0].loss == (other if refined else best)
+
+
+def test_a_refined_pose_is_the_one_it_came_to(hammer: Capture) -> None:
+    order = ownership_order([part.mesh for part in hammer.parts])
+    off = [at(Rotation.from_rotvec([0, 0.02, angle])) for angle in (0.02, 0.7)]
+    found = [Found(each, 0.05, np.ones(len(hammer.parts))) for each in off]
+    first, _ = told_closely(replace(hammer, pose="unknown"), order, found, doubted=False)
+    turned = Rotation.from_matrix(first.placement.rotation).magnitude()
+    assert turned < 0.1 * np.hypot(0.02, 0.02)
 
 
 def test_saturated_air_hides_not_which_pose_is_right() -> None:
@@ -818,32 +802,11 @@ def test_saturated_air_hides_not_which_pose_is_right() -> None:
     assert not second.as_good_as(first)
 
 
-@pytest.mark.parametrize(
-    ("doubts", "first"), [((1.0, 0.9), 1), ((1.0, 0.94), 1), ((1.0, 0.99), 0), ((1.0, 2.0), 0)]
-)
-def test_what_large_residuals_hardly_rule_counts_twice_beside_their_squares(
-    hammer: Capture, monkeypatch: pytest.MonkeyPatch, doubts: tuple[float, float], first: int
-) -> None:
-    rivals = [Found(at(Rotation.identity()), loss, np.ones(3)) for loss in (1.1, 1.0)]
-    refined = {1.1: (doubts[0], 50.0), 1.0: (doubts[1], 55.0)}
-
-    def refine(_c: Capture, _order: Sequence[int], found: Found, *, doubted: bool) -> Found:
-        assert not doubted
-        doubt, left = refined[found.loss]
-        return replace(found, doubt=doubt, left=left)
-
-    monkeypatch.setattr("xden_builder.registration.closely._refined", refine)
-    told = told_closely(hammer, [0, 1, 2], rivals, doubted=False)
-    assert told[0].loss == rivals[first].loss
-
-
 def test_where_a_part_may_have_no_mesh_differences_of_pixels_tell_alone() -> None:
-    spent, right = (
-        Found(at(Rotation.identity()), 1.0, np.ones(3), doubt=doubt, left=left, edges=edges)
-        for doubt, left, edges in ((1.0, 10.0, 0.9), (1.1, 30.0, 0.1))
-    )
-    assert right.improbability < spent.improbability
-    assert not spent.as_good_as(right)
+    best, near, far = (Found(at(TURN), 1.0, np.ones(3), edges=edges) for edges in (0.6, 0.8, 1.0))
+    assert best.improbability < near.improbability
+    assert near.as_good_as(best)
+    assert not far.as_good_as(best)
 
 
 def test_four_poses_go_on_by_differences_of_pixels_not_by_loss(

@@ -1,15 +1,19 @@
 """Unlike poses that the search hardly tells, each refined on the images as they are.
 
-What tells a racket from the racket turned by half, or a yo-yo, is finer than the pixels of the
-search. And where the best pose leaves much, as where a part has no mesh, another of those that were
-found may be the right one. So they are refined as the rebuild will refine the one it is given, but
-neither begun again where they were found nor looked around, which would take twice as long.
+What tells a racket from the racket turned by half, or a padlock by a pin behind millimetres of
+steel, is finer than the pixels of the search. And where the best pose leaves much, another of those
+that were found may be the right one, though it leaves more as long as it has not moved. So they are
+refined as the rebuild will refine the one it is given, but neither begun again where they were
+found nor looked around, which would take twice as long.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
+
+import numpy as np
 
 from xden_builder.capture import Capture
 from xden_builder.poly.pose import find_pose
@@ -20,11 +24,17 @@ from xden_builder.registration.placement import Found
 
 __all__ = ["told_closely"]
 
+CLOSE: Final = (1.3, 0.01)
+"""A pose whose loss is at most so many times that of the best, and so much more, may be right."""
+MUCH, HOPELESS = 0.3, 5.0
+"""Loss of a best pose that leaves so much that others may be right, and times it beyond which not.
+"""
+
 
 def told_closely(
     capture: Capture, order: Sequence[int], found: Sequence[Found], *, doubted: bool
 ) -> list[Found]:
-    """Refine every pose that is as good as the best, and put first the one that leaves least.
+    """Refine every pose that may be right, and put first the one that leaves least.
 
     Parameters
     ----------
@@ -40,23 +50,37 @@ def told_closely(
     Returns
     -------
     list of Found
-        The best first, those that were not refined last, as they came. All as they came where there
-        is one alone, or the source is not told.
+        The best first, refined, and after them those that were not, as they came. All as they came
+        where there is one alone, or the source is not told.
     """
-    close = [doubted or each.as_good_as(found[0]) for each in found]
-    if sum(close) < 2 or capture.tube is None:
+    close = [each for each in found if doubted or _may_be_right(each, found[0])]
+    if len(close) < 2 or capture.tube is None:
         return list(found)
-    there = [
-        _refined(capture, order, each, doubted=doubted) if is_close else each
-        for each, is_close in zip(found, close, strict=True)
+    there = [_refined(capture, order, each, doubted=doubted) for each in close]
+    return [
+        *sorted(there, key=lambda each: each.improbability),
+        *(each for each in found if each not in close),
     ]
-    return sorted(there, key=lambda each: each.improbability)
+
+
+def _may_be_right(found: Found, best: Found) -> bool:
+    """Whether the search does not tell a pose from the best."""
+    times, more = (HOPELESS, 0.0) if best.loss > MUCH else CLOSE
+    return found.loss <= times * best.loss + more
 
 
 def _refined(capture: Capture, order: Sequence[int], found: Found, *, doubted: bool) -> Found:
-    """Say what a pose leaves once refined; it stays as it was found."""
+    """Move a pose on the images as they are, and say what it leaves of them."""
     settings = PolySettings()
     scene = set_scene(found.placement.of_capture(capture), order, settings)
     fit = find_pose(first_guess(scene), settings, begun_again=False).fit
     assert fit is not None
-    return replace(found, doubt=fit.doubt, left=fit.left, edges=fit.edges if doubted else None)
+    size = fit.size
+    there = replace(
+        found,
+        placement=found.placement.followed_by(fit.pose),
+        density_g_cm3=fit.density_g_cm3,
+        edges=fit.edges,
+        growth=found.growth if size is None else float(np.log(size.factor)),
+    )
+    return there if doubted else replace(there, doubt=fit.doubt, left=fit.left)

@@ -21,7 +21,7 @@ from xden_builder.poly.model.frames import Pose, coarse
 from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.size import SIZE_SDS_MOST
-from xden_builder.poly.pyramid import AIR, LOST_FROM, MOST_SUBRAYS, Level, subrays_of
+from xden_builder.poly.pyramid import AIR, LOST_FROM, Level, subrays_of
 from xden_builder.poly.scene import Scene, set_scene
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import first_guess
@@ -164,11 +164,6 @@ class Judge:
     def quick(self) -> Judge:
         """The same by few rays."""
         return replace(self, subrays=tuple(min(each, FEW_SUBRAYS) for each in self.subrays))
-
-    @property
-    def thorough(self) -> Judge:
-        """The same by four times as many rays, or as many as there may be."""
-        return replace(self, subrays=tuple(min(2 * n, MOST_SUBRAYS) for n in self.subrays))
 
     def panel(self, number: int) -> ViewGeometry:
         """Of a view, in compared pixels."""

@@ -13,7 +13,9 @@ __all__ = [
     "APART_SHARE",
     "apart",
     "close_to_best",
+    "elsewhere",
     "first_of_like",
+    "listed_of",
     "loss_of",
     "most_of_rivals",
     "unlike_of",
@@ -21,6 +23,9 @@ __all__ = [
 
 APART_SHARE: Final = 0.01
 """Of the radius: poses that are nearer are one."""
+ELSEWHERE, ELSEWHERE_CM = 0.025, 0.1
+"""Of the radius, and at most in cm: where a twentieth of a part is farther off, it is another pose.
+"""
 RIVAL: Final = (1.3, 0.02)
 """A pose whose loss is at most so many times the least, and so much more, may be right too."""
 CLOSE: Final = 3.0
@@ -36,6 +41,12 @@ def apart(
 ) -> bool:
     """Whether two poses of the files' frame put the object apart by a share of its radius."""
     return likeness.apart(body.placed(one), body.placed(other), share * body.radius_cm)
+
+
+def elsewhere(one: RigidPlacement, other: RigidPlacement, likeness: Likeness, body: Body) -> bool:
+    """Whether poses put a twentieth of a part elsewhere."""
+    share = min(ELSEWHERE, ELSEWHERE_CM / body.radius_cm)
+    return apart(one, other, likeness.telling, body, share)
 
 
 def loss_of(found: Found) -> float:
@@ -70,6 +81,19 @@ def first_of_like(
     """Keep the first of poses that are unlike by a share of the radius, in their order."""
     own = [body.placed(each.placement) for each in found]
     return [found[k] for k in unlike(own, likeness, apart_share * body.radius_cm, most)]
+
+
+def listed_of(found: Sequence[Found], likeness: Likeness, body: Body, most: int) -> list[Found]:
+    """Keep the first of poses that are unlike, or put a part's end elsewhere, in their order."""
+    kept: list[Found] = []
+    for each in found:
+        if len(kept) < most and all(
+            apart(one.placement, each.placement, likeness, body)
+            or elsewhere(one.placement, each.placement, likeness, body)
+            for one in kept
+        ):
+            kept.append(each)
+    return kept
 
 
 def close_to_best(found: Sequence[Found], times: float = CLOSE) -> list[Found]:

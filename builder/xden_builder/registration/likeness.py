@@ -28,6 +28,9 @@ FAR_SHARE: Final = 1 - FAR_QUANTILE
 """Of the distances of a part, and how many of them are greater."""
 STRICT_FAR_SHARE: Final = 0.02
 """The same where a screwdriver's tip or a marker's clip must not be forgotten."""
+TOLD_FAR_SHARE: Final = 0.05
+"""The same where a pose is listed beside another, as right ones are measured: the end of a yo-yo's
+string is a fifteenth of it, and tells its halves apart."""
 
 
 class Likeness:
@@ -48,8 +51,16 @@ class Likeness:
     @property
     def strict(self) -> Likeness:
         """The same, of which a smaller share of a part's surface makes poses unlike."""
+        return self._of_share(STRICT_FAR_SHARE)
+
+    @property
+    def telling(self) -> Likeness:
+        """The same, of which as much of a part makes poses unlike as is said to a person."""
+        return self._of_share(TOLD_FAR_SHARE)
+
+    def _of_share(self, far_share: float) -> Likeness:
         other = copy(self)
-        other._far_share = STRICT_FAR_SHARE
+        other._far_share = far_share
         return other
 
     def distance_cm(self, one: RigidPlacement, other: RigidPlacement) -> float:

@@ -18,12 +18,13 @@ from xden_builder.poly.model.frames import Pose
 
 __all__ = ["Found", "Registration", "RigidPlacement"]
 
-AS_LITTLE_LEFT: Final = 1.5
-"""A pose is as good that is so many times as improbable once both were refined."""
+EDGES_TELL: Final = 10
+"""Power of what neighbouring pixels differ by, beside the squares and twice the doubt."""
+AS_IMPROBABLE, AS_MUCH_DIFFERS = 2.0, 1.5
+"""A pose is as good that is so many times as improbable once both were refined, or of which pixels
+differ by so many times as much where these tell alone."""
 AS_GOOD: Final = 1.15
 """A pose whose loss is this many times the least explains the images as well."""
-AS_PROBABLE: Final = (1.4, 2.0)
-"""A pose is as probable whose deviance is so many times the least, and so much more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,15 +119,15 @@ class Found:
         Where a part may have no mesh, light that the model has too much of hardly counts.
     density_g_cm3
         Shape (K,): the parts' densities that go with it, coarsely.
-    deviance
-        Twice minus the logarithm of the posterior of the whole fit, and the squares that the search
-        for the pose left; None where the loss alone tells the pose from all others.
     doubt, left
         What it leaves once refined on the images as they are, as of
-        :class:`xden_builder.poly.pose.PoseFit`; None where it was not.
+        :class:`xden_builder.poly.pose.PoseFit`; None where it was not, or a part may have no mesh.
     edges
-        The same of neighbouring pixels' differences, and of light that the model lacks, on the
-        images of the search where the source is not told; None where no part may lack its mesh.
+        The same of neighbouring pixels' differences, and of light that the model lacks; where a
+        part may have no mesh and the source is not told, on the images of the search.
+    deviance
+        Twice minus the logarithm of the posterior of the whole fit in that pose; None where the
+        images tell it from all others, or do not tell it.
     gains
         Of the views, and after them their shares of glare, where the pose has been moved with them.
     growth
@@ -136,10 +137,10 @@ class Found:
     placement: RigidPlacement
     loss: float
     density_g_cm3: Float64[np.ndarray, "k"]
-    deviance: float | None = None
     doubt: float | None = None
     left: float | None = None
     edges: float | None = None
+    deviance: float | None = None
     gains: Float64[np.ndarray, "v"] | None = None
     growth: float = 0.0
 
@@ -147,29 +148,30 @@ class Found:
     def improbability(self) -> float:
         """What poses are sorted by that were refined; infinite where this one was not.
 
-        Neither doubt nor squares have a known scale. So they are compared by their shares, which
-        multiply, and what large residuals hardly rule counts twice. Where a part may have no mesh
-        neighbouring pixels alone tell: the right pose leaves more light than one that spends
-        another part on it.
+        None of what is left has a known scale. So it is compared by its shares, which multiply.
+        What neighbouring pixels differ by tells most: a veil over a panel, which squares and doubt
+        take for shade, differs nowhere. Where a part may have no mesh it tells alone: the right
+        pose leaves more light than one that spends another part on it.
         """
-        if self.edges is not None:
-            return self.edges
-        if self.doubt is None or self.left is None:
+        if self.edges is None:
             return np.inf
-        return self.doubt**2 * self.left
+        if self.doubt is None or self.left is None:
+            return self.edges
+        told = self.edges**EDGES_TELL * self.doubt**2 * self.left
+        return told if self.deviance is None else told * self.deviance
 
     def as_good_as(self, best: Found) -> bool:
         """Whether it explains the images about as well.
 
-        By what is left of them once the best was refined: no pose is that was not, being told
-        before. Else by the deviance where both were fitted, else by the loss.
+        By what is left of them once the best was refined, and by the whole fit once that was
+        fitted: no pose is that was not, being told before. Else by the loss.
         """
+        if best.deviance is not None and self.deviance is None:
+            return False
         if np.isfinite(best.improbability):
-            return self.improbability <= AS_LITTLE_LEFT * best.improbability
-        if best.deviance is None or self.deviance is None:
-            return self.loss <= AS_GOOD * best.loss
-        times, more = AS_PROBABLE
-        return self.deviance <= times * best.deviance + more
+            times = AS_MUCH_DIFFERS if best.doubt is None else AS_IMPROBABLE
+            return self.improbability <= times * best.improbability
+        return self.loss <= AS_GOOD * best.loss
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -230,10 +232,10 @@ class Registration:
                 {
                     **each.placement.to_dict(),
                     "loss": each.loss,
-                    "deviance": each.deviance,
                     "doubt": each.doubt,
                     "left": each.left,
                     "edges": each.edges,
+                    "deviance": each.deviance,
                 }
                 for each in self.candidates
             ],

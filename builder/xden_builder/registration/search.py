@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -21,12 +20,12 @@ from xden_builder.registration.around import Around
 from xden_builder.registration.ball import ball_turns, is_ball
 from xden_builder.registration.body import Body
 from xden_builder.registration.closely import told_closely
-from xden_builder.registration.contest import told_apart
+from xden_builder.registration.contest import told_by_labels
 from xden_builder.registration.exact import Judge, side_of
 from xden_builder.registration.kinds import (
-    apart,
     close_to_best,
-    first_of_like,
+    elsewhere,
+    listed_of,
     loss_of,
     most_of_rivals,
     unlike_of,
@@ -76,16 +75,12 @@ FINAL_APART: Final = 0.02
 """Of the radius: by how much poses differ that are moved on fine images."""
 HOPS, WORTH_ANOTHER = 3, 0.85
 """How often it is looked beside the best, and share of its loss that must be left for once more."""
-RIVALS_APART: Final = 2.0
-"""Poses that the whole fit tells apart, in what is one turn among others."""
 MANY_RAYS: Final = 30_000
 """Through the object in a view, on fine images: by a third of them a hinge leaves twice as much."""
 SYMMETRY_DEG: Final = 15
 """Between turns that may leave the object where it is."""
 LISTED, LAID = 6, 60
 """Poses that are handed on, and where a part may have no mesh those that are moved first."""
-ELSEWHERE: Final = 0.025
-"""Of the radius: an equally good pose that is farther makes the pose ambiguous."""
 SYMMETRIC: Final = 0.03
 """Of the radius: a turn that moves surfaces less leaves the object where it is."""
 GROUPS: Final = 8
@@ -142,7 +137,10 @@ def register(capture: Capture, order: Sequence[int]) -> Registration:
     fine = _searched(capture, shadows, body, likeness)
     doubted = fine.doubted
     told = told_closely(capture, order, fine.found, doubted=doubted)
-    return _judged(capture, fine._replace(found=told), likeness, body, doubted=doubted)
+    unlike = listed_of(told, likeness, body, LISTED)
+    if not doubted:
+        unlike = told_by_labels(capture, order, shadows, unlike)
+    return _judged(capture, fine._replace(found=unlike), likeness, body, doubted=doubted)
 
 
 def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness) -> _Fine:
@@ -201,7 +199,7 @@ def _with_rival(better: _Fine, other: Found, likeness: Likeness, body: Body) -> 
     judge = better.judge
     stayed = settled(judge, judge.fixed(other.placement, other.growth))
     first = sorted([better.found[0], stayed], key=loss_of)
-    listed = first_of_like([*first, *better.found[1:]], likeness, body, LISTED)
+    listed = listed_of([*first, *better.found[1:]], likeness, body, LISTED)
     return better._replace(found=listed)
 
 
@@ -225,20 +223,10 @@ def _finely(
         best = sorted([*hopped(fine, best[0], likeness, body), *best[1:]], key=loss_of)
         if best[0].loss > WORTH_ANOTHER * before:
             break
-    rivals = unlike_of(best, likeness.strict, body, LISTED, RIVALS_APART * same_share(body))
-    told = _told_apart(capture, shadows, body, fine, rivals)
-    listed = first_of_like([*told, *sorted(near, key=loss_of)], likeness, body, LISTED)
+    listed = listed_of([*best, *sorted(near, key=loss_of)], likeness, body, LISTED)
     if not REJUDGED_LOSS < listed[0].loss <= HOPELESS_LOSS:
         return _Fine(listed, fine)
     return _on_finest(capture, shadows, body, likeness, listed)
-
-
-def _told_apart(
-    capture: Capture, shadows: Sequence[Shadow], body: Body, judge: Judge, found: Sequence[Found]
-) -> list[Found]:
-    """Put the most probable of poses first."""
-    moved = partial(judge.thorough.refined, derivatives=DERIVATIVES)
-    return told_apart(capture, body.order, shadows, found, moved)
 
 
 def _on_finest(
@@ -257,9 +245,7 @@ def _on_finest(
     fixed = [finest.fixed(each.placement, each.growth) for each in listed]
     tried = [*fixed, *slightly_turned(finest, fixed[0], body)]
     there = sorted((finest.refined(each, DERIVATIVES) for each in tried), key=loss_of)
-    unlike = unlike_of(there, likeness, body, LISTED)
-    told = _told_apart(capture, shadows, body, finest, unlike)
-    return _Fine(first_of_like(told, likeness, body, LISTED), finest)
+    return _Fine(listed_of(there, likeness, body, LISTED), finest)
 
 
 def _judge(
@@ -369,8 +355,7 @@ def _judged(
     raised = {
         "pose_ambiguous": not told
         and any(
-            each.as_good_as(candidates[0])
-            and apart(best, each.placement, likeness, body, ELSEWHERE)
+            each.as_good_as(candidates[0]) and elsewhere(best, each.placement, likeness, body)
             for each in candidates[1:]
         ),
         "pose_not_found": not told and doubted,

@@ -62,7 +62,7 @@ class CandidateCard:
     ----------
     number
         From 1, the best first.
-    loss, deviance, doubt, left, edges
+    loss, doubt, left, edges, deviance
         As of :class:`xden_builder.registration.placement.Found`.
     turned_deg
         Angle between it and the pose that is used.
@@ -76,10 +76,10 @@ class CandidateCard:
 
     number: int
     loss: float
-    deviance: float | None
     doubt: float | None
     left: float | None
     edges: float | None
+    deviance: float | None
     turned_deg: float
     scale: float
     pose: str
@@ -224,10 +224,10 @@ def _candidates(
         yield CandidateCard(
             number,
             each.loss,
-            each.deviance,
             each.doubt,
             each.left,
             each.edges,
+            each.deviance,
             _turned_deg(registration.placement, each),
             each.placement.scale,
             pose_text(each.placement),
