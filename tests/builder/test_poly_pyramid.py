@@ -12,6 +12,8 @@ from numpy.testing import assert_allclose
 from xden_builder.fit.problem import Evaluation
 from xden_builder.poly.descent import descend
 from xden_builder.poly.pyramid import LOST_FROM, Level
+from xden_builder.poly.remains import doubt, much_left
+from xden_builder.poly.target import Averaged
 
 Vector = Float64[np.ndarray, "_n"]
 FREE = np.full(3, np.inf)
@@ -82,8 +84,11 @@ class Met(Level):
         for name, value in (("off", off), ("lost_from", LOST_FROM)):
             object.__setattr__(self, name, value)
 
-    def _off_there(self, *_: object) -> list[Vector]:
-        return [self.off]
+    def counted(self, _: object) -> Iterator[tuple[Bool[np.ndarray, "_n"], Vector]]:
+        yield np.ones(len(self.off), dtype=np.bool_), self.off
+
+    def met(self, _: Vector) -> Iterator[Bool[np.ndarray, "_n"]]:
+        yield np.ones(len(self.off), dtype=np.bool_)
 
 
 def test_large_residuals_pull_by_the_slope_of_what_they_leave() -> None:
@@ -101,50 +106,47 @@ def test_much_is_left_by_the_pixels_that_meet_an_object_or_by_all(
     monkeypatch: pytest.MonkeyPatch, there: float, everywhere: float, much: bool
 ) -> None:
     monkeypatch.setattr(Met, "mean_left", lambda *_: everywhere**2)
-    assert Met(np.full(9, there)).much_left(NONE, []) is much
+    assert much_left(Met(np.full(9, there)), NONE, []) is much
 
 
-class Seen(Level):
+class Seen(Met):
     """One view of which nothing is rendered: residuals, and where the object is, are told."""
 
-    off: Vector
-    met: list[bool]
-    beside: Vector
+    inside: list[bool]
 
     def __init__(self, off: list[float], met: list[bool], seen: Vector, beside: Vector) -> None:
-        given = (("off", np.array(off)), ("met", met), ("measured", [seen]), ("beside", beside))
+        super().__init__(np.array(off))
+        image = np.concatenate([seen, beside])[None]
+        known, whole = np.ones(image.shape, dtype=np.bool_), np.zeros(image.shape, dtype=np.bool_)
+        masks = [np.arange(image.size)[None] < len(seen)]
+        averaged = Averaged(np.float32(image), known, whole, np.zeros(image.shape))
+        given = (("inside", met), ("measured", [seen]), ("masks", masks), ("whole", [averaged]))
         for name, value in given:
             object.__setattr__(self, name, value)
 
-    def _split(self, _: Vector) -> tuple[Vector, Vector, Vector, Vector]:
-        return NONE, np.ones(1), NONE, NONE
+    def lights(self, _: Vector) -> tuple[list[float], list[float]]:
+        return [1.0], [0.0]
 
-    def counted(self, _: object) -> Iterator[tuple[Bool[np.ndarray, "_n"], Vector]]:
-        yield np.ones(len(self.off), dtype=np.bool_), self.off
-
-    def _beside(self) -> Iterator[Vector]:
-        yield self.beside
-
-    def _met(self, _: Vector) -> Iterator[Bool[np.ndarray, "_n"]]:
-        yield np.array(self.met)
+    def met(self, _: Vector) -> Iterator[Bool[np.ndarray, "_n"]]:
+        yield np.array(self.inside)
 
 
-def doubt(off: list[float], met: list[bool], seen: list[float], beside: list[float]) -> float:
-    return Seen(off, met, np.array(seen), np.array(beside)).doubt(NONE, [])
+def doubted(off: list[float], met: list[bool], seen: list[float], beside: list[float]) -> float:
+    return doubt(Seen(off, met, np.array(seen), np.array(beside)), NONE, [])
 
 
 def test_much_left_of_few_pixels_is_less_doubt_than_as_much_spread_over_all() -> None:
     all_met, seen = [True] * 10, [0.5] * 10
-    few = doubt([0.0] * 9 + [np.sqrt(2.5)], all_met, seen, [])
-    each = doubt([0.5] * 10, all_met, seen, [])
+    few = doubted([0.0] * 9 + [np.sqrt(2.5)], all_met, seen, [])
+    each = doubted([0.5] * 10, all_met, seen, [])
     assert few < 0.3 * each
 
 
 def test_light_that_something_took_counts_as_much_beside_what_is_compared() -> None:
-    compared = doubt([0.1, 10.0], [True, False], [0.6, 0.5], [1.0])
-    assert doubt([0.1], [True], [0.6], [0.5, 1.0]) == pytest.approx(compared)
+    compared = doubted([0.1, 10.0], [True, False], [0.6, 0.5], [1.0])
+    assert doubted([0.1], [True], [0.6], [0.5, 1.0]) == pytest.approx(compared)
 
 
 def test_air_that_no_object_meets_says_nothing_of_a_pose() -> None:
-    alone = doubt([0.1], [True], [0.6], [])
-    assert doubt([0.1, 0.2], [True, False], [0.6, 0.99], [1.01]) == pytest.approx(alone)
+    alone = doubted([0.1], [True], [0.6], [])
+    assert doubted([0.1, 0.2], [True, False], [0.6, 0.99], [1.01]) == pytest.approx(alone)

@@ -32,6 +32,7 @@ from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.size import SIZE_SDS_MOST, Size
 from xden_builder.poly.model.stray import GLARE, NO_STRAY
 from xden_builder.poly.pyramid import LOST_FROM, RAYS, Level
+from xden_builder.poly.remains import all_left, doubt, much_left
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import Guess
 from xden_builder.poly.sureness import Sureness, how_sure
@@ -136,8 +137,8 @@ class PoseFit:
     rms_before, rms_after
         Root mean square residual of transmission on the coarsest and the finest images used.
     doubt, left
-        What the finest leave, as of :meth:`Level.doubt` and :meth:`Level.all_left`, the latter by
-        the usual scale: light that may be lost in what has no mesh hardly counts.
+        What the finest leave, as of :mod:`xden_builder.poly.remains`, the latter by the usual
+        scale: light that may be lost in what has no mesh hardly counts.
     edges
         What neighbouring pixels of the finest differ by, and light that the model lacks, as of
         :func:`xden_builder.poly.edges.edge_doubt`.
@@ -284,7 +285,7 @@ def refine_pose(
     assert best is not None
     assert rms_before is not None
     growth_by_light = None
-    if level.much_left(best.unknowns, best.residuals):
+    if much_left(level, best.unknowns, best.residuals):
         growth_by_light = float(best.unknowns[-1]) if poses.sized else None
         told = _as_told(best.unknowns, poses) if begun_again and not any(poses.turned) else None
         best = _by_edges(levels, best, told, (low, high))
@@ -299,8 +300,8 @@ def refine_pose(
         gain=unknowns[len(meshes) :][: len(views)],
         rms_before=rms_before,
         rms_after=level.rms(residuals),
-        doubt=level.doubt(unknowns, residuals),
-        left=level.all_left(unknowns, residuals),
+        doubt=doubt(level, unknowns, residuals),
+        left=all_left(level, unknowns, residuals),
         edges=edge_doubt(level, unknowns),
         growth_by_light=growth_by_light,
     )
@@ -327,15 +328,15 @@ def _by_edges(
         for each in finer:
             unknowns = descend_by_edges(each, unknowns, EDGE_SDS, bounds)
         ends.append(unknowns)
-    doubt = partial(edge_doubt, level)
-    best = min(ends, key=doubt)
+    differing = partial(edge_doubt, level)
+    best = min(ends, key=differing)
     for _ in range(ROUNDS if told is not None else 0):
         around = sought_by_edges(levels[-2:][0], best, EDGE_SDS[1], REACH, bounds)
         ahead = descend_by_edges(level, around, EDGE_SDS[1:], bounds)
-        if doubt(ahead) >= doubt(best):
+        if differing(ahead) >= differing(best):
             break
         best = ahead
-    best = min(best, descend_by_edges(level, best, [LAST_EDGE_SD], bounds), key=doubt)
+    best = min(best, descend_by_edges(level, best, [LAST_EDGE_SD], bounds), key=differing)
     residuals, slopes = level.residuals_and_slopes(best)
     there = level.believed(residuals).evaluate(best, residuals, slopes)
     return Descent(best, there, end.before, residuals)

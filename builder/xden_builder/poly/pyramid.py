@@ -52,16 +52,10 @@ LOST_FROM: Final = 2.5
 took the light."""
 WORTH: Final = 400.0
 """Independent observations that all pixels together are worth: their errors hang together."""
-DOUBT_SCALE: Final = 0.1
-"""Of residuals where poses are doubted: half a hundredth of the light, whole objects leave as much.
-"""
 AIR: Final = 0.95
 """Quantile of the transmission that is about the open field's."""
 SHADED: Final = 0.96
 """Of the light of the open field: less was taken by something."""
-MUCH_LEFT, MUCH_LEFT_THERE = 0.05, 0.15
-"""Mean square of residuals in the windows, and where the object is: of whole objects one in
-fifteen leaves as much in either, of those a part of which has no mesh nine in ten."""
 LEAST_LEFT: Final = 0.01
 """Mean square of residuals in ``PIXEL_SD``, below which a model is not believed to be better."""
 
@@ -235,65 +229,7 @@ class Level:
         believed.latest.update(self.latest)
         return believed
 
-    def much_left(
-        self,
-        unknowns: Float64[np.ndarray, "u"],
-        residuals: Sequence[Float64[np.ndarray, "_n"]],
-    ) -> bool:
-        """Whether so much is left that something may have no mesh, beside the object or in it."""
-        there = np.concatenate(list(self._off_there(unknowns, residuals)))
-        left_there = self.tempered(there) / max(len(there), 1)
-        return left_there > MUCH_LEFT_THERE or self.mean_left(residuals) > MUCH_LEFT
-
-    def doubt(
-        self,
-        unknowns: Float64[np.ndarray, "u"],
-        residuals: Sequence[Float64[np.ndarray, "_n"]],
-    ) -> float:
-        """Mean of Cauchy's loss where the object is or something else takes light.
-
-        Of unlike poses the right one leaves least of this: it explains most pixels well, whatever
-        it leaves of the others, of a part of a wrong label perhaps or of one without a mesh. All
-        pixels count, also those that are not compared, since each pose has windows of its own.
-        """
-        _, gains, *_ = self._split(unknowns)
-        there = self.counted(residuals), self._met(unknowns), gains.tolist(), self.measured
-        inside = [
-            off[counts & (met | (seen < SHADED * gain))]
-            for (counts, off), met, gain, seen in zip(*there, strict=True)
-        ]
-        off = np.concatenate([*inside, *self._shade_beside(gains)]) / DOUBT_SCALE
-        return float(np.log1p(off**2).sum() / max(len(off), 1))
-
-    def all_left(
-        self,
-        unknowns: Float64[np.ndarray, "u"],
-        residuals: Sequence[Float64[np.ndarray, "_n"]],
-    ) -> float:
-        """Sum of squares as of :meth:`left`, and those of shade that is not compared."""
-        _, gains, *_ = self._split(unknowns)
-        return self.left(residuals) + sum(map(self.tempered, self._shade_beside(gains)))
-
-    def _shade_beside(self, gains: Float64[np.ndarray, "v"]) -> Iterator[Float64[np.ndarray, "_b"]]:
-        """Yield the residuals of each view where something shades pixels that are not compared."""
-        for gain, seen in zip(gains.tolist(), self._beside(), strict=True):
-            yield (gain - seen[seen < SHADED * gain]) / PIXEL_SD
-
-    def _beside(self) -> Iterator[Float64[np.ndarray, "_b"]]:
-        """Yield what the pixels beside the windows measured, but for those known from below."""
-        for each, mask in zip(self.whole, self.masks, strict=True):
-            yield each.image[each.known & ~each.at_least & ~mask].astype(np.float64)
-
-    def _off_there(
-        self,
-        unknowns: Float64[np.ndarray, "u"],
-        residuals: Sequence[Float64[np.ndarray, "_n"]],
-    ) -> Iterator[Float64[np.ndarray, "_m"]]:
-        """Yield the residuals of a view that count, of pixels that meet the object."""
-        for (counts, off), there in zip(self.counted(residuals), self._met(unknowns), strict=True):
-            yield off[counts & there]
-
-    def _met(self, unknowns: Float64[np.ndarray, "u"]) -> Iterator[Bool[np.ndarray, "_p"]]:
+    def met(self, unknowns: Float64[np.ndarray, "u"]) -> Iterator[Bool[np.ndarray, "_p"]]:
         """Yield which compared pixels of a view meet the object."""
         *_, pose = self._split(unknowns)
         for number, measured in enumerate(self.measured):
