@@ -32,8 +32,10 @@ from xden_builder.registration.placement import Found, RigidPlacement
 from xden_builder.registration.reduced import binning_of, reduced, widest_px
 from xden_builder.registration.shadow import Shadow
 
-__all__ = ["Judge", "side_of"]
+__all__ = ["COARSE_PX", "Judge", "side_of"]
 
+COARSE_PX: Final = 80
+"""Width of the shadow, in averaged pixels, where some poses are compared."""
 BINNING: Final = 2
 """Of the pixels that the images are averaged to, but for small shadows."""
 SPARSE: Final = 1 / 32

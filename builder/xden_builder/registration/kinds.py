@@ -11,6 +11,7 @@ from xden_builder.registration.placement import Found, RigidPlacement
 
 __all__ = [
     "APART_SHARE",
+    "FINAL_APART",
     "apart",
     "close_to_best",
     "elsewhere",
@@ -23,6 +24,8 @@ __all__ = [
 
 APART_SHARE: Final = 0.01
 """Of the radius: poses that are nearer are one."""
+FINAL_APART: Final = 0.02
+"""The same of those that are moved on fine images."""
 ELSEWHERE, ELSEWHERE_CM = 0.025, 0.1
 """Of the radius, and at most in cm: where a twentieth of a part is farther off, it is another pose.
 """

@@ -11,8 +11,8 @@ from typing import Final
 
 from xden_builder.capture import Capture
 from xden_builder.registration.body import Body
-from xden_builder.registration.exact import Judge
-from xden_builder.registration.kinds import first_of_like
+from xden_builder.registration.exact import COARSE_PX, Judge
+from xden_builder.registration.kinds import FINAL_APART, first_of_like
 from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.placement import Found, RigidPlacement
 from xden_builder.registration.shadow import Shadow
@@ -21,12 +21,8 @@ __all__ = ["told_by_edges"]
 
 AROUND, SOME, CLOSELY = 24, 16, 4
 """Poses that are looked around, that are moved on fine images, and that go on."""
-COARSE_PX: Final = 80
-"""Width of the shadow, in averaged pixels, where it is looked around poses."""
 REACH: Final = 0.1
 """How far: radians, and as a share of the radius."""
-UNLIKE: Final = 0.02
-"""Of the radius: by how much poses differ that are moved on fine images."""
 
 
 def told_by_edges(
@@ -55,7 +51,7 @@ def told_by_edges(
     moved = [coarse.edged(each) for each in starts]
     promising = sorted(range(len(poses)), key=lambda number: moved[number].improbability)[:AROUND]
     around = [coarse.edged(coarse.sought(starts[number], REACH)) for number in promising]
-    some = first_of_like(_best_first([*moved, *around]), likeness, body, SOME, UNLIKE)
+    some = first_of_like(_best_first([*moved, *around]), likeness, body, SOME, FINAL_APART)
     there = _best_first(fine.edged(each) for each in some)
     return first_of_like(there, likeness, body, CLOSELY)
 

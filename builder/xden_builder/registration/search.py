@@ -21,8 +21,9 @@ from xden_builder.registration.ball import ball_turns, is_ball
 from xden_builder.registration.body import Body
 from xden_builder.registration.closely import told_closely
 from xden_builder.registration.contest import told_by_labels
-from xden_builder.registration.exact import Judge, side_of
+from xden_builder.registration.exact import COARSE_PX, Judge, side_of
 from xden_builder.registration.kinds import (
+    FINAL_APART,
     close_to_best,
     elsewhere,
     listed_of,
@@ -58,8 +59,8 @@ from xden_builder.registration.turns import least_turns, same_share, slightly_tu
 
 __all__ = ["register"]
 
-TINY_PX, COARSE_PX, MIDDLE_PX, FINE_PX, FINEST_PX = 40, 80, 140, 240, 480
-"""Width of the shadow, in averaged pixels, for many poses, for some, for few, and for one."""
+TINY_PX, MIDDLE_PX, FINE_PX, FINEST_PX = 40, 140, 240, 480
+"""Width of the shadow, in averaged pixels, for many poses, for few, and for one."""
 LONG_STEP: Final = 3
 """From coarse pixels to fine ones: images between are used where it would be longer."""
 SOME, COMPARED, FINAL = 8, 5, 4
@@ -71,8 +72,6 @@ ROUGH_DEG, FINE_DEG = 15, 5
 TURNS, HARDLY_CLOSE = 4, 5.0
 """Turns of the best that are followed, itself counted; neither of these nor of poses that have
 hardly moved one whose loss is more times the least."""
-FINAL_APART: Final = 0.02
-"""Of the radius: by how much poses differ that are moved on fine images."""
 HOPS, WORTH_ANOTHER = 3, 0.85
 """How often it is looked beside the best, and share of its loss that must be left for once more."""
 MANY_RAYS: Final = 30_000
