@@ -191,9 +191,10 @@ def facts(row: Entry) -> list[tuple[str, str, bool]]:
     """Return what a row says of itself: name, text, and whether the text may be a link."""
     method = row["method"]
     links = {key: method[key] for key in ("paper", "code")}
+    is_ranked = load_rules(row["protocol"]).is_ranked
     pairs = {
         "not ranked": kind(row),
-        "intervals": no_interval_because(method["inputs"]),
+        "intervals": no_interval_because(method["inputs"]) if is_ranked else None,
         "notes": method["notes"],
         **links,
         "external data": "yes" if method["external_data"] else "no",
