@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from jaxtyping import Bool, Int32, Int64
@@ -37,8 +37,12 @@ class Lattice:
     across: int
 
     @classmethod
+    @cache
     def of(cls, subrays: int, *, turned: bool) -> Lattice:
-        """Put as many rays along the sides of a pixel, or about as many along the lattice's own."""
+        """Put as many rays along the sides of a pixel, or about as many along the lattice's own.
+
+        One of a kind is made once: to find :attr:`places` takes as long as a coarse image.
+        """
         return cls(subrays, 1 if turned and subrays > 1 else 0)
 
     @property
