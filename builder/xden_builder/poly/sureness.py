@@ -22,9 +22,10 @@ FELT: Final = 0.01
 move: a bottle with 48 facets that turns about its axis has 0.001, a mug with a handle 0.05."""
 PROBES: Final = 500
 """Spread over the surface of each part."""
-RIM_DEG: Final = 0.1
-SHIFT_CM: Final = 0.0167
-"""Larger standard deviations are said: three of them are 0.3 degrees, and half a millimetre."""
+RIM_DEG: Final = 0.06
+SHIFT_CM: Final = 0.0125
+"""Larger standard deviations are said. One pose in twenty is off by more than four or five of them,
+being in another trough: 0.3 degrees, and half a millimetre."""
 
 
 class Sureness(NamedTuple):
