@@ -762,7 +762,7 @@ def test_poses_the_search_does_not_tell_are_told_by_the_images_as_they_are(
 
 
 @pytest.mark.parametrize(
-    ("best", "other", "refined"), [(0.35, 1.4, 2), (0.35, 1.8, 0), (0.25, 1, 0)]
+    ("best", "other", "refined"), [(0.2, 0.9, 2), (0.2, 1.1, 0), (0.14, 0.4, 0)]
 )
 def test_where_the_best_leaves_much_the_right_pose_may_leave_more_until_it_is_refined(
     hammer: Capture, best: float, other: float, refined: int

@@ -26,7 +26,7 @@ __all__ = ["told_closely"]
 
 CLOSE: Final = (1.3, 0.01)
 """A pose whose loss is at most so many times that of the best, and so much more, may be right."""
-MUCH, HOPELESS = 0.3, 5.0
+MUCH, HOPELESS = 0.15, 5.0
 """Loss of a best pose that leaves so much that others may be right, and times it beyond which not.
 """
 
