@@ -44,8 +44,8 @@ CHORD_TOLERANCE_CM = 0.004
 """A circle's polygon strays from it by at most this much: a tenth of a detector pixel."""
 
 CRUMB_CM3, CRUMB_SHARE = 1e-5, 1e-4
-"""Bodies smaller than this, a hundredth of a cubic millimetre, or than this share of the largest of
-a solid are no part of an object: a splinter of a long cut lies in what was joined there."""
+"""Bodies and cavities smaller than this, a hundredth of a cubic millimetre, or than this share of
+the solid's largest body are no part of an object, but splinters that a long cut has left."""
 
 OUTLINE_TOLERANCE_CM = 0.002
 """Corners of rounded outlines that matter less are left out."""

@@ -24,8 +24,8 @@ PROBES: Final = 500
 """Spread over the surface of each part."""
 RIM_DEG: Final = 0.06
 SHIFT_CM: Final = 0.0125
-"""Larger standard deviations are said. One pose in twenty is off by more than four or five of them,
-being in another trough: 0.3 degrees, and half a millimetre."""
+"""Larger standard deviations are said. One pose in twenty is off by more than about five of them in
+turn and four in shift, being in another trough: 0.3 degrees, and half a millimetre."""
 
 
 class Sureness(NamedTuple):

@@ -20,15 +20,14 @@ from xden_builder.poly.pose import find_pose
 from xden_builder.poly.scene import set_scene
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import first_guess
+from xden_builder.registration.kinds import most_of_rivals
 from xden_builder.registration.placement import Found
 
 __all__ = ["told_closely"]
 
-CLOSE: Final = (1.3, 0.01)
-"""A pose whose loss is at most so many times that of the best, and so much more, may be right."""
-MUCH, HOPELESS = 0.15, 5.0
-"""Loss of a best pose that leaves so much that others may be right, and times it beyond which not.
-"""
+BY_SQUARE: Final = 4.0
+"""Times the square of the best loss by which a pose may leave more than a rival: the more even the
+best leaves, the less of that is a fault of the pose."""
 
 
 def told_closely(
@@ -65,13 +64,12 @@ def told_closely(
 
 def _may_be_right(found: Found, best: Found) -> bool:
     """Whether the search does not tell a pose from the best."""
-    times, more = (HOPELESS, 0.0) if best.loss > MUCH else CLOSE
-    return found.loss <= times * best.loss + more
+    return found.loss <= most_of_rivals(best) + BY_SQUARE * best.loss**2
 
 
 def _refined(capture: Capture, order: Sequence[int], found: Found, *, doubted: bool) -> Found:
     """Move a pose on the images as they are, and say what it leaves of them."""
-    settings = PolySettings()
+    settings = PolySettings(size=capture.mesh_scale != "unknown")
     scene = set_scene(found.placement.of_capture(capture), order, settings)
     fit = find_pose(first_guess(scene), settings, begun_again=False).fit
     assert fit is not None
@@ -81,6 +79,7 @@ def _refined(capture: Capture, order: Sequence[int], found: Found, *, doubted: b
         placement=found.placement.followed_by(fit.pose),
         density_g_cm3=fit.density_g_cm3,
         edges=fit.edges,
+        gains=None,
         growth=found.growth if size is None else float(np.log(size.factor)),
     )
     return there if doubted else replace(there, doubt=fit.doubt, left=fit.left)

@@ -25,7 +25,6 @@ __all__ = ["told_by_labels"]
 
 WIDE_PX: Final = 240
 """Width of the shadow, in averaged pixels."""
-MOST: Final = 5
 SETTINGS: Final = PolySettings(pose=False, size=False)
 """The pose is judged as it was found."""
 
@@ -50,10 +49,11 @@ def told_by_labels(
     -------
     list of Found
         Those that were fitted, the most probable first; after them the others. As they came where
-        there is one alone, or the source is not told.
+        there is one alone, the source is not told, or a view was turned by hand, which needs a pose
+        of its own.
     """
-    rivals = [each for each in found if each.as_good_as(found[0])][:MOST]
-    if len(rivals) < 2 or capture.tube is None:
+    rivals = [each for each in found if each.as_good_as(found[0])]
+    if len(rivals) < 2 or capture.tube is None or capture.turned:
         return list(found)
     small, _ = reduced(capture, shadows, WIDE_PX)
     fitted = [_fitted(small, order, each) for each in rivals]

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Final
+
+import numpy as np
 
 from xden_builder.registration.body import Body
 from xden_builder.registration.likeness import Likeness, unlike
@@ -26,9 +29,9 @@ APART_SHARE: Final = 0.01
 """Of the radius: poses that are nearer are one."""
 FINAL_APART: Final = 0.02
 """The same of those that are moved on fine images."""
-ELSEWHERE, ELSEWHERE_CM = 0.025, 0.1
-"""Of the radius, and at most in cm: where a twentieth of a part is farther off, it is another pose.
-"""
+ELSEWHERE, ELSEWHERE_CM = (0.01, 0.025), 0.1
+"""Least and most of the radius, and in cm between these: where a twentieth of a part is farther
+off, it is another pose."""
 RIVAL: Final = (1.3, 0.02)
 """A pose whose loss is at most so many times the least, and so much more, may be right too."""
 CLOSE: Final = 3.0
@@ -48,8 +51,8 @@ def apart(
 
 def elsewhere(one: RigidPlacement, other: RigidPlacement, likeness: Likeness, body: Body) -> bool:
     """Whether poses put a twentieth of a part elsewhere."""
-    share = min(ELSEWHERE, ELSEWHERE_CM / body.radius_cm)
-    return apart(one, other, likeness.telling, body, share)
+    share = float(np.clip(ELSEWHERE_CM / body.radius_cm, *ELSEWHERE))
+    return apart(one, other, likeness.listing, body, share)
 
 
 def loss_of(found: Found) -> float:
@@ -82,21 +85,17 @@ def first_of_like(
     apart_share: float = APART_SHARE,
 ) -> list[Found]:
     """Keep the first of poses that are unlike by a share of the radius, in their order."""
-    own = [body.placed(each.placement) for each in found]
-    return [found[k] for k in unlike(own, likeness, apart_share * body.radius_cm, most)]
+    is_apart = partial(apart, likeness=likeness, body=body, share=apart_share)
+    return [found[k] for k in unlike([each.placement for each in found], is_apart, most)]
 
 
 def listed_of(found: Sequence[Found], likeness: Likeness, body: Body, most: int) -> list[Found]:
     """Keep the first of poses that are unlike, or put a part's end elsewhere, in their order."""
-    kept: list[Found] = []
-    for each in found:
-        if len(kept) < most and all(
-            apart(one.placement, each.placement, likeness, body)
-            or elsewhere(one.placement, each.placement, likeness, body)
-            for one in kept
-        ):
-            kept.append(each)
-    return kept
+
+    def is_apart(one: RigidPlacement, other: RigidPlacement) -> bool:
+        return apart(one, other, likeness, body) or elsewhere(one, other, likeness, body)
+
+    return [found[k] for k in unlike([each.placement for each in found], is_apart, most)]
 
 
 def close_to_best(found: Sequence[Found], times: float = CLOSE) -> list[Found]:

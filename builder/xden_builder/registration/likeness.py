@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from typing import Final
 
 import numpy as np
 import trimesh
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from scipy.spatial import cKDTree
 
 from xden_builder.registration.body import Body
@@ -28,9 +28,10 @@ FAR_SHARE: Final = 1 - FAR_QUANTILE
 """Of the distances of a part, and how many of them are greater."""
 STRICT_FAR_SHARE: Final = 0.02
 """The same where a screwdriver's tip or a marker's clip must not be forgotten."""
-TOLD_FAR_SHARE: Final = 0.05
-"""The same where a pose is listed beside another, as right ones are measured: the end of a yo-yo's
-string is a fifteenth of it, and tells its halves apart."""
+LISTED_FAR_SHARE: Final = 0.05
+"""The same where a pose is listed beside another: as much of a part as `evaluate` lets be wrong."""
+OWN_TIMES: Final = 2.0
+"""Of what a part seems to be off where it stands, since points are few: less is no distance."""
 
 
 class Likeness:
@@ -41,7 +42,7 @@ class Likeness:
     """
 
     def __init__(self, body: Body) -> None:
-        self._far_share = FAR_SHARE
+        self._far_share, self._own_times = FAR_SHARE, 0.0
         levels = np.round(np.log(body.lac_per_cm), 1)
         self._kinds = [
             _Kind([mesh for mesh, its in zip(body.meshes, levels, strict=True) if its == level])
@@ -51,16 +52,15 @@ class Likeness:
     @property
     def strict(self) -> Likeness:
         """The same, of which a smaller share of a part's surface makes poses unlike."""
-        return self._of_share(STRICT_FAR_SHARE)
+        other = copy(self)
+        other._far_share = STRICT_FAR_SHARE
+        return other
 
     @property
-    def telling(self) -> Likeness:
-        """The same, of which as much of a part makes poses unlike as is said to a person."""
-        return self._of_share(TOLD_FAR_SHARE)
-
-    def _of_share(self, far_share: float) -> Likeness:
+    def listing(self) -> Likeness:
+        """The same, by a twentieth of a part, beyond what few points make of a large one."""
         other = copy(self)
-        other._far_share = far_share
+        other._far_share, other._own_times = LISTED_FAR_SHARE, OWN_TIMES
         return other
 
     def distance_cm(self, one: RigidPlacement, other: RigidPlacement) -> float:
@@ -72,11 +72,17 @@ class Likeness:
 
     def apart(self, one: RigidPlacement, other: RigidPlacement, least_cm: float) -> bool:
         """Whether the worst part's surface is so far from its kind's; quick where it is."""
-        far = (
-            kind.nearest_cm(points_cm, least_cm) >= least_cm
+        return any(
+            bool((self._far(kind, points_cm, least_cm).mean(axis=1) > self._far_share).any())
             for kind, points_cm in self._moved(one, other)
         )
-        return any(bool((each.mean(axis=1) > self._far_share).any()) for each in far)
+
+    def _far(
+        self, kind: _Kind, points_cm: Float64[np.ndarray, "n 3"], least_cm: float
+    ) -> Bool[np.ndarray, "parts probes"]:
+        """Which probes are so far from their kind's surface, or farther than is felt."""
+        least = np.maximum(least_cm, self._own_times * kind.own_cm)[:, None]
+        return np.asarray(kind.nearest_cm(points_cm, float(least.max())) >= least)
 
     def _moved(
         self, one: RigidPlacement, other: RigidPlacement
@@ -98,6 +104,7 @@ class _Kind:
         self._tree = cKDTree(points_cm)
         self.probes_cm = np.concatenate([_sampled(mesh, PROBES, 1)[0] for mesh in meshes])
         self._spacing_cm = float(self._tree.query(self.probes_cm)[0].max())
+        self.own_cm = np.quantile(self.nearest_cm(self.probes_cm), 1 - LISTED_FAR_SHARE, axis=1)
 
     def nearest_cm(
         self, points_cm: Float64[np.ndarray, "n 3"], most_cm: float = np.inf
@@ -126,13 +133,15 @@ def _sampled(
 
 
 def unlike(
-    placements: Sequence[RigidPlacement], likeness: Likeness, apart_cm: float, most: int
+    placements: Sequence[RigidPlacement],
+    is_apart: Callable[[RigidPlacement, RigidPlacement], bool],
+    most: int,
 ) -> list[int]:
-    """Pick, in their order, placements that are unlike all picked before; gives indices."""
+    """Pick, in their order, placements that are apart from all picked before; gives indices."""
     kept: list[int] = []
     for number, placement in enumerate(placements):
         if len(kept) == most:
             break
-        if all(likeness.apart(placements[k], placement, apart_cm) for k in kept):
+        if all(is_apart(placements[k], placement) for k in kept):
             kept.append(number)
     return kept

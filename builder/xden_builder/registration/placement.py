@@ -126,8 +126,8 @@ class Found:
         The same of neighbouring pixels' differences, and of light that the model lacks; where a
         part may have no mesh and the source is not told, on the images of the search.
     deviance
-        Twice minus the logarithm of the posterior of the whole fit in that pose; None where the
-        images tell it from all others, or do not tell it.
+        Twice minus the logarithm of the posterior of the whole fit in that pose; None where it was
+        not fitted: :func:`xden_builder.registration.contest.told_by_labels`.
     gains
         Of the views, and after them their shares of glare, where the pose has been moved with them.
     growth
@@ -163,8 +163,8 @@ class Found:
     def as_good_as(self, best: Found) -> bool:
         """Whether it explains the images about as well.
 
-        By what is left of them once the best was refined, and by the whole fit once that was
-        fitted: no pose is that was not, being told before. Else by the loss.
+        By what is left of them once the best was refined, and by the whole fit once it was fitted:
+        a pose that was not, was told from it before. Else by the loss.
         """
         if best.deviance is not None and self.deviance is None:
             return False

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -286,7 +287,8 @@ def shortlist(
     if everywhere:
         second = _joined(second, half_turns(second.picked(range(min(LEADING, len(second)))), body))
     last = _winnowed(fine, second, FINE_STEPS, scaled=scaled)
-    kept = unlike(last.placements(), likeness, APART_SHARE * body.radius_cm, breadth.last)
+    is_apart = partial(likeness.apart, least_cm=APART_SHARE * body.radius_cm)
+    kept = unlike(last.placements(), is_apart, breadth.last)
     return last.picked(kept), fine
 
 

@@ -122,8 +122,7 @@ class AlignCard:
     @property
     def runner_up(self) -> CandidateCard | None:
         """The best of the others."""
-        others = [each for each in self.candidates if each.number != self.chosen]
-        return min(others, key=lambda each: each.loss, default=None)
+        return next((each for each in self.candidates if each.number != self.chosen), None)
 
     @property
     def remarks(self) -> tuple[FlagKind, ...]:
