@@ -14,20 +14,20 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 
 from xden_builder.capture import Capture
 from xden_builder.poly.pose import find_pose
 from xden_builder.poly.scene import set_scene
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import first_guess
-from xden_builder.registration.kinds import most_of_rivals
 from xden_builder.registration.placement import Found
 
 __all__ = ["told_closely"]
 
-BY_SQUARE: Final = 4.0
-"""Times the square of the best loss by which a pose may leave more than a rival: the more even the
-best leaves, the less of that is a fault of the pose."""
+MAY_BE_RIGHT: Final = (0.01, 1.3, 4.0)
+"""A pose whose loss is at most so much, so many times that of the best, and so many times its
+square, together: the more even the best leaves, the less of that is a fault of the pose."""
 
 
 def told_closely(
@@ -64,7 +64,7 @@ def told_closely(
 
 def _may_be_right(found: Found, best: Found) -> bool:
     """Whether the search does not tell a pose from the best."""
-    return found.loss <= most_of_rivals(best) + BY_SQUARE * best.loss**2
+    return found.loss <= float(polyval(best.loss, MAY_BE_RIGHT))
 
 
 def _refined(capture: Capture, order: Sequence[int], found: Found, *, doubted: bool) -> Found:
