@@ -29,8 +29,10 @@ from xden_builder.poly.target import Averaged, Target, Window
 __all__ = [
     "AIR",
     "LOST_FROM",
-    "MOST_SUBRAYS",
+    "PIXEL_SD",
     "RAYS",
+    "SHADED",
+    "WORTH",
     "Level",
     "subrays_of",
 ]
