@@ -115,7 +115,8 @@ class Found:
     placement
         Of the meshes.
     loss
-        Mean squared residual of transmission in units of 0.05, large ones tempered; of all views.
+        Mean squared residual of transmission in units of 0.05, large ones tempered; of all views,
+        on the images of the search, and of the pose as the search left it.
         Where a part may have no mesh, light that the model has too much of hardly counts.
     density_g_cm3
         Shape (K,): the parts' densities that go with it, coarsely.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -137,18 +136,10 @@ def register(capture: Capture, order: Sequence[int]) -> Registration:
     fine = _searched(capture, shadows, body, likeness)
     doubted = fine.doubted
     told = told_closely(capture, order, fine.found, doubted=doubted)
-    unlike = listed_of([_rejudged(fine.judge, each) for each in told], likeness, body, LISTED)
+    unlike = listed_of(told, likeness, body, LISTED)
     if not doubted:
         unlike = told_by_labels(capture, order, shadows, unlike)
     return _judged(capture, fine._replace(found=unlike), likeness, body, doubted=doubted)
-
-
-def _rejudged(judge: Judge, found: Found) -> Found:
-    """Say what a pose leaves that has moved since."""
-    if found.edges is None:
-        return found
-    here = judge.fixed(found.placement, found.growth)
-    return replace(found, loss=here.loss, gains=here.gains)
 
 
 def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness) -> _Fine:
