@@ -16,11 +16,11 @@ from xden_bench.entries.merging import few_seeds, merged_rows, place, seed_sprea
 from xden_bench.entries.ranking import (
     TRIVIAL,
     Entry,
-    no_interval_because,
     rank_labels,
     ranks,
     trusted_interval,
     unranked_because,
+    unsure_because,
 )
 from xden_bench.entries.unseen import drop_table, track_title
 from xden_bench.scoring.metrics import METRICS
@@ -382,8 +382,7 @@ def _details(row: Entry) -> str:
     commit = row["commit"] or ""
     shown = f", commit {code(commit[:12] + _dirty(commit))}" if commit else ""
     reason = unranked_because(row) or ""
-    is_ranked = load_rules(row["protocol"]).is_ranked
-    unsure = no_interval_because(method["inputs"]) if is_ranked else None
+    unsure = unsure_because(row)
     facts = [
         f"**{plain(method['name'])}**: {', then '.join(commands)}",
         f"xden1k {plain(row['xden_version'])}{shown}",

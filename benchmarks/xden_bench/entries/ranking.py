@@ -32,6 +32,7 @@ __all__ = [
     "trusted_interval",
     "trusted_metrics",
     "unranked_because",
+    "unsure_because",
     "worse_beyond_doubt",
     "worse_rows",
 ]
@@ -228,6 +229,12 @@ def no_interval_because(inputs: Iterable[str]) -> str | None:
     if not {*inputs} >= LABELLED:
         return None
     return "no intervals: its means are made by a few objects, which a sample has or lacks"
+
+
+def unsure_because(row: Entry) -> str | None:
+    """Say the same of a row; nothing of one by a protocol before ranks, which has no intervals."""
+    is_ranked = load_rules(row["protocol"]).is_ranked
+    return no_interval_because(row["method"]["inputs"]) if is_ranked else None
 
 
 def trusted_interval(row: Entry, metric: str) -> Sequence[float] | None:

@@ -14,7 +14,7 @@ from xden1k.errors import MissingObjectError
 from xden1k.values.types import PRIVATE
 from xden_bench.entries.leaderboard import PRINTED, TRACK_TITLES
 from xden_bench.entries.merging import entries_of, few_seeds, seed_spread
-from xden_bench.entries.ranking import Entry, no_interval_because, rank_label, unranked_because
+from xden_bench.entries.ranking import Entry, rank_label, unranked_because, unsure_because
 from xden_bench.entries.result import entry_path
 from xden_bench.entries.unseen import DROP_HEADINGS, drop_rows
 from xden_bench.scoring.metrics import METRICS
@@ -191,10 +191,9 @@ def facts(row: Entry) -> list[tuple[str, str, bool]]:
     """Return what a row says of itself: name, text, and whether the text may be a link."""
     method = row["method"]
     links = {key: method[key] for key in ("paper", "code")}
-    is_ranked = load_rules(row["protocol"]).is_ranked
     pairs = {
         "not ranked": kind(row),
-        "intervals": no_interval_because(method["inputs"]) if is_ranked else None,
+        "intervals": unsure_because(row),
         "notes": method["notes"],
         **links,
         "external data": "yes" if method["external_data"] else "no",

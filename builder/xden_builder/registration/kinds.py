@@ -85,8 +85,9 @@ def first_of_like(
     apart_share: float = APART_SHARE,
 ) -> list[Found]:
     """Keep the first of poses that are unlike by a share of the radius, in their order."""
-    is_apart = partial(apart, likeness=likeness, body=body, share=apart_share)
-    return [found[k] for k in unlike([each.placement for each in found], is_apart, most)]
+    own = [body.placed(each.placement) for each in found]
+    is_apart = partial(likeness.apart, least_cm=apart_share * body.radius_cm)
+    return [found[k] for k in unlike(own, is_apart, most)]
 
 
 def listed_of(found: Sequence[Found], likeness: Likeness, body: Body, most: int) -> list[Found]:
