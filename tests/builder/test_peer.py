@@ -13,7 +13,14 @@ from xden_builder.capture import CaptureFolder
 from xden_builder.cli import cli
 from xden_builder.phantoms import CATALOGUE
 from xden_builder.phantoms.peer.matter import mac_cm2_g
-from xden_builder.phantoms.peer.objects import draw_label, make_object, plan_bench
+from xden_builder.phantoms.peer.objects import (
+    PeerObject,
+    PeerPart,
+    draw_label,
+    make_object,
+    plan_bench,
+)
+from xden_builder.phantoms.peer.radiograph import expose, make_beam
 from xden_builder.phantoms.peer.rays import path_lengths_cm
 from xden_builder.phantoms.peer.scatter import single_scatter
 from xden_builder.phantoms.peer.screen import Screen
@@ -135,13 +142,34 @@ def test_lengths_are_those_of_a_ball_where_the_scanner_really_is():
     ball.apply_translation((2.0, 1.0, 3.0))
     setup = draw_setup(1, 64, "csi")
     for view in VIEWS:
-        geometry = setup.geometry(view, 4)
+        geometry = setup.geometry(view).refined(4)
         (lengths,) = path_lengths_cm([ball], geometry)
         rows, columns = np.indices(lengths.shape)
         column, row, _ = geometry.project(np.array([[2.0, 1.0, 3.0]]))[0]
         assert lengths.max() == pytest.approx(6.0, rel=3e-3)
         assert np.average(rows, weights=lengths) == pytest.approx(row, abs=0.2)
         assert np.average(columns, weights=lengths) == pytest.approx(column, abs=0.2)
+
+
+@pytest.mark.peer
+@pytest.mark.usefixtures("others")
+def test_an_edge_that_runs_along_the_pixels_is_straight_to_a_thirtieth_of_one():
+    (plan,) = plan_bench(1, 3)
+    slab = trimesh.creation.box((12.0, 0.4, 5.0))
+    slab.apply_transform(trimesh.transformations.rotation_matrix(np.radians(1.5), (0, 1, 0)))
+    substance = substances_called("aluminium")[0]
+    part = PeerPart("slab", slab, substance, substance.density_low_g_cm3, "")
+    thing = PeerObject(plan, [part], np.eye(4), "", 0.0)
+    setup = draw_setup(1, 64, "csi")
+    image = expose(setup, make_beam(setup), thing, "pa", scatter=0.0)
+    column, row, _ = setup.geometry("pa").project(np.zeros((1, 3)))[0].astype(int)
+    air, inside = np.median(image[:5]), image[row, column]
+    upper = (image[:row, column - 8 : column + 9] - inside) / (air - inside)
+    edge = upper.sum(axis=0)
+    at = np.arange(len(edge))
+    straight = np.polynomial.Polynomial.fit(at, edge, 1)(at)
+    assert np.ptp(straight) > 0.3
+    assert abs(edge - straight).max() < 1 / 30
 
 
 @pytest.mark.peer

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,22 +11,28 @@ from jaxtyping import Float, Float32
 from scipy.ndimage import gaussian_filter
 
 from xden1k.values.arrays import Image
+from xden1k.values.views import ViewGeometry
 from xden_builder.phantoms.peer.matter import compton_cm2_g, mac_cm2_g
 from xden_builder.phantoms.peer.objects import PeerObject
-from xden_builder.phantoms.peer.rays import path_lengths_cm
+from xden_builder.phantoms.peer.rays import cropped, path_lengths_cm, shadow
 from xden_builder.phantoms.peer.scatter import draw_scatter, single_scatter
 from xden_builder.phantoms.peer.setup import Setup
 
 __all__ = ["Beam", "expose", "make_beam"]
 
-SUBRAYS: Final = 4
-"""Rays along each side of a pixel; their intensities are averaged."""
+FINE_PX: Final = 2048
+"""Rays across the longest side of a shadow, about; the intensities of a pixel's are averaged."""
+LEAST_SUBRAYS, MOST_SUBRAYS = 4, 16
+"""Along each side of a pixel. With 4 an edge that runs along the pixels is off by up to an eighth
+of one, which turns an eraser of 30 pixels by 0.4 degrees."""
+BLUR_SDS: Final = 4.0
+"""So far light is spread."""
 GAIN_SD: Final = 0.025
 READOUT_SD: Final = 2e-4
 """Electronic noise, as a share of the open field."""
 _CHUNK: Final = 2**16
 
-Lengths = Float32[np.ndarray, "parts fine fine"]
+Lengths = Float32[np.ndarray, "parts fine_rows fine_columns"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,25 +84,35 @@ def expose(
     DataError
         If the object reaches beyond the panel.
     """
-    geometry = setup.geometry(view, SUBRAYS)
-    lengths = path_lengths_cm([part.mesh for part in thing.parts], geometry)
-    direct, scattered = _averaged(setup, beam, thing, lengths)
+    direct, scattered = _averaged(setup, beam, thing, setup.geometry(view))
     once = single_scatter(scattered, setup.pitch_cm, setup.gap_cm, beam.mean_kev)
     around = draw_scatter(thing.plan.rng("peer/scatter"), scatter)
     expected = direct + around.factor * once + around.floor
     return _read(setup, beam, expected, thing.plan.rng(f"peer/noise/{view}"))
 
 
-def _averaged(setup: Setup, beam: Beam, thing: PeerObject, lengths: Lengths) -> tuple[Image, Image]:
+def _averaged(
+    setup: Setup, beam: Beam, thing: PeerObject, panel: ViewGeometry
+) -> tuple[Image, Image]:
     """Direct and scattered light of each pixel, blurred as the panel does."""
+    meshes = [part.mesh for part in thing.parts]
+    blur_px = setup.blur_cm / setup.pitch_cm
+    rows, columns = shadow(meshes, panel, math.ceil(BLUR_SDS * blur_px))
+    inside = cropped(panel, rows, columns)
+    subrays = min(max(FINE_PX // max(inside.shape), LEAST_SUBRAYS), MOST_SUBRAYS)
+    lengths = path_lengths_cm(meshes, inside.refined(subrays))
     densities = np.array([part.density_g_cm3 for part in thing.parts])
     compositions = [part.substance.composition for part in thing.parts]
     lac = densities[:, None] * np.stack([mac_cm2_g(c, beam.energies_kev) for c in compositions])
     compton = densities * [compton_cm2_g(c, beam.mean_kev) for c in compositions]
-    direct = _transmission(lengths, lac, beam)
-    scattered = direct * np.tensordot(compton.astype(np.float32), lengths, axes=1)
-    sigma_px = setup.blur_cm / setup.pitch_cm * SUBRAYS
-    return _pixels(gaussian_filter(direct, sigma_px)), _pixels(scattered)
+    fine = _transmission(lengths, lac, beam)
+    fine_scattered = fine * np.tensordot(compton.astype(np.float32), lengths, axes=1)
+    direct = np.ones(panel.shape, dtype=np.float32)
+    scattered = np.zeros_like(direct)
+    blurred = gaussian_filter(fine, blur_px * subrays, truncate=BLUR_SDS)
+    direct[rows, columns] = _pixels(blurred, subrays)
+    scattered[rows, columns] = _pixels(fine_scattered, subrays)
+    return direct, scattered
 
 
 def _transmission(lengths: Lengths, lac: Float[np.ndarray, "parts n"], beam: Beam) -> Image:
@@ -109,9 +126,9 @@ def _transmission(lengths: Lengths, lac: Float[np.ndarray, "parts n"], beam: Bea
     return image
 
 
-def _pixels(fine: Float32[np.ndarray, "fine fine"]) -> Image:
-    side = len(fine) // SUBRAYS
-    return np.asarray(fine.reshape(side, SUBRAYS, side, SUBRAYS).mean(axis=(1, 3)))
+def _pixels(fine: Float32[np.ndarray, "fine_rows fine_columns"], subrays: int) -> Image:
+    rows, columns = (side // subrays for side in fine.shape)
+    return np.asarray(fine.reshape(rows, subrays, columns, subrays).mean(axis=(1, 3)))
 
 
 def _read(

@@ -17,7 +17,7 @@ from xden1k.errors import DataError, require
 from xden1k.values.views import ViewGeometry
 from xden_builder.phantoms.peer.matter import EXTRA
 
-__all__ = ["gvxr", "path_lengths_cm"]
+__all__ = ["cropped", "gvxr", "path_lengths_cm", "shadow"]
 
 
 @cache
@@ -71,26 +71,37 @@ def path_lengths_cm(
     if geometry.source_cm is None:
         raise DataError("gVirtualXray is set up for cone beams here, got a parallel one")
     library = gvxr()
-    rows, columns = _shadow(meshes, geometry)
-    _place(library, _cropped(geometry, rows, columns))
+    rows, columns = shadow(meshes, geometry)
+    _place(library, cropped(geometry, rows, columns))
     lengths = np.zeros((len(meshes), *geometry.shape), dtype=np.float32)
     for place, mesh in enumerate(meshes):
         lengths[place, rows, columns] = _lengths(library, mesh)
     return lengths
 
 
-def _shadow(meshes: Sequence[trimesh.Trimesh], geometry: ViewGeometry) -> tuple[slice, slice]:
-    """Rows and columns of the rectangle that holds every mesh's shadow."""
+def shadow(
+    meshes: Sequence[trimesh.Trimesh], geometry: ViewGeometry, margin: int = 0
+) -> tuple[slice, slice]:
+    """Rows and columns of the rectangle that holds every mesh's shadow, and so many pixels more.
+
+    Raises
+    ------
+    DataError
+        If a mesh reaches beyond the panel.
+    """
     at = geometry.project(np.concatenate([mesh.vertices for mesh in meshes]))
     low, high = np.floor(at.min(axis=0)).astype(int), np.ceil(at.max(axis=0)).astype(int) + 1
     sides = [(low[1], high[1], geometry.shape[0]), (low[0], high[0], geometry.shape[1])]
     if any(first < 0 or last > count for first, last, count in sides):
         raise DataError("the object reaches beyond the panel")
-    rows, columns = (slice(int(first), int(last)) for first, last, _ in sides)
+    rows, columns = (
+        slice(int(max(first - margin, 0)), int(min(last + margin, count)))
+        for first, last, count in sides
+    )
     return rows, columns
 
 
-def _cropped(geometry: ViewGeometry, rows: slice, columns: slice) -> ViewGeometry:
+def cropped(geometry: ViewGeometry, rows: slice, columns: slice) -> ViewGeometry:
     """Keep a part of a panel."""
     corner = rows.start * geometry.row_step_cm + columns.start * geometry.column_step_cm
     shape = (rows.stop - rows.start, columns.stop - columns.start)

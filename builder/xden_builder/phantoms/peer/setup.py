@@ -84,14 +84,14 @@ class Setup:
         """Width of a pixel."""
         return PANEL_CM / self.size_px
 
-    def geometry(self, view: str, subrays: int = 1) -> ViewGeometry:
-        """Place a view as it is, with so many rays along each side of a pixel."""
-        return self._placed(view, subrays, self.source_off_cm[view], self.panel_off_cm[view])
+    def geometry(self, view: str) -> ViewGeometry:
+        """Place a view as it is."""
+        return self._placed(view, self.source_off_cm[view], self.panel_off_cm[view])
 
     def told(self, *, copper: bool) -> ScannerFile:
         """Return what the lab says of the scanner, of its copper only if it knows of it."""
         views = {
-            view: ViewFile(f"{view}.tif", "transmission", self._placed(view, 1, _NOWHERE, _NOWHERE))
+            view: ViewFile(f"{view}.tif", "transmission", self._placed(view, _NOWHERE, _NOWHERE))
             for view in VIEWS
         }
         return ScannerFile(views, self.tube.told(copper=copper), Detector(self.screen.told))
@@ -103,20 +103,18 @@ class Setup:
     def _placed(
         self,
         view: str,
-        subrays: int,
         source_off_cm: tuple[float, float, float],
         panel_off_cm: tuple[float, float, float],
     ) -> ViewGeometry:
         along, right, down = (np.array(each) for each in (_ALONG[view], _RIGHT[view], _DOWN))
-        side, pitch = subrays * self.size_px, self.pitch_cm / subrays
         middle = self.gap_cm * along + np.array(panel_off_cm)
         return ViewGeometry(
             beam="cone",
             source_cm=np.array(source_off_cm) - self.source_object_cm * along,
-            pixel00_cm=middle - (PANEL_CM - pitch) / 2 * (right + down),
-            column_step_cm=pitch * right,
-            row_step_cm=pitch * down,
-            shape=(side, side),
+            pixel00_cm=middle - (PANEL_CM - self.pitch_cm) / 2 * (right + down),
+            column_step_cm=self.pitch_cm * right,
+            row_step_cm=self.pitch_cm * down,
+            shape=(self.size_px, self.size_px),
         )
 
 
