@@ -273,6 +273,8 @@ def refine_pose(
         level = Level.of(target, poses, windows, binning, rays=LAST_RAYS if last else RAYS)
         if last:  # not before: far off, its own shadow seems another's
             level = replace(level, lost_from=LOST_FROM, weighs=True)
+        else:
+            level = replace(level, ahead_alone=True)
         levels.append(level)
         if best is not None and not any(poses.turned):
             believed = level.believed(level.residuals(starts[0]))

@@ -1,7 +1,7 @@
 """One resolution of the search for the pose: what is compared, and how it is rendered.
 
-Derivatives by pose are central differences of whole renderings, since outlines move, but where the
-image merely slides (:mod:`xden_builder.poly.model.motion`).
+Derivatives by pose are differences of whole renderings, since outlines move, but where the image
+merely slides (:mod:`xden_builder.poly.model.motion`).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ __all__ = [
 ]
 
 STEPS_CM: Final = 0.02
-"""Of a central difference at full resolution, times the binning.
+"""Of a difference at full resolution, times the binning.
 
 Rotations and a change of size move the rim as far.
 """
@@ -87,10 +87,14 @@ class Level:
     """The images of which windows are compared."""
     subrays: Sequence[int]
     """Rays along each side of a pixel of each view."""
+    slope_subrays: Sequence[int]
+    """The same for derivatives by the poses."""
     turned: bool = True
     """Whether they stand turned against the raster, see :func:`xden1k.rays.path_lengths`."""
     step_cm: float = STEPS_CM
-    """Of a central difference, for each pixel that is averaged along a side."""
+    """Of a difference, for each pixel that is averaged along a side."""
+    ahead_alone: bool = False
+    """Whether differences are from one image to the next, for half the renderings, or central."""
     lost_from: float = np.inf
     """Standard deviations from which on light is taken for lost in what has no mesh; nowhere by
     default."""
@@ -135,13 +139,13 @@ class Level:
             at_least.append(each.at_least[mask])
             weights.append(beam.weights(np.flatnonzero(mask), binning))
         panels = [coarse(beam.geometry, binning) for beam in target.beams]
-        if subrays is None:
-            subrays = [
-                subrays_of(_pixels_met(target, poses, number, panel), binning, rays)
-                for number, panel in enumerate(panels)
-            ]
+        slope_subrays = subrays
+        if subrays is None or slope_subrays is None:
+            met = [_pixels_met(target, poses, *each) for each in enumerate(panels)]
+            subrays = [subrays_of(pixels, binning, rays) for pixels in met]
+            slope_subrays = [subrays_of(pixels, binning, min(rays, RAYS)) for pixels in met]
         seen = masks, places, measured, glare, at_least, weights, images
-        return cls(target, poses, binning, panels, *seen, subrays)
+        return cls(target, poses, binning, panels, *seen, subrays, slope_subrays)
 
     @property
     def parts(self) -> int:
@@ -320,7 +324,7 @@ class Level:
         jacobian[:, self.parts + number] = model
         jacobian[:, self.parts + views + number] = self.glare[number]
         if not self.still:
-            by_pose = self._slopes_by_pose(number, density, pose, seen)
+            by_pose = self._slopes_by_pose(number, density, pose, model)
             jacobian[:, self.parts + 2 * views :] = gain * by_pose
         return gain * model + glares[number] * self.glare[number], jacobian
 
@@ -329,11 +333,18 @@ class Level:
         number: int,
         density: Float64[np.ndarray, "k"],
         pose: Float64[np.ndarray, "q"],
-        seen: PathLengths,
+        model: Float64[np.ndarray, "_p"],
     ) -> Float64[np.ndarray, "_p q"]:
         """Give the derivatives of a view's image, without gain, by the unknowns of the poses."""
-        along = self.seen(number, pose, along=True) if self.turned else seen
+        same = self.slope_subrays[number] == self.subrays[number]
+        if same and not self.turned:
+            along = self._kept(number, pose)
+        else:
+            along = self._seen(number, pose, self.slope_subrays, turned=False)
         gradient = self._gradient(number, density, along)
+        here = None
+        if self.ahead_alone:
+            here = model if same else self._image(number, density, pose)
         return slopes_by_pose(
             self.poses,
             number,
@@ -341,7 +352,7 @@ class Level:
             pose,
             gradient,
             partial(self._spread, number, gradient),
-            partial(self._difference, number, density, pose),
+            partial(self._difference, number, density, pose, here),
         )
 
     def _gradient(
@@ -373,22 +384,25 @@ class Level:
         number: int,
         density: Float64[np.ndarray, "k"],
         pose: Float64[np.ndarray, "q"],
+        here: Float64[np.ndarray, "_p"] | None,
         direction: Float64[np.ndarray, "q"],
     ) -> Float64[np.ndarray, "_p"]:
-        """Central difference of a view's image along a direction of the unknowns of the poses."""
+        """Difference of a view's image along a direction of the unknowns of the poses."""
         step = self.step_cm * self.binning
         if not direction[self.poses.shifts(number)].any():
             step /= self.target.radius_cm
-        ahead, behind = (
-            self._image(number, density, pose + sign * step * direction) for sign in (1, -1)
-        )
+        ahead = self._image(number, density, pose + step * direction)
+        if here is not None:
+            return np.asarray((ahead - here) / step)
+        behind = self._image(number, density, pose - step * direction)
         return np.asarray((ahead - behind) / (2 * step))
 
     def _image(
         self, number: int, density: Float64[np.ndarray, "k"], pose: Float64[np.ndarray, "q"]
     ) -> Float64[np.ndarray, "_p"]:
-        """Transmission of the compared pixels of a view."""
-        return self._light(number, density, self.seen(number, pose))
+        """Transmission of the compared pixels of a view, by the rays of derivatives."""
+        seen = self._seen(number, pose, self.slope_subrays, turned=self.turned)
+        return self._light(number, density, seen)
 
     def _light(
         self, number: int, density: Float64[np.ndarray, "k"], seen: PathLengths
@@ -423,13 +437,21 @@ class Level:
             del self.latest[next(iter(self.latest))]
         return seen
 
-    def seen(
-        self, number: int, pose: Float64[np.ndarray, "q"], *, along: bool = False
+    def seen(self, number: int, pose: Float64[np.ndarray, "q"]) -> PathLengths:
+        """Path lengths of a view with the object in a pose."""
+        return self._seen(number, pose, self.subrays, turned=self.turned)
+
+    def _seen(
+        self,
+        number: int,
+        pose: Float64[np.ndarray, "q"],
+        subrays: Sequence[int],
+        *,
+        turned: bool,
     ) -> PathLengths:
-        """Path lengths of a view with the object in a pose; of rays along its raster if asked."""
-        geometry = self.poses.geometry(number, self.panels[number], pose)
-        target, subrays, turned = self.target, self.subrays[number], self.turned and not along
-        return path_lengths(target.meshes, target.order, geometry, subrays, turned=turned)
+        """Give the same by so many rays; along the raster if they are not turned against it."""
+        geometry, target = self.poses.geometry(number, self.panels[number], pose), self.target
+        return path_lengths(target.meshes, target.order, geometry, subrays[number], turned=turned)
 
     def _compared(
         self, number: int, seen: PathLengths
