@@ -21,7 +21,7 @@ from xden_builder.poly.model.frames import Pose, coarse
 from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.size import SIZE_SDS_MOST
-from xden_builder.poly.pyramid import AIR, LOST_FROM, Level, subrays_of
+from xden_builder.poly.pyramid import AIR, LOST_FROM, PIXEL_SD, Level, subrays_of
 from xden_builder.poly.scene import Scene, set_scene
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import first_guess
@@ -44,10 +44,12 @@ STEP_PX: Final = 0.6
 """Of a central difference, in compared pixels: a tenth feels how few rays a pixel has, and leads
 into the next of many small troughs."""
 FEW_RAYS: Final = 10_000
-"""Through the object in a view, about: enough for images of few pixels."""
+"""Through the object in a view, about: enough for images of few pixels, and for derivatives."""
+SETTLED_SHARE: Final = 0.01
+"""Of the loss: a step that gains less is the last. A tenth of it takes a fifth more renderings, for
+a thousandth of the loss."""
 FEW_SUBRAYS: Final = 2
 """Along each side of a pixel, at most, where many poses are compared."""
-PIXEL_SD: Final = 0.05
 DENSITY_STEPS: Final = 2
 SHARES: Final = (0.01, 30.0)
 """Least and most density in shares of the expected: a label may call aluminium lead."""
@@ -85,8 +87,8 @@ class Judge:
         Of the radiographs' pixels to those that are compared.
     size_sd
         Standard deviation of the logarithm of the object's size; 0 where it is not sought.
-    subrays
-        Rays along each side of a compared pixel, by view.
+    subrays, slope_subrays
+        Rays along each side of a compared pixel, by view; the latter for derivatives at most.
     incomplete
         Whether light may be lost in what has no mesh. Where it may, wrong poses leave less too.
     """
@@ -103,6 +105,7 @@ class Judge:
     side: int
     size_sd: float
     subrays: tuple[int, ...]
+    slope_subrays: tuple[int, ...]
     incomplete: bool
 
     @classmethod
@@ -142,6 +145,10 @@ class Judge:
         side = side_of(shadows, wide_px)
         shadow_px = [int(shadow.mask.sum()) for shadow in shadows]
         again = side // binning
+
+        def subrays(rays: int) -> tuple[int, ...]:
+            return tuple(subrays_of(round(each / side**2), again, rays) for each in shadow_px)
+
         guess = first_guess(replace(scene, parts=likely.of_parts(scene.parts)))
         return cls(
             scene,
@@ -158,7 +165,8 @@ class Judge:
             again,
             side,
             sized * scene.size_sd,
-            tuple(subrays_of(round(each / side**2), again, rays) for each in shadow_px),
+            subrays(rays),
+            subrays(FEW_RAYS),
             incomplete,
         )
 
@@ -198,7 +206,7 @@ class Judge:
         """Move a pose, and change its densities, along so many derivatives at most."""
         placement = found.placement
         level, start, bounds = self.unknowns(found)
-        end = descend(level, start, derivatives, *bounds)
+        end = descend(level, start, derivatives, *bounds, SETTLED_SHARE)
         return self.found(level, placement, end.unknowns, end.residuals)
 
     def edged(self, found: Found) -> Found:
@@ -291,9 +299,16 @@ class Judge:
             for view, around in zip(scene.views, self.around, strict=True)
         ]
         level = Level.of(target, poses, windows, self.binning, self.images, self.subrays)
+        slope_subrays = tuple(map(min, self.subrays, self.slope_subrays))
         pitch_cm = min(float(np.linalg.norm(view.geometry.column_step_cm)) for view in scene.views)
         lost_from = LOST_FROM if self.incomplete else np.inf
-        level = replace(level, step_cm=STEP_PX * pitch_cm, lost_from=lost_from, turned=False)
+        level = replace(
+            level,
+            slope_subrays=slope_subrays,
+            step_cm=STEP_PX * pitch_cm,
+            lost_from=lost_from,
+            turned=False,
+        )
         return level, self.density_g_cm3
 
     def _evaluated(
