@@ -45,9 +45,6 @@ STEP_PX: Final = 0.6
 into the next of many small troughs."""
 FEW_RAYS: Final = 10_000
 """Through the object in a view, about: enough for images of few pixels, and for derivatives."""
-SETTLED_SHARE: Final = 0.01
-"""Of the loss: a step that gains less is the last. A tenth of it takes a fifth more renderings, for
-a thousandth of the loss."""
 FEW_SUBRAYS: Final = 2
 """Along each side of a pixel, at most, where many poses are compared."""
 DENSITY_STEPS: Final = 2
@@ -206,7 +203,7 @@ class Judge:
         """Move a pose, and change its densities, along so many derivatives at most."""
         placement = found.placement
         level, start, bounds = self.unknowns(found)
-        end = descend(level, start, derivatives, *bounds, SETTLED_SHARE)
+        end = descend(level, start, derivatives, *bounds)
         return self.found(level, placement, end.unknowns, end.residuals)
 
     def edged(self, found: Found) -> Found:

@@ -93,7 +93,7 @@ DOUBTED_LOSS, HOPELESS_LOSS = 1.5, 6.0
 """Of a pose that is not believed: two of 262 right ones of simulated objects are worse; and of one
 on coarse images that is not moved on before it is looked for again.
 """
-SOUGHT_AGAIN_LOSS: Final = 0.5
+SOUGHT_AGAIN_LOSS: Final = 0.4
 """Of a pose that is looked for again among more poses: of 130 objects of another simulator the
 three of which the best left more were not right, and of the others none left more than 0.4."""
 REJUDGED_LOSS: Final = 0.75
