@@ -55,8 +55,11 @@ def level(geometry, size_sd: float) -> Level:
 
 @pytest.mark.parametrize("geometry", [CONE, PARALLEL], ids=["cone", "parallel"])
 @pytest.mark.parametrize("size_sd", [0.0, 0.01])
-def test_slopes_by_all_unknowns_are_differences_of_whole_images(geometry, size_sd):
-    found = level(geometry, size_sd)
+@pytest.mark.parametrize(
+    "by", [{}, {"forward": True}, {"slope_subrays": [4, 4]}], ids=["central", "forward", "few rays"]
+)
+def test_slopes_by_all_unknowns_are_differences_of_whole_images(geometry, size_sd, by):
+    found = replace(level(geometry, size_sd), **by)
     poses = found.poses
     own = np.zeros(poses.count - RIGID)
     own[0] = 0.1  # by which the panel is displaced along its rows

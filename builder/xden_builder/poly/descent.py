@@ -19,8 +19,8 @@ FELT_DAMPING: Final = 0.05
 MOST_STEPS: Final = 5
 """Between two derivatives."""
 SETTLED_SHARE: Final = 0.01
-"""Of the loss: a step that gains less is the last of a round. A tenth of it takes a fifth more
-renderings, for a thousandth of the loss."""
+"""Of the loss: a step that gains less is the last of a round. A tenth of this share
+costs a fifth more renderings, and gains a thousandth of the loss."""
 SETTLED_ROUND: Final = 0.05
 """Of the loss: a round, the steps that share derivatives, that gains less ends a resolution."""
 
@@ -87,7 +87,7 @@ def descend(
 ) -> Descent:
     """Take damped Gauss-Newton steps.
 
-    Derivatives cost a dozen times as much as residuals, so several steps share them. A step that
+    Derivatives cost two to six times as much as residuals, so several steps share them. A step that
     gains nothing is refused; the same with more damping, which it would not feel, is passed over.
     The images are believed anew with each derivative; the loss is as they are believed last.
     """

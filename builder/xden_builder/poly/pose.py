@@ -274,7 +274,7 @@ def refine_pose(
         if last:  # not before: far off, its own shadow seems another's
             level = replace(level, lost_from=LOST_FROM, weighs=True)
         else:
-            level = replace(level, ahead_alone=True)
+            level = replace(level, forward=True)
         levels.append(level)
         if best is not None and not any(poses.turned):
             believed = level.believed(level.residuals(starts[0]))

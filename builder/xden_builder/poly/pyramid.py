@@ -93,8 +93,9 @@ class Level:
     """Whether they stand turned against the raster, see :func:`xden1k.rays.path_lengths`."""
     step_cm: float = STEPS_CM
     """Of a difference, for each pixel that is averaged along a side."""
-    ahead_alone: bool = False
-    """Whether differences are from one image to the next, for half the renderings, or central."""
+    forward: bool = False
+    """Whether differences are between the image a step ahead and the image here, by the same rays,
+    for half the renderings; central if not."""
     lost_from: float = np.inf
     """Standard deviations from which on light is taken for lost in what has no mesh; nowhere by
     default."""
@@ -120,7 +121,8 @@ class Level:
     ) -> Level:
         """Compare images in a window of each; they are averaged here, if they are not yet.
 
-        Rays are counted for meshes at rest, about so many through the object, if they are not told.
+        Rays are counted for meshes at rest, about so many through the object, if they are not told;
+        for derivatives at most ``RAYS``.
 
         With two rays along each side an outline that runs along the pixels is felt in steps of half
         a pixel; a small object, of which hardly more is to be seen, is turned by a degree by it.
@@ -139,11 +141,12 @@ class Level:
             at_least.append(each.at_least[mask])
             weights.append(beam.weights(np.flatnonzero(mask), binning))
         panels = [coarse(beam.geometry, binning) for beam in target.beams]
-        slope_subrays = subrays
-        if subrays is None or slope_subrays is None:
+        if subrays is None:
             met = [_pixels_met(target, poses, *each) for each in enumerate(panels)]
             subrays = [subrays_of(pixels, binning, rays) for pixels in met]
             slope_subrays = [subrays_of(pixels, binning, min(rays, RAYS)) for pixels in met]
+        else:
+            slope_subrays = list(subrays)
         seen = masks, places, measured, glare, at_least, weights, images
         return cls(target, poses, binning, panels, *seen, subrays, slope_subrays)
 
@@ -342,9 +345,6 @@ class Level:
         else:
             along = self._seen(number, pose, self.slope_subrays, turned=False)
         gradient = self._gradient(number, density, along)
-        here = None
-        if self.ahead_alone:
-            here = model if same else self._image(number, density, pose)
         return slopes_by_pose(
             self.poses,
             number,
@@ -352,7 +352,7 @@ class Level:
             pose,
             gradient,
             partial(self._spread, number, gradient),
-            partial(self._difference, number, density, pose, here),
+            partial(self._difference, number, density, pose, model if self.forward else None),
         )
 
     def _gradient(

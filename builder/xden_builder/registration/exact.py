@@ -85,7 +85,7 @@ class Judge:
     size_sd
         Standard deviation of the logarithm of the object's size; 0 where it is not sought.
     subrays, slope_subrays
-        Rays along each side of a compared pixel, by view; the latter for derivatives at most.
+        Rays along each side of a compared pixel, by view, of images and of derivatives.
     incomplete
         Whether light may be lost in what has no mesh. Where it may, wrong poses leave less too.
     """
@@ -143,8 +143,8 @@ class Judge:
         shadow_px = [int(shadow.mask.sum()) for shadow in shadows]
         again = side // binning
 
-        def subrays(rays: int) -> tuple[int, ...]:
-            return tuple(subrays_of(round(each / side**2), again, rays) for each in shadow_px)
+        def subrays(count: int) -> tuple[int, ...]:
+            return tuple(subrays_of(round(each / side**2), again, count) for each in shadow_px)
 
         guess = first_guess(replace(scene, parts=likely.of_parts(scene.parts)))
         return cls(
@@ -170,7 +170,8 @@ class Judge:
     @property
     def quick(self) -> Judge:
         """The same by few rays."""
-        return replace(self, subrays=tuple(min(each, FEW_SUBRAYS) for each in self.subrays))
+        few = tuple(min(each, FEW_SUBRAYS) for each in self.subrays)
+        return replace(self, subrays=few, slope_subrays=few)
 
     def panel(self, number: int) -> ViewGeometry:
         """Of a view, in compared pixels."""
@@ -296,12 +297,11 @@ class Judge:
             for view, around in zip(scene.views, self.around, strict=True)
         ]
         level = Level.of(target, poses, windows, self.binning, self.images, self.subrays)
-        slope_subrays = tuple(map(min, self.subrays, self.slope_subrays))
         pitch_cm = min(float(np.linalg.norm(view.geometry.column_step_cm)) for view in scene.views)
         lost_from = LOST_FROM if self.incomplete else np.inf
         level = replace(
             level,
-            slope_subrays=slope_subrays,
+            slope_subrays=self.slope_subrays,
             step_cm=STEP_PX * pitch_cm,
             lost_from=lost_from,
             turned=False,

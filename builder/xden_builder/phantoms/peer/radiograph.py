@@ -94,7 +94,7 @@ def expose(
 def _averaged(
     setup: Setup, beam: Beam, thing: PeerObject, panel: ViewGeometry
 ) -> tuple[Image, Image]:
-    """Direct and scattered light of each pixel, blurred as the panel does."""
+    """Direct light of each pixel, blurred as the panel does, and what of it is scattered."""
     meshes = [part.mesh for part in thing.parts]
     blur_px = setup.blur_cm / setup.pitch_cm
     rows, columns = shadow(meshes, panel, math.ceil(BLUR_SDS * blur_px))
@@ -117,12 +117,12 @@ def _averaged(
 
 def _transmission(lengths: Lengths, lac: Float[np.ndarray, "parts n"], beam: Beam) -> Image:
     """Beer and Lambert's law at every energy, only where there is something."""
-    shadow = lengths.any(axis=0)
-    paths, found = lengths[:, shadow].T, []
+    met = lengths.any(axis=0)
+    paths, found = lengths[:, met].T, []
     for start in range(0, len(paths), _CHUNK):
         found.append(np.exp(-paths[start : start + _CHUNK] @ lac) @ beam.weights)
-    image = np.ones(shadow.shape, dtype=np.float32)
-    image[shadow] = np.concatenate(found)
+    image = np.ones(met.shape, dtype=np.float32)
+    image[met] = np.concatenate(found)
     return image
 
 
