@@ -101,7 +101,7 @@ def slab(mac, density, transmissions=(0.9, 0.6, 0.3, 0.1)):
 
 def scanned(ways, measured, macs, priors, *, rays=1, sd=0.003, at_least=False):
     """Densities, costs and curvatures of candidates."""
-    others, found = np.tile(OPEN, (len(ways), 1)), np.empty((len(macs), 3))
+    others, found = np.repeat(OPEN[:, None], len(ways), axis=1), np.empty((len(macs), 3))
     ends = np.arange(rays, len(ways) + 1, rays)
     inverse_sd = np.full(len(measured), 1 / sd)
     below = np.full(len(measured), at_least)

@@ -267,45 +267,41 @@ def _sort_by_depth(
         return
     for j in range(begin + 1, end):
         depth, label = depths[j], crossed[j]
-        while j > begin and depths[j - 1] > depth:
-            depths[j], crossed[j] = depths[j - 1], crossed[j - 1]
+        above = depths[j - 1]
+        while above > depth:
+            depths[j], crossed[j] = above, crossed[j - 1]
             j -= 1
+            above = depths[j - 1] if j > begin else -np.inf
         depths[j], crossed[j] = depth, label
 
 
 @compiled
 @no_type_check
 def _cross(
-    windings: Int32[np.ndarray, "parts"], label: int, owner: int, inside: int
-) -> tuple[int, int]:
-    """Step over one surface: the strongest part now open (or the number of parts), and how many."""
-    rank = abs(label) - 1
+    windings: Int32[np.ndarray, "parts"], label: int, owner: int, inside: int, uneven: int
+) -> tuple[int, int, int]:
+    """Step over one surface.
+
+    Returns
+    -------
+    tuple
+        The strongest part now open (or the number of parts), how many are, and how many have been
+        left less or more often than entered.
+    """
+    rank, step = (label - 1, 1) if label > 0 else (-label - 1, -1)
     before = windings[rank]
-    windings[rank] = before + (1 if label > 0 else -1)
-    if before == 0 and label > 0:
-        return min(owner, rank), inside + 1
-    if before == 1 and label < 0:
-        while owner < len(windings) and windings[owner] <= 0:
-            owner += 1
-        return owner, inside - 1
-    return owner, inside
-
-
-@compiled
-@no_type_check
-def _close(
-    windings: Int32[np.ndarray, "parts"],
-    crossed: Int16[np.ndarray, "crossings"],
-    begin: int,
-    end: int,
-) -> bool:
-    """Set the counters back to zero, and say whether they were."""
-    closed = True
-    for j in range(begin, end):
-        rank = abs(crossed[j]) - 1
-        closed &= windings[rank] == 0
-        windings[rank] = 0
-    return closed
+    windings[rank] = before + step
+    if before == 0:
+        if step > 0:
+            return min(owner, rank), inside + 1, uneven + 1
+        return owner, inside, uneven + 1
+    if before + step != 0:
+        return owner, inside, uneven
+    if before < 0:
+        return owner, inside, uneven - 1
+    while owner < len(windings) and windings[owner] <= 0:
+        owner += 1
+    return owner, inside - 1, uneven - 1
 
 
 @compiled
@@ -433,16 +429,17 @@ def walk_lengths(
                 continue
             _sort_by_depth(depths, crossed, begin, end)
             cm_per_depth = _cm_per_depth(frame, row, column)
-            owner, inside = len(order), 0
+            owner, inside, uneven = len(order), 0, 0
             for j in range(begin, end):
                 if inside > 0:
                     span = cm_per_depth * (depths[j] - depths[j - 1])
                     lengths[i, ray, order[owner]] += span
                     if inside > 1:
                         shared[i] += span / len(places)
-                owner, inside = _cross(windings, crossed[j], owner, inside)
-            if not _close(windings, crossed, begin, end):
+                owner, inside, uneven = _cross(windings, crossed[j], owner, inside, uneven)
+            if uneven > 0:
                 broken[i] = True
+                windings[:] = 0
 
 
 @compiled
@@ -527,15 +524,17 @@ def walk_fill(
             if begin == end:
                 continue
             _sort_by_depth(depths, crossed, begin, end)
-            owner, inside = len(order), 0
+            owner, inside, uneven = len(order), 0, 0
             high = 0.0
             for j in range(begin, end):
                 low, high = high, depths[j] * per_depth
                 if inside > 0:
                     part = order[owner]
                     _deposit(fill, steps, offsets[part], boxes, part, x, y, low, high)
-                owner, inside = _cross(windings, crossed[j], owner, inside)
-            broken += not _close(windings, crossed, begin, end)
+                owner, inside, uneven = _cross(windings, crossed[j], owner, inside, uneven)
+            if uneven > 0:
+                broken += 1
+                windings[:] = 0
     _fill_up(fill, steps, boxes)
     return broken
 
@@ -621,12 +620,14 @@ def walk_labels(
             begin = flat[cell]
             end = flat[cell + 1] if cell + 1 < len(flat) else len(depths)
             _sort_by_depth(depths, crossed, begin, end)
-            owner, inside = len(order), 0
+            owner, inside, uneven = len(order), 0, 0
             for j in range(begin, end):
                 if inside > 0:
                     start = max(int(np.ceil(depths[j - 1] / voxel_size)), 0)
                     stop = min(int(np.ceil(depths[j] / voxel_size)), labels.shape[2])
                     labels[x, y, start:stop] = order[owner] + 1
-                owner, inside = _cross(windings, crossed[j], owner, inside)
-            broken += not _close(windings, crossed, begin, end)
+                owner, inside, uneven = _cross(windings, crossed[j], owner, inside, uneven)
+            if uneven > 0:
+                broken += 1
+                windings[:] = 0
     return broken

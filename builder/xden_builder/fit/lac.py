@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float64
@@ -12,13 +13,16 @@ from xden1k.rays import PathLengths
 from xden1k.values.views import XRayView
 from xden_builder.capture.saturation import GainBounds
 from xden_builder.fit.diagnostics import finish
-from xden_builder.fit.levenberg import Minimum, minimise
+from xden_builder.fit.levenberg import SMALL_GAIN, Minimum, minimise
 from xden_builder.fit.problem import NOT_KNOWN, Fitted, Problem, Weighting
 from xden_builder.fit.start import starting_point
 from xden_builder.fit.values import DEFAULT, FitSettings, LacFit
 from xden_builder.fit.weighting import uniform, variances, weights_of
 
 __all__ = ["fit_lac"]
+
+ROUGH_GAIN: Final = 1e-6
+"""Relative to the loss: steps that gain less do not change the weights of the next round."""
 
 
 def fit_lac(
@@ -52,10 +56,12 @@ def fit_lac(
     lower, upper = problem.bounds(settings)
     point = np.clip(starting_point(problem), lower, upper)
     rounds: list[Minimum] = []
-    for _ in range(1 if settings.weights == "none" else settings.reweightings):
+    several = 1 if settings.weights == "none" else settings.reweightings
+    for left in reversed(range(several)):
         weighting = _weighting(problem, point, settings)
         evaluate = partial(problem.evaluate, weighting=weighting)
-        rounds.append(minimise(evaluate, point, lower, upper, settings.max_iterations))
+        small_gain = ROUGH_GAIN if left else SMALL_GAIN
+        rounds.append(minimise(evaluate, point, lower, upper, settings.max_iterations, small_gain))
         point = rounds[-1].unknowns
     fitted = Fitted(problem, settings, weighting, point, rounds[-1].evaluation)
     steps = sum(minimum.iterations for minimum in rounds)

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float64
 from xden_builder.fit.box import box_minimum
 from xden_builder.fit.problem import Evaluation
 
-__all__ = ["Minimum", "minimise"]
+__all__ = ["SMALL_GAIN", "Minimum", "minimise"]
 
 FIRST_DAMPING: Final = 1e-6
 LEAST_DAMPING: Final = 1e-9
@@ -42,6 +42,7 @@ def minimise(
     lower: Unknowns,
     upper: Unknowns,
     max_iterations: int,
+    small_gain: float = SMALL_GAIN,
 ) -> Minimum:
     """Find the least loss between the bounds.
 
@@ -49,7 +50,7 @@ def minimise(
     where it meets a bound the others are solved for again. Damping follows how much of the
     promised gain came true (Nielsen, 1999, "Damping parameter in Marquardt's method"). Strong
     damping makes any step small, so that alone it is no convergence: there, no unknown must gain
-    by itself either.
+    by itself either. A gain of less than ``small_gain`` of the loss is none.
     """
     point = np.clip(start, lower, upper)
     here = evaluate(point)
@@ -59,9 +60,9 @@ def minimise(
         step = ahead - point
         promised = -step @ (2 * here.gradient + here.hessian @ step)
         settled = (np.abs(step) <= SMALL_STEP * np.maximum(np.abs(point), SMALL_STEP)).all()
-        if (settled or promised <= SMALL_GAIN * here.loss) and (
+        if (settled or promised <= small_gain * here.loss) and (
             damping <= FIRST_DAMPING
-            or _best_gain(point, here, lower, upper) <= SMALL_GAIN * here.loss
+            or _best_gain(point, here, lower, upper) <= small_gain * here.loss
         ):
             return Minimum(point, here, iteration, converged=True)
         there = evaluate(ahead)

@@ -31,7 +31,7 @@ from xden_builder.poly.model.poses import RIGID, Poses
 from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.size import SIZE_SDS_MOST, Size
 from xden_builder.poly.model.stray import GLARE, NO_STRAY
-from xden_builder.poly.pyramid import LOST_FROM, RAYS, Level
+from xden_builder.poly.pyramid import LOST_FROM, Level
 from xden_builder.poly.remains import all_left, doubt, much_left
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import Guess
@@ -49,6 +49,8 @@ SMALL_PX: Final = 384
 SCANNER_SD: Final = 0.001
 """Relative, of a size by a scanner whose distances are as told: half a millimetre in half a metre
 (assumed)."""
+COARSE_RAYS: Final = 10_000
+"""Through the object in a view, about, on all images but the last."""
 LAST_RAYS: Final = 90_000
 """Through the object in a view, about, on the last images: thin metal is missed by a third of them.
 """
@@ -57,6 +59,8 @@ EDGE_SDS, LAST_EDGE_SD = (0.05, 0.02, 0.01), 0.004
 other, and of those that the best pose ends with."""
 REACH, ROUNDS = 0.02, 2
 """How far it is looked around that pose, radians and as a share of the radius; and how often."""
+EXPLAINED: Final = 0.05
+"""Mean square of residuals of coarse images: where less is left, the finest come next."""
 COARSEST_PX: Final = 32
 """Images are never smaller."""
 
@@ -265,17 +269,14 @@ def refine_pose(
     if poses.sized:
         low[-1], high[-1] = -SIZE_SDS_MOST * size_sd, SIZE_SDS_MOST * size_sd
     best = rms_before = None
-    levels = []
-    binnings = _binnings(views, any(poses.turned))
-    for number, (binning, most) in enumerate(binnings, start=1):
-        windows = _windows(target, poses, starts[0][-poses.count :], binning)
-        last = number == len(binnings)
-        level = Level.of(target, poses, windows, binning, rays=LAST_RAYS if last else RAYS)
-        if last:  # not before: far off, its own shadow seems another's
-            level = replace(level, lost_from=LOST_FROM, weighs=True)
-        else:
-            level = replace(level, forward=True)
-        levels.append(level)
+    levels: dict[int, Level] = {}
+    binnings = dict(_binnings(views, any(poses.turned)))
+    finest = min(binnings)
+    for binning, most in binnings.items():
+        if _explained(best, levels) and binning > finest and not any(poses.turned):
+            continue
+        level = _level(target, poses, starts[0], binning, last=binning == finest)
+        levels[binning] = level
         if best is not None and not any(poses.turned):
             believed = level.believed(level.residuals(starts[0]))
             starts = [min(starts[0], _as_told(starts[0], poses), key=believed.loss_at)]
@@ -290,7 +291,9 @@ def refine_pose(
     if much_left(level, best.unknowns, best.residuals):
         growth_by_light = float(best.unknowns[-1]) if poses.sized else None
         told = _as_told(best.unknowns, poses) if begun_again and not any(poses.turned) else None
-        best = _by_edges(levels, best, told, (low, high))
+        for binning in binnings.keys() - levels.keys():
+            levels[binning] = _level(target, poses, starts[0], binning, last=False)
+        best = _by_edges([levels[binning] for binning in binnings], best, told, (low, high))
     unknowns, there, _, residuals = best
     told = there.hessian + 1e-9 * np.diag(there.hessian.diagonal())
     covariance = np.linalg.pinv(told, hermitian=True)
@@ -307,6 +310,25 @@ def refine_pose(
         edges=edge_doubt(level, unknowns),
         growth_by_light=growth_by_light,
     )
+
+
+def _level(
+    target: Target, poses: Poses, unknowns: Float64[np.ndarray, "u"], binning: int, *, last: bool
+) -> Level:
+    """Average the images, and say how they are compared: the last ones as far as they are believed.
+
+    Not before: far off, an object's own shadow seems another's.
+    """
+    windows = _windows(target, poses, unknowns[-poses.count :], binning)
+    level = Level.of(target, poses, windows, binning, rays=LAST_RAYS if last else COARSE_RAYS)
+    if last:
+        return replace(level, lost_from=LOST_FROM, weighs=True)
+    return replace(level, forward=True)
+
+
+def _explained(best: Descent | None, levels: dict[int, Level]) -> bool:
+    """Whether a pose explains the images it was found on last, so that the finest may be next."""
+    return best is not None and levels[min(levels)].mean_left(best.residuals) < EXPLAINED
 
 
 def _by_edges(

@@ -105,8 +105,10 @@ class Level:
     """Independent observations, of errors of ``PIXEL_SD``, that all pixels together are worth."""
     still: bool = False
     """Whether derivatives by the poses are left out, and are zero."""
-    latest: dict[tuple[int, bytes], PathLengths] = field(default_factory=dict, init=False)
-    """Path lengths of the views in the poses asked for last: a descent comes back to them."""
+    latest: dict[tuple[int, int, bool, bytes], PathLengths] = field(default_factory=dict)
+    """Path lengths of the views in the poses asked for last: a descent comes back to them. By view,
+    rays along a pixel's side, whether these are turned, and pose; levels that differ in how images
+    are weighed share them."""
 
     @classmethod
     def of(
@@ -234,9 +236,7 @@ class Level:
         if not self.weighs:
             return self
         mean = min(max(self.mean_left(residuals), LEAST_LEFT), 1.0)
-        believed = replace(self, worth=WORTH / mean)
-        believed.latest.update(self.latest)
-        return believed
+        return replace(self, worth=WORTH / mean)
 
     def met(self, unknowns: Float64[np.ndarray, "u"]) -> Iterator[Bool[np.ndarray, "_p"]]:
         """Yield which compared pixels of a view meet the object."""
@@ -430,7 +430,7 @@ class Level:
 
     def _kept(self, number: int, pose: Float64[np.ndarray, "q"]) -> PathLengths:
         """Path lengths as of :meth:`seen`, anew only if the pose was not asked for just before."""
-        key = number, pose.tobytes()
+        key = number, self.subrays[number], self.turned, pose.tobytes()
         seen = self.latest.pop(key, None) or self.seen(number, pose)
         self.latest[key] = seen
         while len(self.latest) > KEPT_POSES * len(self.target.beams):

@@ -134,7 +134,7 @@ def _scanned(
     """Do so for some of the candidates, by Laplace's approximation."""
     priors, found = table.seen_priors[which], np.empty((int(which.sum()), 3))
     kernels.scan(
-        seen.others,
+        np.ascontiguousarray(seen.others.T),
         seen.ways,
         np.cumsum(seen.counts),
         seen.measured,

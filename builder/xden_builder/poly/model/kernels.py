@@ -89,11 +89,8 @@ def predict(
     parts, groups = mac.shape
     room = lengths.shape[1] * groups
     light, scales = np.empty(room), np.empty(room, np.int64)
-    with_slopes = slopes.shape[0] > 0
+    sums, lost = np.empty(groups), np.empty((parts, groups))
     for pixel in range(lengths.shape[0]):
-        total = 0.0
-        if with_slopes:
-            slopes[pixel, :] = 0.0
         used = rays[pixel] * groups
         light[:used] = 0.0
         for ray in range(rays[pixel]):
@@ -104,20 +101,28 @@ def predict(
                     for group in range(groups):
                         light[ray * groups + group] -= areal * mac[part, group]
         _raise_e(light[:used], scales[:used])
+        sums[:] = 0.0
         for ray in range(rays[pixel]):
-            first = ray * groups
             for group in range(groups):
-                light[first + group] *= weights[pixel, group]
-                total += light[first + group]
-            if with_slopes:
-                for part in range(parts):
-                    way = lengths[pixel, ray, part]
-                    if way > 0:
-                        weighted = 0.0
-                        for group in range(groups):
-                            weighted += light[first + group] * mac[part, group]
-                        slopes[pixel, part] -= weighted * way / rays[pixel]
+                sums[group] += light[ray * groups + group]
+        total = 0.0
+        for group in range(groups):
+            total += sums[group] * weights[pixel, group]
         transmission[pixel] = total / rays[pixel]
+        if slopes.shape[0] == 0:
+            continue
+        lost[:] = 0.0
+        for ray in range(rays[pixel]):
+            for part in range(parts):
+                way = lengths[pixel, ray, part]
+                if way > 0:
+                    for group in range(groups):
+                        lost[part, group] += way * light[ray * groups + group]
+        for part in range(parts):
+            slopes[pixel, part] = 0.0
+            for group in range(groups):
+                slopes[pixel, part] -= lost[part, group] * mac[part, group] * weights[pixel, group]
+            slopes[pixel, part] /= rays[pixel]
 
 
 @compiled
@@ -164,7 +169,7 @@ def scattered(
 @compiled
 @no_type_check
 def scan(
-    others: Float64[np.ndarray, "r b"],
+    others: Float64[np.ndarray, "b r"],
     ways: Float64[np.ndarray, "r"],
     ends: Int64[np.ndarray, "n"],
     measured: Float64[np.ndarray, "n"],
@@ -200,8 +205,9 @@ def scan(
         Written: density, cost (minus the logarithm of likelihood times prior, constants left out)
         and its curvature.
     """
-    groups = others.shape[1]
-    light, scales = np.empty(groups), np.empty(groups, np.int64)
+    groups, every = others.shape
+    light, scales = np.empty(every), np.empty(every, np.int64)
+    values, lost = np.empty(every), np.empty(every)
     kinked = at_least.any()  # one-sided residuals begin and end: steps may go to and fro
     for candidate in range(macs.shape[0]):
         mean, sd, low, high = priors[candidate]
@@ -212,19 +218,23 @@ def scan(
             gradient = (density - mean) / sd**2
             curvature = 1.0 / sd**2
             cost = 0.5 * (density - mean) ** 2 / sd**2
+            values[:] = 0.0
+            lost[:] = 0.0
+            for group in range(groups):
+                mac = macs[candidate, group]
+                for ray in range(every):
+                    light[ray] = -density * mac * ways[ray]
+                _raise_e(light, scales)
+                for ray in range(every):
+                    light[ray] *= others[group, ray]
+                    values[ray] += light[ray]
+                    lost[ray] += light[ray] * mac
             ray = 0
             for pixel in range(measured.shape[0]):
                 value, slope, rays = 0.0, 0.0, ends[pixel] - ray
                 while ray < ends[pixel]:
-                    for group in range(groups):
-                        light[group] = -density * ways[ray] * macs[candidate, group]
-                    _raise_e(light, scales)
-                    lost = 0.0
-                    for group in range(groups):
-                        light[group] *= others[ray, group]
-                        value += light[group]
-                        lost += light[group] * macs[candidate, group]
-                    slope -= lost * ways[ray]
+                    value += values[ray]
+                    slope -= lost[ray] * ways[ray]
                     ray += 1
                 value /= rays
                 slope /= rays
