@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,10 +32,13 @@ from xden1k.rays import ownership_order, path_lengths
 from xden1k.values.views import XRayView
 from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.source import Detector
+from xden_builder.poly import pose as pose_module
+from xden_builder.poly.descent import Descent, descend
 from xden_builder.poly.model.beam import Heel, ViewBeam
 from xden_builder.poly.model.frames import Pose, binned, coarse, posed
 from xden_builder.poly.model.radiograph import GAIN
 from xden_builder.poly.pose import PoseFit, refine_pose
+from xden_builder.poly.pyramid import Level
 
 PARALLEL = replace(FLAT, pixel00_cm=np.array([-1.13, -4.0, 1.17]))
 small = st.floats(-0.4, 0.4)
@@ -305,3 +309,18 @@ def test_an_object_in_its_place_is_left_there():
     fit = refined(Pose(), factor=1.0)
     assert np.degrees(np.abs(fit.pose.rotation_rad)).max() < 0.2
     assert np.abs(fit.pose.vector[3:]).max() < 0.01
+
+
+@pytest.mark.parametrize(("turn_deg", "binnings"), [(1.0, [8, 2]), (6.0, [8, 4, 2])])
+def test_the_finest_images_are_next_where_coarse_ones_are_explained(
+    turn_deg: float, binnings: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    used = []
+
+    def descended(level: Level, *others: Any) -> Descent:
+        used.append(level.binning)
+        return descend(level, *others)
+
+    monkeypatch.setattr(pose_module, "descend", descended)
+    refined(Pose((np.radians(turn_deg), 0.0, 0.0)), size=384)
+    assert used == binnings

@@ -29,7 +29,7 @@ APART_SHARE: Final = 0.01
 """Of the radius: poses that are nearer are one."""
 FINAL_APART: Final = 0.02
 """The same of those that are moved on fine images."""
-ELSEWHERE, ELSEWHERE_CM = (0.01, 0.025), 0.1
+ELSEWHERE, ELSEWHERE_CM = (0.005, 0.025), 0.05
 """Least and most of the radius, and in cm between these: where a twentieth of a part is farther
 off, it is another pose."""
 RIVAL: Final = (1.3, 0.02)

@@ -334,10 +334,10 @@ def _turned(
         turns = least_turns(judged, here, coarse.search, likeness.strict, body, FINE_DEG)
     turns = close_to_best([here, *turns], HARDLY_CLOSE)
     turns = unlike_of(turns, likeness.strict, body, TURNS, same_share(body))
-    there = [best]
+    there, followed = [best], Around.of(judge, best).fixed
     for each in turns:
         if each is not here:
-            rendered = judge.refined(each, 1)
+            rendered = judge.refined(followed(each.placement), 1)
             there.append(settled_if_hopeful(judge, rendered, min(there, key=loss_of)))
     return there[1:]
 
