@@ -93,6 +93,32 @@ def test_scatter_starts_where_the_beam_is_both_bright_and_turned(seed):
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
+@settings(max_examples=20, deadline=None)
+@given(seed=seeds)
+def test_the_best_density_balances_what_every_ray_tells_and_the_prior(seed):
+    rng = np.random.default_rng(seed)
+    counts = rng.integers(1, 5, 12)
+    ends, rays, mac = np.cumsum(counts), int(counts.sum()), rng.uniform(0.1, 0.5, 6)
+    others, ways = rng.uniform(0.02, 0.3, (6, rays)), rng.uniform(0.5, 3.0, rays)
+    starts = np.append(0, ends[:-1])
+
+    def cost(density):
+        seen = (others * np.exp(-density * np.outer(mac, ways))).sum(axis=0)
+        off = (np.add.reduceat(seen, starts) / counts - measured) / 0.01
+        return 0.5 * ((density - 1.0) / 0.4) ** 2 + 0.5 * (off**2).sum()
+
+    behind = (others * np.exp(-1.2 * np.outer(mac, ways))).sum(axis=0)
+    measured = np.add.reduceat(behind, starts) / counts + rng.normal(0, 0.001, 12)
+    found, priors = np.empty((1, 3)), np.array([[1.0, 0.4, 0.1, 5.0]])
+    below, inverse_sd = np.zeros(12, dtype=bool), np.full(12, 100.0)
+    kernels.scan(
+        others, ways, ends, measured, below, inverse_sd, 1.0, HUBER, mac[None], priors, found
+    )
+    density, least, _ = found[0]
+    assert least == pytest.approx(cost(density), rel=1e-9)
+    assert least <= min(cost(density * factor) for factor in (0.999, 1.001))
+
+
 def slab(mac, density, transmissions=(0.9, 0.6, 0.3, 0.1)):
     """Thicknesses with about these transmissions at one energy, and the transmissions."""
     ways = -np.log(transmissions) / (density * (mac @ OPEN))

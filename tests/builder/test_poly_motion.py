@@ -102,3 +102,18 @@ def test_a_change_of_a_rotation_vector_turns_as_the_jacobian_says(rotation_rad):
     for axis, turn in zip(np.eye(3), turning(rotation_rad).T, strict=True):
         changed = Rotation.from_rotvec(rotation_rad + 1e-5 * axis) * turned.inv()
         np.testing.assert_allclose(changed.as_rotvec() / 1e-5, turn, atol=1e-4)
+
+
+def test_path_lengths_that_are_kept_are_of_the_pose_and_of_the_rays_asked_for() -> None:
+    shared = level(CONE, 0.0)
+    poses = [np.zeros(shared.poses.count), np.full(shared.poses.count, 0.05)]
+    starts = [shared.target.start(np.ones(2), pose) for pose in poses]
+    others = [{}, {"turned": False}, {"subrays": [3, 3]}, {"weighs": True}]
+    for start in [*starts, *starts]:
+        for by in others:
+            anew = replace(shared, latest={}, **by).images(start)
+            for kept, image in zip(replace(shared, **by).images(start), anew, strict=True):
+                np.testing.assert_array_equal(kept, image)
+    lengths = replace(shared, weighs=True).latest
+    assert lengths is shared.latest
+    assert 0 < len(lengths) <= 4

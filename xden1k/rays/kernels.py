@@ -288,20 +288,18 @@ def _cross(
         The strongest part now open (or the number of parts), how many are, and how many have been
         left less or more often than entered.
     """
-    rank, step = (label - 1, 1) if label > 0 else (-label - 1, -1)
+    rank = abs(label) - 1
     before = windings[rank]
-    windings[rank] = before + step
-    if before == 0:
-        if step > 0:
-            return min(owner, rank), inside + 1, uneven + 1
-        return owner, inside, uneven + 1
-    if before + step != 0:
-        return owner, inside, uneven
-    if before < 0:
-        return owner, inside, uneven - 1
-    while owner < len(windings) and windings[owner] <= 0:
-        owner += 1
-    return owner, inside - 1, uneven - 1
+    after = before + (1 if label > 0 else -1)
+    windings[rank] = after
+    uneven += (after != 0) - (before != 0)
+    if before == 0 and label > 0:
+        return min(owner, rank), inside + 1, uneven
+    if before == 1 and label < 0:
+        while owner < len(windings) and windings[owner] <= 0:
+            owner += 1
+        return owner, inside - 1, uneven
+    return owner, inside, uneven
 
 
 @compiled

@@ -22,7 +22,8 @@ from xden_builder.fit.weighting import uniform, variances, weights_of
 __all__ = ["fit_lac"]
 
 ROUGH_GAIN: Final = 1e-6
-"""Relative to the loss: steps that gain less do not change the weights of the next round."""
+"""Relative to the loss, of all rounds but the last: for a million pixels a standard deviation, by
+which the weights of the next round hardly change."""
 
 
 def fit_lac(
@@ -56,11 +57,11 @@ def fit_lac(
     lower, upper = problem.bounds(settings)
     point = np.clip(starting_point(problem), lower, upper)
     rounds: list[Minimum] = []
-    several = 1 if settings.weights == "none" else settings.reweightings
-    for left in reversed(range(several)):
+    count = 1 if settings.weights == "none" else settings.reweightings
+    for further in reversed(range(count)):
         weighting = _weighting(problem, point, settings)
         evaluate = partial(problem.evaluate, weighting=weighting)
-        small_gain = ROUGH_GAIN if left else SMALL_GAIN
+        small_gain = ROUGH_GAIN if further else SMALL_GAIN
         rounds.append(minimise(evaluate, point, lower, upper, settings.max_iterations, small_gain))
         point = rounds[-1].unknowns
     fitted = Fitted(problem, settings, weighting, point, rounds[-1].evaluation)

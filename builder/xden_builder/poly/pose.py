@@ -3,10 +3,11 @@
 Comes from :mod:`start`, leads to :mod:`samples`. The unknowns of the poses (seven for two views
 that share one) and the size of the object beside its meshes are found by Gauss-Newton steps,
 together with the densities, a gain and a share of glare of each view, on images averaged over
-8 x 8, 4 x 4 and 2 x 2 pixels (:mod:`pyramid`). Where the last of them leave much, something may
-have no mesh, and it is gone on by what neighbouring pixels differ by (:mod:`edges`), where no view
-was turned also from the pose of the files, from which the light itself may have led away. Turned
-views are laid onto their shadows one by one before (:mod:`alignment`).
+8 x 8, 4 x 4 and 2 x 2 pixels (:mod:`pyramid`), the middle ones where the first leave much or a view
+was turned. Where the last of them leave much, something may have no mesh, and it is gone on by what
+neighbouring pixels differ by (:mod:`edges`), where no view was turned also from the pose of the
+files, from which the light itself may have led away. Turned views are laid onto their shadows one
+by one before (:mod:`alignment`).
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from xden_builder.poly.model.poses import RIGID, Poses
 from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.size import SIZE_SDS_MOST, Size
 from xden_builder.poly.model.stray import GLARE, NO_STRAY
-from xden_builder.poly.pyramid import LOST_FROM, Level
+from xden_builder.poly.pyramid import LOST_FROM, RAYS, Level
 from xden_builder.poly.remains import all_left, doubt, much_left
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import Guess
@@ -50,7 +51,7 @@ SCANNER_SD: Final = 0.001
 """Relative, of a size by a scanner whose distances are as told: half a millimetre in half a metre
 (assumed)."""
 COARSE_RAYS: Final = 10_000
-"""Through the object in a view, about, on all images but the last."""
+"""Through the object in a view, about, on all images but the last, unless a view was turned."""
 LAST_RAYS: Final = 90_000
 """Through the object in a view, about, on the last images: thin metal is missed by a third of them.
 """
@@ -59,8 +60,6 @@ EDGE_SDS, LAST_EDGE_SD = (0.05, 0.02, 0.01), 0.004
 other, and of those that the best pose ends with."""
 REACH, ROUNDS = 0.02, 2
 """How far it is looked around that pose, radians and as a share of the radius; and how often."""
-EXPLAINED: Final = 0.05
-"""Mean square of residuals of coarse images: where less is left, the finest come next."""
 COARSEST_PX: Final = 32
 """Images are never smaller."""
 
@@ -269,15 +268,15 @@ def refine_pose(
     if poses.sized:
         low[-1], high[-1] = -SIZE_SDS_MOST * size_sd, SIZE_SDS_MOST * size_sd
     best = rms_before = None
-    levels: dict[int, Level] = {}
-    binnings = dict(_binnings(views, any(poses.turned)))
-    finest = min(binnings)
-    for binning, most in binnings.items():
-        if _explained(best, levels) and binning > finest and not any(poses.turned):
+    unturned, explained = not any(poses.turned), False
+    binnings = _binnings(views, not unturned)
+    for number, (binning, most) in enumerate(binnings, start=1):
+        last = number == len(binnings)
+        if explained and not last:
             continue
-        level = _level(target, poses, starts[0], binning, last=binning == finest)
-        levels[binning] = level
-        if best is not None and not any(poses.turned):
+        rays = LAST_RAYS if last else COARSE_RAYS if unturned else RAYS
+        level = _level(target, poses, starts[0], binning, rays, last=last)
+        if best is not None and unturned:
             believed = level.believed(level.residuals(starts[0]))
             starts = [min(starts[0], _as_told(starts[0], poses), key=believed.loss_at)]
         ends = [descend(level, start, most, low, high) for start in starts]
@@ -285,15 +284,16 @@ def refine_pose(
             rms_before = level.rms(ends[0].before)
         best = min(ends, key=lambda end: level.loss(end.unknowns, end.residuals))
         starts = [best.unknowns]
+        explained = unturned and not much_left(level, best.unknowns, best.residuals)
     assert best is not None
     assert rms_before is not None
     growth_by_light = None
     if much_left(level, best.unknowns, best.residuals):
         growth_by_light = float(best.unknowns[-1]) if poses.sized else None
-        told = _as_told(best.unknowns, poses) if begun_again and not any(poses.turned) else None
-        for binning in binnings.keys() - levels.keys():
-            levels[binning] = _level(target, poses, starts[0], binning, last=False)
-        best = _by_edges([levels[binning] for binning in binnings], best, told, (low, high))
+        told = _as_told(best.unknowns, poses) if begun_again and unturned else None
+        coarse = [binning for binning, _ in binnings[:-1]]
+        levels = [_level(target, poses, starts[0], each, RAYS, last=False) for each in coarse]
+        best = _by_edges([*levels, level], best, told, (low, high))
     unknowns, there, _, residuals = best
     told = there.hessian + 1e-9 * np.diag(there.hessian.diagonal())
     covariance = np.linalg.pinv(told, hermitian=True)
@@ -313,22 +313,24 @@ def refine_pose(
 
 
 def _level(
-    target: Target, poses: Poses, unknowns: Float64[np.ndarray, "u"], binning: int, *, last: bool
+    target: Target,
+    poses: Poses,
+    unknowns: Float64[np.ndarray, "u"],
+    binning: int,
+    rays: int,
+    *,
+    last: bool,
 ) -> Level:
-    """Average the images, and say how they are compared: the last ones as far as they are believed.
+    """Average the images, and say how they are compared.
 
-    Not before: far off, an object's own shadow seems another's.
+    On the last ones light may be lost, and images are believed as far as they are explained; not
+    before: far off, an object's own shadow seems another's. Before, differences are forward ones.
     """
     windows = _windows(target, poses, unknowns[-poses.count :], binning)
-    level = Level.of(target, poses, windows, binning, rays=LAST_RAYS if last else COARSE_RAYS)
+    level = Level.of(target, poses, windows, binning, rays=rays)
     if last:
         return replace(level, lost_from=LOST_FROM, weighs=True)
     return replace(level, forward=True)
-
-
-def _explained(best: Descent | None, levels: dict[int, Level]) -> bool:
-    """Whether a pose explains the images it was found on last, so that the finest may be next."""
-    return best is not None and levels[min(levels)].mean_left(best.residuals) < EXPLAINED
 
 
 def _by_edges(

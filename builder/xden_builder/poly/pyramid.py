@@ -107,8 +107,8 @@ class Level:
     """Whether derivatives by the poses are left out, and are zero."""
     latest: dict[tuple[int, int, bool, bytes], PathLengths] = field(default_factory=dict)
     """Path lengths of the views in the poses asked for last: a descent comes back to them. By view,
-    rays along a pixel's side, whether these are turned, and pose; levels that differ in how images
-    are weighed share them."""
+    rays along a pixel's side, whether these are turned, and pose. A level that replaces this one
+    shares them, so it may not replace its target, poses, binning or panels."""
 
     @classmethod
     def of(

@@ -30,8 +30,8 @@ APART_SHARE: Final = 0.01
 FINAL_APART: Final = 0.02
 """The same of those that are moved on fine images."""
 ELSEWHERE, ELSEWHERE_CM = (0.005, 0.025), 0.05
-"""Least and most of the radius, and in cm between these: where a twentieth of a part is farther
-off, it is another pose."""
+"""Least and most of the radius, and in cm between these, half a millimetre as `evaluate` lets pass:
+where a twentieth of a part is farther off, it is another pose."""
 RIVAL: Final = (1.3, 0.02)
 """A pose whose loss is at most so many times the least, and so much more, may be right too."""
 CLOSE: Final = 3.0

@@ -325,7 +325,10 @@ def _coarse_widths(shadows: Sequence[Shadow]) -> Iterator[int]:
 def _turned(
     judge: Judge, best: Found, coarse: _Coarse, likeness: Likeness, body: Body
 ) -> list[Found]:
-    """Turn a settled pose about its axes, and go down from where the loss is less than beside."""
+    """Turn a settled pose about its axes, and go down from where the loss is less than beside.
+
+    All else follows each turn, by few rays to find them and by all before they move.
+    """
     judged = Around.of(judge.quick, best).fixed
     here = judged(best.placement)
     if is_ball(body, likeness):
@@ -334,11 +337,13 @@ def _turned(
         turns = least_turns(judged, here, coarse.search, likeness.strict, body, FINE_DEG)
     turns = close_to_best([here, *turns], HARDLY_CLOSE)
     turns = unlike_of(turns, likeness.strict, body, TURNS, same_share(body))
+    moved = [each for each in turns if each is not here]
+    if not moved:
+        return []
     there, followed = [best], Around.of(judge, best).fixed
-    for each in turns:
-        if each is not here:
-            rendered = judge.refined(followed(each.placement), 1)
-            there.append(settled_if_hopeful(judge, rendered, min(there, key=loss_of)))
+    for each in moved:
+        rendered = judge.refined(followed(each.placement), 1)
+        there.append(settled_if_hopeful(judge, rendered, min(there, key=loss_of)))
     return there[1:]
 
 

@@ -74,7 +74,7 @@ class Radiographs:
 class _Rays(NamedTuple):
     """Rays of some samples that meet a part."""
 
-    others: Float64[np.ndarray, "r groups"]
+    others: Float64[np.ndarray, "groups r"]
     ways: Float64[np.ndarray, "r"]
     counts: Int64[np.ndarray, "n"]
     measured: Float64[np.ndarray, "n"]
@@ -107,7 +107,8 @@ def weigh_materials(
     if not rays:
         mean, sd = table.seen_priors[:, 0], table.seen_priors[:, 1]
         return _posterior(table, np.column_stack([mean, table.log_prior, sd**-2.0]))
-    seen = _Rays(*(np.concatenate(column) for column in zip(*rays, strict=True)))
+    others, *columns = zip(*rays, strict=True)
+    seen = _Rays(np.concatenate(others, axis=1), *map(np.concatenate, columns))
     return _posterior(table, _weighed(seen, radiographs.share, table))
 
 
@@ -134,7 +135,7 @@ def _scanned(
     """Do so for some of the candidates, by Laplace's approximation."""
     priors, found = table.seen_priors[which], np.empty((int(which.sum()), 3))
     kernels.scan(
-        np.ascontiguousarray(seen.others.T),
+        seen.others,
         seen.ways,
         np.cumsum(seen.counts),
         seen.measured,
@@ -168,7 +169,7 @@ def _rays(
     for view, sd, stray, gain in zip(
         radiographs.views, radiographs.sds, radiographs.strays, radiographs.gains, strict=True
     ):
-        meets = view.meets[:, part]
+        meets = view.lengths_cm[:, :, part].any(axis=1)
         for kind, most in ((~view.is_block, MOST_PIXELS), (view.is_block, MOST_BLOCKS)):
             mine = np.flatnonzero(meets & kind)
             if not len(mine):
@@ -181,7 +182,7 @@ def _rays(
             areal[:, part] = 0.0
             open_field = gain * np.repeat(view.weights[some], count, axis=0)
             yield _Rays(
-                open_field * np.exp(-areal @ mac_cm2_g),
+                np.ascontiguousarray((open_field * np.exp(-areal @ mac_cm2_g)).T),
                 np.ascontiguousarray(lengths[:, part]),
                 np.full(len(some), count),
                 view.measured[some] - stray[some],

@@ -89,7 +89,7 @@ def predict(
     parts, groups = mac.shape
     room = lengths.shape[1] * groups
     light, scales = np.empty(room), np.empty(room, np.int64)
-    sums, lost = np.empty(groups), np.empty((parts, groups))
+    sums, way_light = np.empty(groups), np.empty((parts, groups))
     for pixel in range(lengths.shape[0]):
         used = rays[pixel] * groups
         light[:used] = 0.0
@@ -111,18 +111,18 @@ def predict(
         transmission[pixel] = total / rays[pixel]
         if slopes.shape[0] == 0:
             continue
-        lost[:] = 0.0
+        way_light[:] = 0.0
         for ray in range(rays[pixel]):
             for part in range(parts):
                 way = lengths[pixel, ray, part]
                 if way > 0:
                     for group in range(groups):
-                        lost[part, group] += way * light[ray * groups + group]
+                        way_light[part, group] += way * light[ray * groups + group]
         for part in range(parts):
-            slopes[pixel, part] = 0.0
+            total = 0.0
             for group in range(groups):
-                slopes[pixel, part] -= lost[part, group] * mac[part, group] * weights[pixel, group]
-            slopes[pixel, part] /= rays[pixel]
+                total += way_light[part, group] * mac[part, group] * weights[pixel, group]
+            slopes[pixel, part] = -total / rays[pixel]
 
 
 @compiled
@@ -168,6 +168,35 @@ def scattered(
 
 @compiled
 @no_type_check
+def _behind(
+    others: Float64[np.ndarray, "b r"],
+    ways: Float64[np.ndarray, "r"],
+    density: float,
+    mac: Float64[np.ndarray, "b"],
+    light: Float64[np.ndarray, "r"],
+    scales: Int64[np.ndarray, "r"],
+    values: Float64[np.ndarray, "r"],
+    absorbed: Float64[np.ndarray, "r"],
+) -> None:
+    """Write the signal of each ray behind a part, and the same times its mass attenuation.
+
+    Group by group, since sums over groups would keep the loop over rays from being vectorised.
+    ``light`` and ``scales`` are room to work in.
+    """
+    values[:] = 0.0
+    absorbed[:] = 0.0
+    for group in range(len(mac)):
+        for ray in range(len(ways)):
+            light[ray] = -density * mac[group] * ways[ray]
+        _raise_e(light, scales)
+        for ray in range(len(ways)):
+            light[ray] *= others[group, ray]
+            values[ray] += light[ray]
+            absorbed[ray] += light[ray] * mac[group]
+
+
+@compiled
+@no_type_check
 def scan(
     others: Float64[np.ndarray, "b r"],
     ways: Float64[np.ndarray, "r"],
@@ -205,9 +234,9 @@ def scan(
         Written: density, cost (minus the logarithm of likelihood times prior, constants left out)
         and its curvature.
     """
-    groups, every = others.shape
-    light, scales = np.empty(every), np.empty(every, np.int64)
-    values, lost = np.empty(every), np.empty(every)
+    rays = len(ways)
+    light, scales = np.empty(rays), np.empty(rays, np.int64)
+    values, absorbed = np.empty(rays), np.empty(rays)
     kinked = at_least.any()  # one-sided residuals begin and end: steps may go to and fro
     for candidate in range(macs.shape[0]):
         mean, sd, low, high = priors[candidate]
@@ -218,26 +247,16 @@ def scan(
             gradient = (density - mean) / sd**2
             curvature = 1.0 / sd**2
             cost = 0.5 * (density - mean) ** 2 / sd**2
-            values[:] = 0.0
-            lost[:] = 0.0
-            for group in range(groups):
-                mac = macs[candidate, group]
-                for ray in range(every):
-                    light[ray] = -density * mac * ways[ray]
-                _raise_e(light, scales)
-                for ray in range(every):
-                    light[ray] *= others[group, ray]
-                    values[ray] += light[ray]
-                    lost[ray] += light[ray] * mac
+            _behind(others, ways, density, macs[candidate], light, scales, values, absorbed)
             ray = 0
             for pixel in range(measured.shape[0]):
-                value, slope, rays = 0.0, 0.0, ends[pixel] - ray
+                value, slope, count = 0.0, 0.0, ends[pixel] - ray
                 while ray < ends[pixel]:
                     value += values[ray]
-                    slope -= lost[ray] * ways[ray]
+                    slope -= absorbed[ray] * ways[ray]
                     ray += 1
-                value /= rays
-                slope /= rays
+                value /= count
+                slope /= count
                 residual = (value - measured[pixel]) * inverse_sd[pixel]
                 if at_least[pixel] and residual >= 0:
                     continue

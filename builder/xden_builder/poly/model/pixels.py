@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -37,7 +36,7 @@ AIR_CM: Final = (0.4, 5.0)
 """Air between these distances from the object tells gain and scatter."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class ViewPixels:
     """Chosen samples of one view: pixels, blocks of pixels, and air.
 
@@ -70,7 +69,7 @@ class ViewPixels:
     measured: Float64[np.ndarray, "n"]
     at_least: Bool[np.ndarray, "n"]
 
-    @cached_property
+    @property
     def meets(self) -> Bool[np.ndarray, "n k"]:
         """Whether any ray of a sample meets a part."""
         return np.asarray(self.lengths_cm.any(axis=1))
