@@ -108,7 +108,9 @@ def test_path_lengths_that_are_kept_are_of_the_pose_and_of_the_rays_asked_for() 
     shared = level(CONE, 0.0)
     poses = [np.zeros(shared.poses.count), np.full(shared.poses.count, 0.05)]
     starts = [shared.target.start(np.ones(2), pose) for pose in poses]
-    others = [{}, {"turned": False}, {"subrays": [3, 3]}, {"weighs": True}]
+    meshes = [mesh.copy().apply_scale(1.1) for mesh in shared.target.meshes]
+    larger = replace(shared.target, meshes=meshes)
+    others = [{}, {"turned": False}, {"subrays": [3, 3]}, {"target": larger}, {"weighs": True}]
     for start in [*starts, *starts]:
         for by in others:
             anew = replace(shared, latest={}, **by).images(start)

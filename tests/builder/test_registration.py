@@ -775,7 +775,7 @@ def test_labels_tell_halves_of_one_shape_that_the_images_do_not() -> None:
     views = [shadow_of(view) for view in capture.fitted_views]
     back, as_read = at(Rotation.from_rotvec([np.pi, 0, 0])), at(Rotation.identity())
     wrong, right = (Found(pose, 1.0, np.ones(2), 1.0, 50.0, 1.0) for pose in (as_read, back))
-    told = Found(as_read, 1.0, np.ones(2), 1.0, 120.0, 1.0)
+    told = Found(as_read, 1.0, np.ones(2), 1.0, 220.0, 1.0)
     given = [wrong] * 5 + [right, told]
     first, *others, last = told_by_labels(capture, order, views, given)
     assert first.placement is back
@@ -786,7 +786,7 @@ def test_labels_tell_halves_of_one_shape_that_the_images_do_not() -> None:
 
 
 def test_poses_that_the_images_tell_are_not_fitted(hammer: Capture) -> None:
-    found = [Found(at(TURN), 1.0, np.ones(3), 1.0, left, 1.0) for left in (50.0, 120.0)]
+    found = [Found(at(TURN), 1.0, np.ones(3), 1.0, left, 1.0) for left in (50.0, 220.0)]
     assert told_by_labels(hammer, [0, 1, 2], [], found) == found
 
 

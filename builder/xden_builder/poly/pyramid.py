@@ -105,10 +105,12 @@ class Level:
     """Independent observations, of errors of ``PIXEL_SD``, that all pixels together are worth."""
     still: bool = False
     """Whether derivatives by the poses are left out, and are zero."""
-    latest: dict[tuple[int, int, bool, bytes], PathLengths] = field(default_factory=dict)
-    """Path lengths of the views in the poses asked for last: a descent comes back to them. By view,
-    rays along a pixel's side, whether these are turned, and pose. A level that replaces this one
-    shares them, so it may not replace its target, poses, binning or panels."""
+    latest: dict[tuple[Target, Poses, int, int, int, bool, bytes], PathLengths] = field(
+        default_factory=dict
+    )
+    """Path lengths of the views in the poses asked for last: a descent comes back to them. By all
+    they hang on, so that levels which replace others share them: target, poses, binning, view, rays
+    along a pixel's side, whether these are turned, and unknowns of the poses."""
 
     @classmethod
     def of(
@@ -430,7 +432,8 @@ class Level:
 
     def _kept(self, number: int, pose: Float64[np.ndarray, "q"]) -> PathLengths:
         """Path lengths as of :meth:`seen`, anew only if the pose was not asked for just before."""
-        key = number, self.subrays[number], self.turned, pose.tobytes()
+        rays = self.subrays[number], self.turned
+        key = self.target, self.poses, self.binning, number, *rays, pose.tobytes()
         seen = self.latest.pop(key, None) or self.seen(number, pose)
         self.latest[key] = seen
         while len(self.latest) > KEPT_POSES * len(self.target.beams):
