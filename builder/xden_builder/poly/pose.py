@@ -268,11 +268,11 @@ def refine_pose(
     if poses.sized:
         low[-1], high[-1] = -SIZE_SDS_MOST * size_sd, SIZE_SDS_MOST * size_sd
     best = rms_before = None
-    unturned, explained = not any(poses.turned), False
+    unturned, left_much = not any(poses.turned), True
     binnings = _binnings(views, not unturned)
     for number, (binning, most) in enumerate(binnings, start=1):
         last = number == len(binnings)
-        if explained and not last:
+        if unturned and not left_much and not last:
             continue
         rays = LAST_RAYS if last else COARSE_RAYS if unturned else RAYS
         level = _level(target, poses, starts[0], binning, rays, last=last)
@@ -284,11 +284,11 @@ def refine_pose(
             rms_before = level.rms(ends[0].before)
         best = min(ends, key=lambda end: level.loss(end.unknowns, end.residuals))
         starts = [best.unknowns]
-        explained = unturned and not much_left(level, best.unknowns, best.residuals)
+        left_much = much_left(level, best.unknowns, best.residuals)
     assert best is not None
     assert rms_before is not None
     growth_by_light = None
-    if much_left(level, best.unknowns, best.residuals):
+    if left_much:
         growth_by_light = float(best.unknowns[-1]) if poses.sized else None
         told = _as_told(best.unknowns, poses) if begun_again and unturned else None
         coarse = [binning for binning, _ in binnings[:-1]]
