@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from statistics import NormalDist
 
 import pytest
 import trimesh
@@ -223,6 +224,14 @@ def test_parts_that_no_ray_meets_are_hidden_and_of_their_materials_density(captu
     assert unknown.sd_g_cm3 > 0.5 * unknown.density_g_cm3
     seen = {name: part.density_g_cm3 for name, part in found.items()}
     assert seen == pytest.approx(densities(rebuilt), rel=0.005)
+
+
+def test_densities_of_which_one_in_ten_is_off_by_a_tenth_are_uncertain(capture):
+    parts = fitted(relabelled(capture, grip="abs")).values()
+    limit = 0.1 / NormalDist().inv_cdf(0.95)
+    shares = [part.sd_g_cm3 / part.density_g_cm3 for part in parts]
+    assert ["uncertain" in part.flags for part in parts] == [share > limit for share in shares]
+    assert min(shares) < limit < max(shares) < 0.1
 
 
 def test_a_scale_tells_what_no_ray_does(capture):

@@ -26,8 +26,8 @@ from xden_builder.poly.scale import Weighing
 
 __all__ = ["PolyFit", "PolyPart", "judge"]
 
-UNCERTAIN: Final = 0.1
-"""Of a density: a larger standard deviation is flagged."""
+UNCERTAIN: Final = 0.06
+"""Of a density: of those with a larger standard deviation one in ten or more is off by a tenth."""
 MOST: Final = 0.5
 TOLD: Final = 0.5
 """Less of a prior's variance taken away by the images leaves the density the prior's."""
