@@ -59,7 +59,7 @@ CASES = {
     "a hidden battery": (lambda: without("cell", CASE, CELL), {"lat:unexplained_content"}),
     "an empty box drawn full": (
         lambda: without("air", DRAWN_FULL, AIR),
-        {"pa:unexplained_content", "lat:unexplained_content", "box:label_doubted"},
+        {"pa:unexplained_content", "lat:unexplained_content", "box:porous"},
     ),
     "two labels exchanged": (
         lambda: relabelled(captured(tool(), size=SIZE_PX), blade="pp", grip="steel"),
