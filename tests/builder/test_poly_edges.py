@@ -181,9 +181,11 @@ def test_too_dark_a_model_is_doubted_where_nothing_differs(views):
     assert edge_doubt(level, darker) > 3 * edge_doubt(level, nothing)
 
 
-@pytest.mark.parametrize("begun_again", [True, False])
-def test_a_pose_is_looked_around_where_it_is_begun_again_and_kept_if_that_leaves_more(
-    views, monkeypatch, begun_again
+@pytest.mark.parametrize(
+    ("begun_again", "very_much", "looks"), [(True, False, 2), (True, True, 4), (False, True, 0)]
+)
+def test_a_pose_is_looked_around_where_it_is_begun_again_and_on_while_any_reach_leaves_less(
+    views, monkeypatch, begun_again, very_much, looks
 ):
     level = level_of(views)
     true = right(level)
@@ -191,16 +193,18 @@ def test_a_pose_is_looked_around_where_it_is_begun_again_and_kept_if_that_leaves
     off[level.parts + 4] = 0.05
     asked = []
 
-    def around(_level, unknowns, *_rest):
-        asked.append(unknowns)
+    def around(_level, unknowns, _sd, reach, _bounds):
+        asked.append((unknowns, reach))
         return true if len(asked) == 1 else off
 
     monkeypatch.setattr(pose, "descend_by_edges", lambda _level, unknowns, *_rest: unknowns)
     monkeypatch.setattr(pose, "sought_by_edges", around)
+    monkeypatch.setattr(pose, "much_left", lambda *_rest: very_much)
     residuals = level.residuals(off)
     evaluated = level.evaluate(off, *level.residuals_and_slopes(off))
     end = Descent(off, evaluated, residuals, residuals)
     told = off if begun_again else None
     there = pose._by_edges([level], end, told, level.target.bounds(true[: level.parts], 7))
     assert np.array_equal(there.unknowns, true if begun_again else off)
-    assert len(asked) == (2 if begun_again else 0)
+    assert [np.array_equal(start, off) for start, _ in asked] == [True, False, False, False][:looks]
+    assert len({reach for _, reach in asked}) == (3 if looks > 2 else min(looks, 1))

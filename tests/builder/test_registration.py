@@ -1063,7 +1063,8 @@ def test_what_derivatives_do_not_reach_is_found_without_them(gone: str) -> None:
     judge = Judge.of(capture, views, body, 80, true, incomplete=True)
     astray = Rotation.from_rotvec([0.075, -0.09, 0.0975])
     start = judge.fixed(at(astray, (0.15, -0.13, 0.12)))
-    by_derivatives, without_them = judge.edged(start), judge.edged(judge.sought(start, 0.1))
+    sought = judge.sought(start, (0.1, 0.003))
+    by_derivatives, without_them = judge.edged(start), judge.edged(sought)
     assert without_them.improbability < by_derivatives.improbability
     off = Rotation.from_matrix(without_them.placement.rotation).magnitude()
     assert np.degrees(off) < 1

@@ -33,8 +33,8 @@ EDGE_SD: Final = 0.01
 """Of the logarithm of light from pixel to pixel, behind anything but the darkest."""
 MOST: Final = 4
 """How often derivatives are taken by each standard deviation."""
-LEAST_REACH, MOST_TRIES = 0.003, 200
-"""Of a search without derivatives: its last trust region, and poses that are tried."""
+MOST_TRIES: Final = 200
+"""Poses that a search without derivatives tries."""
 DARK: Final = 0.1
 """Share of the light, below which its logarithm is known less well."""
 DARKEST: Final = 1e-3
@@ -147,7 +147,11 @@ def descend_by_edges(
 
 
 def sought_by_edges(
-    level: Level, unknowns: Float64[np.ndarray, "u"], sd: float, reach: float, bounds: Bounds
+    level: Level,
+    unknowns: Float64[np.ndarray, "u"],
+    sd: float,
+    reaches: tuple[float, float],
+    bounds: Bounds,
 ) -> Float64[np.ndarray, "u"]:
     """Look for the pose that views share without derivatives by it, which lead to the next trough.
 
@@ -162,8 +166,8 @@ def sought_by_edges(
         Where it begins.
     sd
         Of a difference.
-    reach
-        First trust region: radians, and as a share of the object's radius.
+    reaches
+        First and last trust region: radians, and as a share of the object's radius.
     bounds
         Least and most unknowns.
     """
@@ -182,7 +186,12 @@ def sought_by_edges(
         best = min(best, (here, end.unknowns), key=itemgetter(0))
         return here
 
-    options = {"initial_tr_radius": reach, "final_tr_radius": LEAST_REACH, "maxfev": MOST_TRIES}
+    first_reach, last_reach = reaches
+    options = {
+        "initial_tr_radius": first_reach,
+        "final_tr_radius": last_reach,
+        "maxfev": MOST_TRIES,
+    }
     minimize(left, start, method="COBYQA", options=options)
     return best[1]
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import cycle, islice
 from typing import Any, Final
 
 import numpy as np
@@ -58,8 +59,14 @@ LAST_RAYS: Final = 90_000
 EDGE_SDS, LAST_EDGE_SD = (0.05, 0.02, 0.01), 0.004
 """Of differences of neighbouring pixels' logarithms where something may have no mesh, one after the
 other, and of those that the best pose ends with."""
-REACH, ROUNDS = 0.02, 2
-"""How far it is looked around that pose, radians and as a share of the radius; and how often."""
+REACHES: Final = ((0.02, 0.003), (0.05, 0.001), (0.01, 0.001))
+"""How far it is looked around that pose and how closely, one after the other: radians, and as a
+share of the radius."""
+LOOKS, MORE_LOOKS = 2, 8
+"""How often, while that leaves less: by the first of them; and by all by turns where very much is
+left."""
+VERY_MUCH: Final = 4.0
+"""Times what is much."""
 COARSEST_PX: Final = 32
 """Images are never smaller."""
 
@@ -356,16 +363,37 @@ def _by_edges(
         ends.append(unknowns)
     differing = partial(edge_doubt, level)
     best = min(ends, key=differing)
-    for _ in range(ROUNDS if told is not None else 0):
-        around = sought_by_edges(levels[-2:][0], best, EDGE_SDS[1], REACH, bounds)
-        ahead = descend_by_edges(level, around, EDGE_SDS[1:], bounds)
-        if differing(ahead) >= differing(best):
-            break
-        best = ahead
+    if told is not None:
+        very_much = much_left(level, end.unknowns, end.residuals, VERY_MUCH)
+        reaches, looks = (REACHES, MORE_LOOKS) if very_much else (REACHES[:1], LOOKS)
+        best = _looked_around(levels, best, bounds, reaches, looks)
     best = min(best, descend_by_edges(level, best, [LAST_EDGE_SD], bounds), key=differing)
     residuals, slopes = level.residuals_and_slopes(best)
     there = level.believed(residuals).evaluate(best, residuals, slopes)
     return Descent(best, there, end.before, residuals)
+
+
+def _looked_around(
+    levels: Sequence[Level],
+    best: Float64[np.ndarray, "u"],
+    bounds: Bounds,
+    reaches: Sequence[tuple[float, float]],
+    looks: int,
+) -> Float64[np.ndarray, "u"]:
+    """Look around a pose without derivatives, so often at most, until no reach leaves less."""
+    level, in_vain = levels[-1], 0
+    least = edge_doubt(level, best)
+    for reach in islice(cycle(reaches), looks):
+        around = sought_by_edges(levels[-2:][0], best, EDGE_SDS[1], reach, bounds)
+        ahead = descend_by_edges(level, around, EDGE_SDS[1:], bounds)
+        left = edge_doubt(level, ahead)
+        if left < least:
+            best, least, in_vain = ahead, left, 0
+        else:
+            in_vain += 1
+        if in_vain == len(reaches):
+            break
+    return best
 
 
 def _as_told(unknowns: Float64[np.ndarray, "u"], poses: Poses) -> Float64[np.ndarray, "u"]:

@@ -214,10 +214,10 @@ class Judge:
         there = self.found(level, found.placement, unknowns, level.residuals(unknowns))
         return replace(there, edges=edge_doubt(level, unknowns))
 
-    def sought(self, found: Found, reach: float) -> Found:
+    def sought(self, found: Found, reaches: tuple[float, float]) -> Found:
         """Look around a pose by the same, without derivatives; its size stays."""
         level, unknowns, bounds = self.unknowns(found)
-        unknowns = sought_by_edges(level, unknowns, EDGE_SDS[-1], reach, bounds)
+        unknowns = sought_by_edges(level, unknowns, EDGE_SDS[-1], reaches, bounds)
         return self.found(level, found.placement, unknowns, level.residuals(unknowns))
 
     def unknowns(self, found: Found) -> tuple[Level, Float64[np.ndarray, "u"], Bounds]:

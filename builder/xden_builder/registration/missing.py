@@ -21,8 +21,8 @@ __all__ = ["told_by_edges"]
 
 AROUND, SOME, CLOSELY = 24, 16, 4
 """Poses that are looked around, that are moved on fine images, and that go on."""
-REACH: Final = 0.1
-"""How far: radians, and as a share of the radius."""
+REACHES: Final = (0.1, 0.003)
+"""How far and how closely: radians, and as a share of the radius."""
 
 
 def told_by_edges(
@@ -50,7 +50,7 @@ def told_by_edges(
     starts = [coarse.fixed(each) for each in poses]
     moved = [coarse.edged(each) for each in starts]
     promising = sorted(range(len(poses)), key=lambda number: moved[number].improbability)[:AROUND]
-    around = [coarse.edged(coarse.sought(starts[number], REACH)) for number in promising]
+    around = [coarse.edged(coarse.sought(starts[number], REACHES)) for number in promising]
     some = first_of_like(_best_first([*moved, *around]), likeness, body, SOME, FINAL_APART)
     there = _best_first(fine.edged(each) for each in some)
     return first_of_like(there, likeness, body, CLOSELY)

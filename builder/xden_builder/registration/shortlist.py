@@ -277,8 +277,7 @@ def shortlist(
     linear = (spread_rotations(breadth.spread) if rotations is None else rotations).as_matrix()
     if scaled:
         linear = _scales(shadows, body.rim_cm, linear)[:, None, None] * linear
-    coarse = Search(shadows, body, COARSE_CELLS, COARSE_PX)
-    fine = finer_search(shadows, body)
+    coarse, fine = _coarse_search(shadows, body), finer_search(shadows, body)
     first = coarse.judged(linear, shifts_to_middles(shadows, body.rim_cm, linear)).best_first()
     axis = round_axis(body, likeness)
     some = range(breadth.first) if axis is None else distinct(first, breadth.first, axis)
@@ -290,6 +289,11 @@ def shortlist(
     is_apart = partial(likeness.apart, least_cm=APART_SHARE * body.radius_cm)
     kept = unlike(last.placements(), is_apart, breadth.last)
     return last.picked(kept), fine
+
+
+def _coarse_search(shadows: Sequence[Shadow], body: Body) -> Search:
+    """Give the search at the coarser of two resolutions."""
+    return Search(shadows, body, COARSE_CELLS, COARSE_PX)
 
 
 def finer_search(shadows: Sequence[Shadow], body: Body) -> Search:
@@ -306,7 +310,8 @@ def laid_upon_content(
 ) -> Poses:
     """Lay a body of which a part may be missing upon what it resembles, in all rotations.
 
-    Nothing moves them on: derivatives lead to what the missing part has made.
+    On very coarse images and on finer ones: small meshes beside a large shadow are no peak of their
+    own on the former. Nothing moves them on: derivatives lead to what the missing part has made.
 
     Parameters
     ----------
@@ -315,15 +320,19 @@ def laid_upon_content(
     body, likeness
         What is searched for, and how far apart its poses are.
     most
-        How many poses of unlike rotation are given, the best first.
+        How many poses of unlike rotation are given by either images, the best first.
     rotations
         In which it is laid; all there are by default.
     """
     linear = (spread_rotations(USUAL.spread) if rotations is None else rotations).as_matrix()
-    search = Search(shadows, body, COARSE_CELLS, COARSE_PX)
     shifts = shifts_to_middles(shadows, body.rim_cm, linear)
-    laid = search.led_to_content(linear, shifts).best_first()
-    return laid.picked(distinct(laid, most, round_axis(body, likeness)))
+    axis = round_axis(body, likeness)
+
+    def laid(search: Search) -> Poses:
+        poses = search.led_to_content(linear, shifts).best_first()
+        return poses.picked(distinct(poses, most, axis))
+
+    return _joined(laid(_coarse_search(shadows, body)), laid(finer_search(shadows, body)))
 
 
 def _winnowed(search: Search, poses: Poses, steps: int, *, scaled: bool) -> Poses:
