@@ -21,7 +21,9 @@ __all__ = ["told_by_edges"]
 
 AROUND, SOME, CLOSELY = 24, 16, 4
 """Poses that are looked around, that are moved on fine images, and that go on."""
-REACHES: Final = (0.1, 0.003)
+CLOSER: Final = (8, 4)
+"""Poses that are looked around on fine images, and those once more."""
+REACHES, FINE_REACHES = (0.1, 0.003), (0.05, 0.003)
 """How far and how closely: radians, and as a share of the radius."""
 
 
@@ -53,6 +55,9 @@ def told_by_edges(
     around = [coarse.edged(coarse.sought(starts[number], REACHES)) for number in promising]
     some = first_of_like(_best_first([*moved, *around]), likeness, body, SOME, FINAL_APART)
     there = _best_first(fine.edged(each) for each in some)
+    for count in CLOSER:
+        closer = [fine.edged(fine.sought(each, FINE_REACHES)) for each in there[:count]]
+        there = _best_first([*closer, *there])
     return first_of_like(there, likeness, body, CLOSELY)
 
 
