@@ -56,9 +56,14 @@ def told_by_edges(
     some = first_of_like(_best_first([*moved, *around]), likeness, body, SOME, FINAL_APART)
     there = _best_first(fine.edged(each) for each in some)
     for count in CLOSER:
-        closer = [fine.edged(fine.sought(each, FINE_REACHES)) for each in there[:count]]
-        there = _best_first([*closer, *there])
+        closer = [_looked_around(fine, each) for each in there[:count]]
+        there = _best_first([*closer, *there[count:]])
     return first_of_like(there, likeness, body, CLOSELY)
+
+
+def _looked_around(judge: Judge, found: Found) -> Found:
+    """Give the better of a pose and of what is found around it."""
+    return _best_first([judge.edged(judge.sought(found, FINE_REACHES)), found])[0]
 
 
 def _best_first(found: Iterable[Found]) -> list[Found]:
