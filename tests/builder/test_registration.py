@@ -134,6 +134,22 @@ def test_edges_tell_where_an_object_is_beside_what_has_no_mesh(cone: bool) -> No
     assert by_edges == pytest.approx(wanted, abs=search.cameras[0].pixel_cm)
 
 
+@pytest.mark.parametrize("place", [(2.2, -2.0, -5.0), (0.7, -1.2, -5.5), (3.5, 2.5, 4.0)])
+def test_small_meshes_beside_a_large_shadow_are_laid_where_finer_images_show_them(
+    place: tuple[float, float, float],
+) -> None:
+    turn, there = Rotation.from_rotvec([0.3, -0.8, 1.1]), np.array(place)
+    small = [trimesh.Trimesh(0.4 * mesh.vertices, mesh.faces) for mesh in pear()]
+    meshes = [trimesh.Trimesh(turn.apply(m.vertices) + there, m.faces) for m in small]
+    beside = trimesh.creation.icosphere(3, 3.5).apply_translation([-2.5, 2.0, 1.5])
+    seen, body = shadows([*meshes, beside]), body_of(small)
+    told = Rotation.concatenate([turn])
+    laid = laid_upon_content(seen, body, Likeness(body), 1, told).shifts
+    off_cm = np.linalg.norm(laid - (turn.apply(body.middle_cm) + there), axis=1)
+    assert off_cm[0] > 5  # on the ball, by images of 16 pixels
+    assert off_cm.min() < 0.4  # a pixel of the finer ones
+
+
 def test_what_no_mesh_explains_is_forgiven_and_what_meshes_would_darken_is_not() -> None:
     image = np.tile(np.float32([0, 0.5, 1, 0.7]), 4)
     more, less = image.copy(), image.copy()

@@ -79,7 +79,8 @@ MANY_RAYS: Final = 30_000
 SYMMETRY_DEG: Final = 15
 """Between turns that may leave the object where it is."""
 LISTED, LAID = 6, 60
-"""Poses that are handed on, and where a part may have no mesh those that are moved first."""
+"""Poses that are handed on, and where a part may have no mesh those that are moved first, by either
+of two images."""
 SYMMETRIC: Final = 0.03
 """Of the radius: a turn that moves surfaces less leaves the object where it is."""
 GROUPS: Final = 8
