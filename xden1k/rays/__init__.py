@@ -3,6 +3,7 @@
 Needs the extra ``build``.
 """
 
+from xden1k.rays.disjoint import disjoint_path_lengths
 from xden1k.rays.grids import (
     COLUMN_SAMPLES,
     THINNER_THAN_LABELS,
@@ -36,6 +37,7 @@ __all__ = [
     "PathLengths",
     "column_samples",
     "density_grid",
+    "disjoint_path_lengths",
     "disjoint_regions",
     "field_solid",
     "fill_grid",

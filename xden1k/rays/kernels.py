@@ -7,16 +7,19 @@ only. None uses fast math: two triangles that share an edge must compute the sam
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int16, Int32, Int64, UInt8
+from jaxtyping import Bool, Float32, Float64, Int16, Int32, Int64, Shaped, UInt8
 
 from xden1k.errors import require
 
 __all__ = [
+    "add_depths",
     "count",
     "extent",
     "gather",
+    "give_lengths",
     "mark",
     "mean_transmission",
+    "over_pixel",
     "pixel_of",
     "project",
     "scan",
@@ -28,6 +31,10 @@ __all__ = [
 compiled = require("numba", "build").njit(cache=True, nogil=True)
 
 COLUMN, ROW, DEPTH = 0, 1, 2
+TINY = 1e-12
+"""Rows or columns: what is closer together stands in no ray's way."""
+LEAST_DEPTH = 1e-11
+"""Rounding leaves less of the depths of one ray, where it should leave nothing."""
 MOST_INSERTED = 64
 """Crossings sorted by insertion; its time grows with their square."""
 Window = tuple[int, int, int, int]
@@ -315,7 +322,7 @@ def _cm_per_depth(frame: Float64[np.ndarray, "3 3"], row: int, column: int) -> f
 
 @compiled
 @no_type_check
-def _over_pixel(row: int, column: int, along: int, across: int) -> tuple[int, int]:
+def over_pixel(row: int, column: int, along: int, across: int) -> tuple[int, int]:
     """Row and column of a ray in pixels, times twice the rays of one; see ``lattice.Lattice``."""
     below = 2 * (along * row + across * column)
     beside = 2 * (along * column - across * row)
@@ -330,7 +337,7 @@ def _over_pixel(row: int, column: int, along: int, across: int) -> tuple[int, in
 @no_type_check
 def pixel_of(row: int, column: int, along: int, across: int) -> tuple[int, int]:
     """Row and column of the pixel in which a ray of a lattice stands."""
-    below, beside = _over_pixel(row, column, along, across)
+    below, beside = over_pixel(row, column, along, across)
     whole = 2 * (along * along + across * across)
     return below // whole, beside // whole
 
@@ -338,18 +345,18 @@ def pixel_of(row: int, column: int, along: int, across: int) -> tuple[int, int]:
 @compiled
 @no_type_check
 def mark(
-    counts: Int32[np.ndarray, "rows columns"],
+    counts: Shaped[np.ndarray, "rows columns"],
     window: Window,
     along: int,
     across: int,
-    met: Bool[np.ndarray, "rows columns"],
+    met: Bool[np.ndarray, "image_rows image_columns"],
 ) -> None:
     """Mark the pixels of which a ray has a crossing.
 
     Parameters
     ----------
     counts
-        Of the rays of a window.
+        Of the rays of a window: how many each has, or whether it has any.
     window
         First and end row, first and end column.
     along, across
@@ -359,7 +366,7 @@ def mark(
     """
     whole = 2 * (along * along + across * across)
     for i in range(counts.shape[0]):
-        below, beside = _over_pixel(i + window[0], window[2], along, across)
+        below, beside = over_pixel(i + window[0], window[2], along, across)
         row, column = below // whole, beside // whole
         below, beside = below - row * whole, beside - column * whole
         for j in range(counts.shape[1]):
@@ -438,6 +445,126 @@ def walk_lengths(
             if uneven > 0:
                 broken[i] = True
                 windings[:] = 0
+
+
+@compiled
+@no_type_check
+def add_depths(
+    triangles: Float64[np.ndarray, "n 3 3"],
+    labels: Int16[np.ndarray, "n"],
+    inverse_depth: bool,
+    window: Window,
+    depths: Float64[np.ndarray, "rows columns"],
+) -> None:
+    """Add the depths at which rays leave one part, less those at which they enter it.
+
+    That is their way through it, in any order of the crossings. Triangles are cut as by
+    :func:`scan`: an edge is followed from its upper end, by numbers that are its own alone, so
+    that two triangles beside each other agree about it.
+
+    Parameters
+    ----------
+    triangles, labels, inverse_depth, window
+        As of :func:`scan`, of one part.
+    depths
+        Of the rays of the window: added to.
+    """
+    first_row, end_row, first_column, end_column = window
+    flat, width = depths.ravel(), end_column - first_column
+    for i in range(len(triangles)):
+        upper, middle, lower = triangles[i, 0, ROW], triangles[i, 1, ROW], triangles[i, 2, ROW]
+        start, stop = _between(upper, lower, first_row, end_row)
+        if start >= stop:
+            continue
+        turn = max(start, int(min(np.ceil(middle), stop)))
+        columns = triangles[i, 0, COLUMN], triangles[i, 1, COLUMN], triangles[i, 2, COLUMN]
+        thirds = triangles[i, 0, DEPTH], triangles[i, 1, DEPTH], triangles[i, 2, DEPTH]
+        sign = 1.0 if labels[i] > 0 else -1.0
+        long = _edge(upper, lower, columns[0], columns[2], thirds[0], thirds[2])
+        short = _edge(upper, middle, columns[0], columns[1], thirds[0], thirds[1])
+        for row in range(start, stop):
+            if row == turn:
+                short = _edge(middle, lower, columns[1], columns[2], thirds[1], thirds[2])
+            left, left_depth = _met(long, row)
+            right, right_depth = _met(short, row)
+            way = sign
+            if right < left:
+                left, left_depth, right, right_depth = right, right_depth, left, left_depth
+                way = -sign
+            begin, end = _between(left, right, first_column, end_column)
+            if begin < end:
+                rise = (right_depth - left_depth) / max(right - left, TINY)
+                depth = left_depth + (begin - left) * rise
+                cell = (row - first_row) * width - first_column
+                line = flat[cell + begin : cell + end]
+                for k in range(len(line)):
+                    here = depth + k * rise
+                    line[k] += way / here if inverse_depth else way * here
+
+
+@compiled
+@no_type_check
+def _edge(
+    upper: float, lower: float, start: float, end: float, depth: float, end_depth: float
+) -> tuple[float, float, float, float, float]:
+    """Row, column and depth of an edge's upper end, and what the latter two change by a row."""
+    per_row = 1.0 / max(lower - upper, TINY)
+    return upper, start, depth, (end - start) * per_row, (end_depth - depth) * per_row
+
+
+@compiled
+@no_type_check
+def _met(edge: tuple[float, float, float, float, float], row: int) -> tuple[float, float]:
+    """Column and depth at which a row meets an edge."""
+    rows = row - edge[0]
+    return edge[1] + rows * edge[3], edge[2] + rows * edge[4]
+
+
+@compiled
+@no_type_check
+def give_lengths(
+    depths: Float64[np.ndarray, "rows columns"],
+    window: Window,
+    along: int,
+    across: int,
+    numbers: Int64[np.ndarray, "sides sides"],
+    frame: Float64[np.ndarray, "3 3"],
+    places: Int64[np.ndarray, "image_rows image_columns"],
+    lengths: Float32[np.ndarray, "pixels rays"],
+) -> None:
+    """Write the length of each ray through one part.
+
+    Parameters
+    ----------
+    depths, window
+        What :func:`add_depths` summed.
+    along, across, numbers
+        Of ``lattice.Lattice``.
+    frame
+        As of :func:`walk_lengths`.
+    places
+        Number of each pixel among those that are listed.
+    lengths
+        Of these in cm: zero on entry, written.
+    """
+    whole = 2 * (along * along + across * across)
+    for i in range(depths.shape[0]):
+        below, beside = over_pixel(i + window[0], window[2], along, across)
+        row, column = below // whole, beside // whole
+        below, beside = below - row * whole, beside - column * whole
+        for j in range(depths.shape[1]):
+            depth = depths[i, j]
+            if depth > LEAST_DEPTH:
+                inside = 0 <= row < places.shape[0] and 0 <= column < places.shape[1]
+                if inside:
+                    ray = numbers[below, beside]
+                    cm_per_depth = _cm_per_depth(frame, i + window[0], j + window[2])
+                    lengths[places[row, column], ray] = depth * cm_per_depth
+            below, beside = below + 2 * across, beside + 2 * along
+            if below >= whole:
+                below, row = below - whole, row + 1
+            if beside >= whole:
+                beside, column = beside - whole, column + 1
 
 
 @compiled

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
-from jaxtyping import Bool, Int32, Int64
+from jaxtyping import Bool, Int32, Int64, Shaped
 
 from xden1k.rays import kernels
 from xden1k.rays.surfaces import Window
@@ -81,6 +81,15 @@ class Lattice:
         mine = [tuple(self.pixel(row, column)) == (0, 0) for row, column in near.tolist()]
         return near[mine].astype(np.int64)
 
+    @cached_property
+    def numbers(self) -> Int64[np.ndarray, "sides sides"]:
+        """Number of the ray of a pixel that stands there: row and column times twice the rays."""
+        numbers = np.zeros((2 * self.rays,) * 2, dtype=np.int64)
+        for ray, (row, column) in enumerate(self.places.tolist()):
+            below, beside = kernels.over_pixel(row, column, self.along, self.across)
+            numbers[below % (2 * self.rays), beside % (2 * self.rays)] = ray
+        return numbers
+
     def pixel(self, row: int, column: int) -> tuple[int, int]:
         """Row and column of the pixel in which a ray stands.
 
@@ -112,8 +121,17 @@ class Lattice:
     ) -> Int64[np.ndarray, "n"]:
         """Flat indices of the pixels with a crossing on any ray of a window."""
         met: Bool[np.ndarray, "..."] = np.zeros(shape, dtype=np.bool_)
-        kernels.mark(counts, window, self.along, self.across, met)
+        self.mark(counts, window, met)
         return np.flatnonzero(met)
+
+    def mark(
+        self,
+        counts: Shaped[np.ndarray, "rows columns"],
+        window: Window,
+        met: Bool[np.ndarray, "image_rows image_columns"],
+    ) -> None:
+        """Mark the pixels with a crossing, or true, on any ray of a window."""
+        kernels.mark(counts, window, self.along, self.across, met)
 
 
 def _whole(window: tuple[int, int], subrays: int, size: int) -> tuple[int, int]:

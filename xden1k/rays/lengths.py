@@ -26,7 +26,7 @@ from xden1k.rays.surfaces import Surfaces, Window
 from xden1k.values.arrays import Image
 from xden1k.values.views import ViewGeometry
 
-__all__ = ["PathLengths", "path_lengths"]
+__all__ = ["PathLengths", "path_lengths", "ray_frame"]
 
 CROSSINGS_AT_ONCE = 1 << 23
 
@@ -148,7 +148,7 @@ def path_lengths(
             lattice.across,
             lattice.places,
             band,
-            _ray_frame(fine),
+            ray_frame(fine),
             np.array(order, dtype=np.int64),
             counts[rows],
             depths,
@@ -185,7 +185,7 @@ def _bands(
         yield (first + start * subrays, first + stop * subrays, ends[0], ends[1]), mine
 
 
-def _ray_frame(geometry: ViewGeometry) -> Float64[np.ndarray, "3 3"]:
+def ray_frame(geometry: ViewGeometry) -> Float64[np.ndarray, "3 3"]:
     """Give what a column, a row and no step add to a ray's vector per unit of depth."""
     # the rays of a parallel beam are all one vector
     steps = 1.0 if geometry.beam == "cone" else 0.0

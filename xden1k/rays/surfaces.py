@@ -93,6 +93,16 @@ class Surfaces:
         )
         return depths, crossed
 
+    def depths(self, window: Window) -> Float64[np.ndarray, "rows columns"]:
+        """Give the depth of each ray of a window through one part, all of whose triangles these are.
+
+        That of a cone counts in ways from the source to the detector's plane.
+        """
+        first_row, end_row, first_column, end_column = window
+        depths = np.zeros((end_row - first_row, end_column - first_column))
+        kernels.add_depths(self.triangles, self.labels, self.inverse_depth, window, depths)
+        return depths
+
 
 def _see(
     mesh: trimesh.Trimesh,
