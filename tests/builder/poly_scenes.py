@@ -10,6 +10,7 @@ from xden1k.rays import disjoint_regions, ownership_order, path_lengths
 from xden1k.values.materials import load_materials
 from xden1k.values.views import XRayView
 from xden_builder.capture import Capture, CapturePart
+from xden_builder.capture.space import divide
 from xden_builder.physics.attenuation import mac_cm2_g
 from xden_builder.physics.source import Detector, Tube
 from xden_builder.physics.spectrum import tube_spectrum
@@ -127,13 +128,6 @@ def relabelled(capture, **labels):
     return replace(capture, parts=tuple(parts))
 
 
-def owned_volumes_cm3(capture):
-    """Volume of the space that each part owns."""
-    meshes = [part.mesh for part in capture.parts]
-    regions = disjoint_regions(meshes, ownership_order(meshes))
-    return np.array([float(region.volume) for region in regions])
-
-
 def true_mass_g(solids):
     """Mass of an object."""
     meshes = [solid.mesh for solid in solids]
@@ -146,11 +140,10 @@ def true_mass_g(solids):
 
 def solved(capture, **choices):
     """Where the fit ends."""
-    order = ownership_order([part.mesh for part in capture.parts])
-    settings, mass = PolySettings(**choices), None
+    space, settings, mass = divide(capture.parts), PolySettings(**choices), None
     if capture.weighed_mass_g is not None:
-        mass = Mass(capture.weighed_mass_g, owned_volumes_cm3(capture))
-    return estimate(sampled(capture, order, settings), mass, settings)
+        mass = Mass(capture.weighed_mass_g, space.volumes_cm3)
+    return estimate(sampled(capture, space, settings), mass, settings)
 
 
 def fitted(capture, **choices):

@@ -13,6 +13,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from xden_builder.capture import Capture
+from xden_builder.capture.space import Space
 from xden_builder.registration.placement import Found, Registration, RigidPlacement
 
 THERE: Final = RigidPlacement(
@@ -67,8 +68,8 @@ class TrueSearch:
     def __init__(self, captures: Path, **flags: Sequence[str]) -> None:
         self.captures, self.flags = captures, flags
 
-    def __call__(self, capture: Capture, order: Sequence[int]) -> Registration:
+    def __call__(self, capture: Capture, space: Space) -> Registration:
         """Stand in for ``register``."""
         text = (self.captures / capture.object_id / "truth.json").read_text()
         placement = RigidPlacement.from_dict(json.loads(text)["mesh_pose"])
-        return found(placement, len(order), *self.flags.get(capture.category, ()))
+        return found(placement, len(space.order), *self.flags.get(capture.category, ()))

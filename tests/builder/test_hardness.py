@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.builder.poly_scenes import TUBE, Solid, box, captured, cylinder
-from xden1k.rays import ownership_order
+from xden_builder.capture.space import divide
 from xden_builder.poly.hardness import Hardness, join, pilots
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.survey import FILTERS_MM_CU, Clue, survey
@@ -94,11 +94,10 @@ def clues_of(copper_mm, *, weighed=False, off=(1.0, 1.0, 1.0)):
         Solid("level", cylinder(0.9, 3.0, (2.6, 0.7, -1.5)), "water", 1.0 * off[2]),
     )
     capture = captured(solids, size=96, tube=TUBE.behind("Cu", copper_mm / 10))
-    meshes = [solid.mesh for solid in solids]
-    volumes_cm3 = np.array([mesh.volume for mesh in meshes])
-    mass_g = float(volumes_cm3 @ [solid.density_g_cm3 for solid in solids])
+    space = divide(capture.parts)
+    mass_g = float(space.volumes_cm3 @ [solid.density_g_cm3 for solid in solids])
     told = replace(capture, tube=TUBE, weighed_mass_g=mass_g if weighed else None)
-    return survey(told, ownership_order(meshes), volumes_cm3, PolySettings(pose=False))
+    return survey(told, space, PolySettings(pose=False))
 
 
 @pytest.mark.parametrize("copper_mm", [pytest.param(0.0, marks=pytest.mark.slow), 0.1])

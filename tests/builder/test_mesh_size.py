@@ -11,11 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.builder.poly_scenes import box, captured, cylinder, geometries, tool
-from xden1k.rays import ownership_order, path_lengths
+from xden1k.rays import path_lengths
 from xden1k.values.types import DensityObject
 from xden1k.values.views import ViewGeometry
 from xden_builder.audit.object import audit_object
 from xden_builder.capture import Capture
+from xden_builder.capture.space import divide
 from xden_builder.phantoms import write_captures
 from xden_builder.phantoms.posing import Posing
 from xden_builder.physics.source import Tube
@@ -27,7 +28,6 @@ from xden_builder.poly.pyramid import Level
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.target import Target, window
 from xden_builder.reconstruct import object as reconstruction
-from xden_builder.reconstruct.space import divide
 from xden_builder.registration.placement import RigidPlacement
 from xden_builder.registration.size import find_size
 
@@ -44,12 +44,8 @@ def handed_over(capture: Capture, factor: float, told: str = "near") -> Capture:
     return replace(capture, parts=shrink.of_parts(capture.parts), mesh_scale=told)
 
 
-def order_of(capture: Capture) -> list[int]:
-    return list(ownership_order([part.mesh for part in capture.parts]))
-
-
 def size_of(capture: Capture) -> Size:
-    return sampled(capture, order_of(capture)).size
+    return sampled(capture, divide(capture.parts)).size
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +80,7 @@ def test_a_size_makes_up_for_no_wrong_units(scanned: Capture) -> None:
 
 def test_meshes_that_are_believed_keep_their_size(scanned: Capture) -> None:
     capture = handed_over(scanned, 1.01)
-    size = sampled(capture, order_of(capture), PolySettings(size=False)).size
+    size = sampled(capture, divide(capture.parts), PolySettings(size=False)).size
     assert (size.factor, size.sd) == (1.0, SIZE_SDS["near"])
 
 
@@ -111,15 +107,14 @@ def test_slopes_by_a_shift_along_the_beam_are_those_of_the_images(beam) -> None:
     told = geometries(size=96, width_cm=3.2)["lat"]
     told = told if beam == "cone" else parallel(told)
     capture = captured(tool(), size=96)
-    scene = sampled(capture, order_of(capture), PolySettings(pose=False)).guess
+    scene = sampled(capture, divide(capture.parts), PolySettings(pose=False)).guess
     beams = [replace(scene.scene.outlines.beams[1], geometry=told)]
     target = Target(
         [replace(capture.views[1], geometry=told)],
         [scene.scene.saturated[1]],
         [(1.0, 0.05)],
         beams,
-        scene.scene.meshes,
-        scene.scene.order,
+        scene.scene.space.regions,
         scene.outline_stand_ins.mac_cm2_g,
     )
     x, y, z = target.centre_cm.tolist()
@@ -150,13 +145,13 @@ def test_a_view_that_was_turned_by_hand_tells_little_of_the_size(scanned: Captur
 
 def test_the_size_needs_no_source_to_be_known(scanned: Capture) -> None:
     capture = replace(handed_over(scanned, 1.01), tube=None)
-    assert find_size(capture, order_of(capture)).factor == pytest.approx(1.01, abs=3 * FOUND)
+    assert find_size(capture, divide(capture.parts)).factor == pytest.approx(1.01, abs=3 * FOUND)
 
 
 def mass_g(capture: Capture, choice: PolySettings) -> float:
     space = divide(capture.parts)
-    fit = fit_poly(capture, space.order, space.volumes_cm3, choice)
-    volumes_cm3 = space.enlarged(fit.size).volumes_cm3
+    fit = fit_poly(capture, space, choice)
+    volumes_cm3 = space.moved(fit.size.enlarged).volumes_cm3
     return float(volumes_cm3 @ fit.solution.density_g_cm3)
 
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tests.builder.poly_scenes import TUBE, box, composition, geometries, radiograph, tool
-from xden1k.rays import ownership_order
+from xden1k.rays import disjoint_regions, ownership_order
 from xden1k.values.views import XRayView
 from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.source import Detector
@@ -29,13 +29,13 @@ SOLIDS = tool()
 def level_of(views: list[XRayView], saturated: float = np.inf) -> Level:
     """The tool before its radiographs, of which pixels beyond some light are saturated."""
     groups, meshes = energy_groups(TUBE, Detector("CsI")), [solid.mesh for solid in SOLIDS]
+    regions = disjoint_regions(meshes, ownership_order(meshes))
     target = Target(
         views,
         [view.transmission > saturated for view in views],
         [GAIN] * len(views),
         [ViewBeam(groups, view.geometry, Heel()) for view in views],
-        meshes,
-        ownership_order(meshes),
+        regions,
         np.stack([groups.mac_cm2_g(composition(solid.material)) for solid in SOLIDS]),
     )
     x, y, z = target.centre_cm.tolist()

@@ -15,7 +15,6 @@ from tests.builder.poly_scenes import (
     Solid,
     captured,
     fitted,
-    owned_volumes_cm3,
     radiograph,
     relabelled,
     saturated,
@@ -28,6 +27,7 @@ from xden1k.format.records import object_row
 from xden1k.values.types import DensityObject
 from xden_builder.audit.object import audit_object
 from xden_builder.capture import Capture, CapturePart
+from xden_builder.capture.space import divide
 from xden_builder.physics.source import Tube
 from xden_builder.poly.model.frames import Pose
 from xden_builder.reconstruct.object import reconstruct
@@ -261,7 +261,7 @@ def test_a_weighed_mass_makes_the_mass_right(capture):
     true_g = true_mass_g(tool())
     families = {"blade": "metal", "grip": "polymer", "level": "liquid"}
     weighed = relabelled(replace(capture, weighed_mass_g=true_g), **families)
-    mass_g = float(owned_volumes_cm3(weighed) @ solved(weighed).density_g_cm3)
+    mass_g = float(divide(weighed.parts).volumes_cm3 @ solved(weighed).density_g_cm3)
     assert mass_g == pytest.approx(true_g, rel=0.005)
 
 

@@ -46,7 +46,6 @@ def level(geometry, size_sd: float) -> Level:
         [(1.0, 0.05)] * 2,
         [ViewBeam(groups, geometry, Heel())] * 2,
         [box((1.1, 1.5, 1.3)), cylinder(0.4, 1.9, (1.2, 0.9, 0.2))],
-        [0, 1],
         np.tile(groups.mac_cm2_g(composition("pp")), (2, 1)),
     )
     poses = Poses((False, False), Pose(centre_cm=(0.3, -0.2, 0.1)), size_sd)
@@ -108,8 +107,8 @@ def test_path_lengths_that_are_kept_are_of_the_pose_and_of_the_rays_asked_for() 
     shared = level(CONE, 0.0)
     poses = [np.zeros(shared.poses.count), np.full(shared.poses.count, 0.05)]
     starts = [shared.target.start(np.ones(2), pose) for pose in poses]
-    meshes = [mesh.copy().apply_scale(1.1) for mesh in shared.target.meshes]
-    larger = replace(shared.target, meshes=meshes)
+    meshes = [mesh.copy().apply_scale(1.1) for mesh in shared.target.regions]
+    larger = replace(shared.target, regions=meshes)
     others = [{}, {"turned": False}, {"subrays": [3, 3]}, {"target": larger}, {"weighs": True}]
     for start in [*starts, *starts]:
         for by in others:

@@ -28,7 +28,7 @@ from tests.builder.poly_scenes import (
     radiograph,
     tool,
 )
-from xden1k.rays import ownership_order, path_lengths
+from xden1k.rays import disjoint_regions, ownership_order, path_lengths
 from xden1k.values.views import XRayView
 from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.source import Detector
@@ -152,8 +152,7 @@ def refined(
         [np.zeros_like(view.valid) for view in views],
         [GAIN, GAIN],
         [ViewBeam(groups, view.geometry, Heel()) for view in views],
-        meshes,
-        ownership_order(meshes),
+        disjoint_regions(meshes, ownership_order(meshes)),
         np.stack([groups.mac_cm2_g(composition(solid.material)) for solid in solids]),
         np.array([factor * solid.density_g_cm3 for solid in solids]),
     )

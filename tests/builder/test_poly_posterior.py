@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.builder.poly_scenes import captured, owned_volumes_cm3, solved, tool, true_mass_g
+from tests.builder.poly_scenes import captured, solved, tool, true_mass_g
 from xden_builder.capture import Capture
+from xden_builder.capture.space import divide
 from xden_builder.poly.estimate import Solution
 from xden_builder.poly.judgement import PolyFit, judge
 from xden_builder.poly.posterior.problem import NUISANCES, Mass, solve
@@ -156,7 +157,7 @@ def test_images_of_the_model_itself_give_its_unknowns_back(solution):
 def test_a_weighed_mass_pulls_the_mass_as_far_as_images_and_materials_bear(
     capture, solution, factor
 ):
-    weighed_g, volumes_cm3 = factor * true_mass_g(tool()), owned_volumes_cm3(capture)
+    weighed_g, volumes_cm3 = factor * true_mass_g(tool()), divide(capture.parts).volumes_cm3
     weighed = solved(replace(capture, weighed_mass_g=weighed_g), pose=False)
     free, pulled = (float(volumes_cm3 @ each.density_g_cm3) for each in (solution, weighed))
     assert abs(pulled - weighed_g) < max(0.75 * abs(free - weighed_g), 0.005 * weighed_g)

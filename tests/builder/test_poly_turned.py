@@ -21,7 +21,7 @@ from tests.builder.poly_scenes import (
     tool,
 )
 from xden1k.errors import DataError
-from xden1k.rays import ownership_order
+from xden1k.rays import disjoint_regions, ownership_order
 from xden1k.values.views import XRayView
 from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.source import Detector, Tube
@@ -75,7 +75,6 @@ def level(turned, size=16):
         [GAIN] * count,
         [ViewBeam(groups, geometry, Heel())] * count,
         [box((2.0, 3.0, 2.6))],
-        [0],
         groups.mac_cm2_g(composition("pp"))[None],
     )
     windows = [(slice(None), slice(None))] * count
@@ -98,8 +97,8 @@ def test_derivatives_by_an_own_shift_are_those_by_moving_the_object_itself():
 
 def moved_images(found, unknowns, by_cm):
     """Images of both views after the meshes themselves moved along x."""
-    meshes = [mesh.copy().apply_translation((by_cm, 0, 0)) for mesh in found.target.meshes]
-    return replace(found, target=replace(found.target, meshes=meshes)).images(unknowns)
+    meshes = [mesh.copy().apply_translation((by_cm, 0, 0)) for mesh in found.target.regions]
+    return replace(found, target=replace(found.target, regions=meshes)).images(unknowns)
 
 
 def test_a_lone_turned_view_has_the_derivatives_of_a_shared_one():
@@ -129,8 +128,7 @@ def found_turn(size):
         [np.zeros_like(view.valid) for view in views],
         [GAIN, GAIN],
         [ViewBeam(groups, view.geometry, Heel()) for view in views],
-        meshes,
-        ownership_order(meshes),
+        disjoint_regions(meshes, ownership_order(meshes)),
         np.stack([groups.mac_cm2_g(composition(solid.material)) for solid in solids]),
         np.array([1.1 * solid.density_g_cm3 for solid in solids]),
         (False, True),

@@ -21,6 +21,7 @@ from xden1k.rays import ownership_order, path_lengths
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.capture import Capture, CaptureFolder
 from xden_builder.capture.pose import Candidate, CoarsePose
+from xden_builder.capture.space import Space, divide
 from xden_builder.cli import cli
 from xden_builder.phantoms import Scanner, write_captures
 from xden_builder.poly.model.frames import Pose
@@ -97,7 +98,8 @@ def pear() -> list[trimesh.Trimesh]:
 
 
 def body_of(meshes: Sequence[trimesh.Trimesh], lac_per_cm: float = LAC_PER_CM) -> Body:
-    return Body.of(meshes, list(range(len(meshes)))[::-1], np.full(len(meshes), lac_per_cm))
+    space = Space.of(meshes, list(range(len(meshes)))[::-1])
+    return Body.of(space, np.full(len(meshes), lac_per_cm))
 
 
 def at(rotation: Rotation, shift_cm: Sequence[float] = (0.0, 0.0, 0.0)) -> RigidPlacement:
@@ -224,7 +226,7 @@ def test_poses_are_apart_by_their_distance() -> None:
 def test_points_that_believe_no_label_find_what_wrong_labels_hide() -> None:
     ends = [box((2.0, 1.2, 2.0), (0, 0, z)) for z in (-1.0, 1.0)]
     views = shadows(ends)
-    wrong = Body.of(ends, [0, 1], np.array([10.0, 0.1]) * LAC_PER_CM)
+    wrong = Body.of(Space.of(ends, [0, 1]), np.array([10.0, 0.1]) * LAC_PER_CM)
     here = np.eye(3)[None], wrong.middle_cm[None]
     believed, even = (
         Search(views, wrong.evened(share), 16, 36).judged(*here).costs[0] for share in (0.0, 1.0)
@@ -237,7 +239,8 @@ def test_parts_that_attenuate_otherwise_tell_a_half_turn() -> None:
         trimesh.creation.box((1, 1, 3)).apply_translation([0, 0, side]) for side in (-1.5, 1.5)
     ]
     half_turn = [at(Rotation.identity()), at(Rotation.from_rotvec([np.pi, 0, 0]))]
-    same, other = (Body.of(halves, [0, 1], np.array(lac)) for lac in ((1.0, 1.0), (0.2, 1.0)))
+    space = Space.of(halves, [0, 1])
+    same, other = (Body.of(space, np.array(lac)) for lac in ((1.0, 1.0), (0.2, 1.0)))
     assert Likeness(same).distance_cm(*half_turn) < 0.05
     assert Likeness(other).distance_cm(*half_turn) > 1
 
@@ -432,7 +435,7 @@ def halves() -> tuple[Capture, Judge, Search]:
         size=96,
     )
     views = [shadow_of(view) for view in capture.fitted_views]
-    body = Body.of([part.mesh for part in capture.parts], [0, 1], np.full(2, 0.4))
+    body = Body.of(divide(capture.parts), np.full(2, 0.4))
     there = at(Rotation.identity())
     return capture, Judge.of(capture, views, body, 40, there), Search(views, body, 16, 36)
 
@@ -744,16 +747,13 @@ def astray(capture: Capture, scale: float = 1.0) -> Capture:
 
 
 def found(capture: Capture) -> Registration:
-    meshes = [part.mesh for part in capture.parts]
-    return register(capture, ownership_order(meshes, [part.priority for part in capture.parts]))
+    return register(capture, divide(capture.parts))
 
 
 def judge_of(capture: Capture) -> Judge:
     """Compare with shadows 80 pixels wide."""
     shadows = [shadow_of(view) for view in capture.fitted_views]
-    meshes = [part.mesh for part in capture.parts]
-    order = ownership_order(meshes, [part.priority for part in capture.parts])
-    body = Body.of(meshes, order, np.ones(len(meshes)))
+    body = Body.of(divide(capture.parts), np.ones(len(capture.parts)))
     return Judge.of(capture, shadows, body, 80, at(Rotation.identity()))
 
 
@@ -787,43 +787,43 @@ def test_an_exposure_that_is_off_leaves_the_loss_of_a_pose_as_it_is(hammer: Capt
 
 def test_labels_tell_halves_of_one_shape_that_the_images_do_not() -> None:
     capture = like_halves()
-    order = ownership_order([part.mesh for part in capture.parts])
+    space = divide(capture.parts)
     views = [shadow_of(view) for view in capture.fitted_views]
     back, as_read = at(Rotation.from_rotvec([np.pi, 0, 0])), at(Rotation.identity())
     wrong, right = (Found(pose, 1.0, np.ones(2), 1.0, 50.0, 1.0) for pose in (as_read, back))
     told = Found(as_read, 1.0, np.ones(2), 1.0, 220.0, 1.0)
     given = [wrong] * 5 + [right, told]
-    first, *others, last = told_by_labels(capture, order, views, given)
+    first, *others, last = told_by_labels(capture, space, views, given)
     assert first.placement is back
     assert [each.deviance is not None for each in (*others, last)] == [True] * 5 + [False]
     assert not others[0].as_good_as(first)
     for untold in (replace(capture, tube=None), replace(capture, turned=frozenset({"lat"}))):
-        assert told_by_labels(untold, order, views, given) == given
+        assert told_by_labels(untold, space, views, given) == given
 
 
 def test_poses_that_the_images_tell_are_not_fitted(hammer: Capture) -> None:
     found = [Found(at(TURN), 1.0, np.ones(3), 1.0, left, 1.0) for left in (50.0, 220.0)]
-    assert told_by_labels(hammer, [0, 1, 2], [], found) == found
+    assert told_by_labels(hammer, divide(hammer.parts), [], found) == found
 
 
 @pytest.mark.parametrize(("doubted", "far"), [(False, 0.09), (False, 0.08), (True, 0.2)])
 def test_poses_the_search_does_not_tell_are_told_by_the_images_as_they_are(
     hammer: Capture, doubted: bool, far: float
 ) -> None:
-    order = ownership_order([part.mesh for part in hammer.parts])
+    space = divide(hammer.parts)
     given = [
         Found(at(Rotation.from_rotvec([0, 0, angle])), loss, np.ones(len(hammer.parts)))
         for angle, loss in ((0.7, 0.05), (0.0, 0.055), (1.2, far))
     ]
     away = replace(hammer, pose="unknown")
-    first, second, third = told_closely(away, order, given, doubted=doubted)
+    first, second, third = told_closely(away, space, given, doubted=doubted)
     assert first.loss == given[1].loss
     assert not second.as_good_as(first)
     refined = [each.edges is not None for each in (first, second, third)]
     assert refined == [True, True, doubted or far < 0.085]
     assert {each.doubt is None for each in (first, second)} == {doubted}
     untold = replace(away, tube=None)
-    assert told_closely(untold, order, given, doubted=doubted) == given
+    assert told_closely(untold, space, given, doubted=doubted) == given
 
 
 @pytest.mark.parametrize(
@@ -832,21 +832,21 @@ def test_poses_the_search_does_not_tell_are_told_by_the_images_as_they_are(
 def test_where_the_best_leaves_much_the_right_pose_may_leave_more_until_it_is_refined(
     hammer: Capture, best: float, other: float, refined: int
 ) -> None:
-    order = ownership_order([part.mesh for part in hammer.parts])
+    space = divide(hammer.parts)
     found = [
         Found(at(Rotation.from_rotvec([0, 0, angle])), loss, np.ones(len(hammer.parts)))
         for angle, loss in ((0.7, best), (0.0, other))
     ]
-    there = told_closely(replace(hammer, pose="unknown"), order, found, doubted=False)
+    there = told_closely(replace(hammer, pose="unknown"), space, found, doubted=False)
     assert sum(each.edges is not None for each in there) == refined
     assert there[0].loss == (other if refined else best)
 
 
 def test_a_refined_pose_is_the_one_it_came_to(hammer: Capture) -> None:
-    order = ownership_order([part.mesh for part in hammer.parts])
+    space = divide(hammer.parts)
     off = [at(Rotation.from_rotvec([0, 0.02, angle])) for angle in (0.02, 0.7)]
     found = [Found(each, 0.05, np.ones(len(hammer.parts))) for each in off]
-    first, _ = told_closely(replace(hammer, pose="unknown"), order, found, doubted=False)
+    first, _ = told_closely(replace(hammer, pose="unknown"), space, found, doubted=False)
     turned = Rotation.from_matrix(first.placement.rotation).magnitude()
     assert turned < 0.1 * np.hypot(0.02, 0.02)
 
@@ -859,8 +859,8 @@ def test_saturated_air_hides_not_which_pose_is_right() -> None:
         Found(at(Rotation.from_rotvec([0, 0, angle])), loss, np.ones(len(capture.parts)))
         for angle, loss in ((0.7, 0.05), (0.0, 0.055))
     )
-    order = ownership_order([part.mesh for part in capture.parts])
-    first, second = told_closely(capture, order, [rolled, right], doubted=False)
+    space = divide(capture.parts)
+    first, second = told_closely(capture, space, [rolled, right], doubted=False)
     assert first.loss == right.loss
     assert first.doubt is not None
     assert first.doubt < 0.2
@@ -878,8 +878,8 @@ def test_four_poses_go_on_by_differences_of_pixels_not_by_loss(
     hammer: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     turns = [at(Rotation.from_rotvec([0, angle, 0])) for angle in (0.0, 0.6, 1.2, 1.8, 2.4, 3.0)]
-    order = ownership_order([part.mesh for part in hammer.parts])
-    body = Body.of([part.mesh for part in hammer.parts], order, np.ones(len(hammer.parts)))
+    space = divide(hammer.parts)
+    body = Body.of(space, np.ones(len(hammer.parts)))
     asked = []
 
     judge = object.__new__(Judge)
@@ -908,7 +908,7 @@ def test_what_leaves_little_only_as_light_is_forgiven_is_not_taken_for_whole(
 ) -> None:
     capture = replace(without("counterweight"), pose="unknown")
     meshes = [part.mesh for part in capture.parts]
-    body = Body.of(meshes, ownership_order(meshes), np.ones(len(meshes)))
+    body = Body.of(Space.of(meshes, ownership_order(meshes)), np.ones(len(meshes)))
     shadows, true = [shadow_of(view) for view in capture.fitted_views], at(Rotation.identity())
     judge = Judge.of(capture, shadows, body, 120, true)
     there, asked = judge.fixed(at(TURN)), []
@@ -935,7 +935,7 @@ def test_a_told_rotation_is_kept_where_a_part_has_no_mesh(monkeypatch: pytest.Mo
     away = Rotation.from_rotvec([0.0, 0.3, 0.0])
     told = replace(capture, pose=CoarsePose(tuple(away.as_quat()), (0.0, 0.0, 0.0)))
     meshes = [part.mesh for part in capture.parts]
-    body = Body.of(meshes, ownership_order(meshes), np.ones(len(meshes)))
+    body = Body.of(Space.of(meshes, ownership_order(meshes)), np.ones(len(meshes)))
     shadows = [shadow_of(view) for view in capture.fitted_views]
     judge = Judge.of(capture, shadows, body, 40, at(Rotation.identity()))
     there, tried = judge.fixed(at(TURN)), []
@@ -957,7 +957,7 @@ def test_what_leaves_much_is_looked_for_again_and_the_other_pose_is_not_forgotte
     hammer: Capture, monkeypatch: pytest.MonkeyPatch, left: float, times: int
 ) -> None:
     meshes = [part.mesh for part in hammer.parts]
-    body = Body.of(meshes, ownership_order(meshes), np.ones(len(meshes)))
+    body = Body.of(Space.of(meshes, ownership_order(meshes)), np.ones(len(meshes)))
     likeness = Likeness(body)
     shadows = [shadow_of(view, turned=False) for view in hammer.fitted_views]
     upside_down = at(Rotation.from_rotvec([np.pi, 0, 0]))

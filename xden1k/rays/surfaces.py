@@ -94,7 +94,7 @@ class Surfaces:
         return depths, crossed
 
     def depths(self, window: Window) -> Float64[np.ndarray, "rows columns"]:
-        """Give the depth of each ray of a window through one part, all of whose triangles these are.
+        """Depth of each ray of a window through one part, all of whose triangles these are.
 
         That of a cone counts in ways from the source to the detector's plane.
         """

@@ -15,6 +15,7 @@ from xden1k.rays import path_lengths
 from xden1k.values.materials import families, load_materials
 from xden1k.values.physics import apparent_density_g_cm3
 from xden_builder.capture import Capture, CapturePart
+from xden_builder.capture.space import Space
 from xden_builder.evaluate.truth import Errors, Truth, errors_of
 from xden_builder.fit import fit_lac_adam
 from xden_builder.poly.judgement import PolyFit
@@ -22,7 +23,6 @@ from xden_builder.poly.line import fit_samples, sampled
 from xden_builder.poly.materials.candidates import candidates
 from xden_builder.poly.posterior.problem import Mass
 from xden_builder.poly.settings import PolySettings
-from xden_builder.reconstruct.space import Space
 
 __all__ = [
     "ABLATIONS",
@@ -141,7 +141,7 @@ def poly(
     settings: PolySettings,
 ) -> list[PolyFit]:
     """Fit the tube's spectrum, once for each mass that may be known; the pose does not need it."""
-    samples = sampled(capture, space.order, settings)
+    samples = sampled(capture, space, settings)
     volumes = samples.size.factor**3 * space.volumes_cm3
     weighed = [None if mass is None else Mass(mass, volumes) for mass in masses_g]
     return [fit_samples(samples, mass, settings) for mass in weighed]
@@ -149,5 +149,5 @@ def poly(
 
 def errors_of_fit(fit: PolyFit, space: Space, truth: Truth) -> Errors:
     """Say how far a fit is off, at the size that it found."""
-    regions = space.enlarged(fit.size).regions
+    regions = space.moved(fit.size.enlarged).regions
     return errors_of(fit.solution.density_g_cm3, regions, truth.enlarged(fit.size))

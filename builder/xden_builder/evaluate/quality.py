@@ -11,11 +11,11 @@ import numpy as np
 from xden1k.rays import object_grids
 from xden_builder.audit.view import ViewAudit, audit_image, noise_floor
 from xden_builder.capture import Capture
+from xden_builder.capture.space import divide
 from xden_builder.evaluate.methods import poly
 from xden_builder.evaluate.truth import Truth
 from xden_builder.poly.judgement import PolyFit
 from xden_builder.poly.settings import PolySettings
-from xden_builder.reconstruct.space import divide
 from xden_builder.reconstruct.withheld import as_whole
 
 __all__ = ["SHOWN", "Quality", "QualityPair", "quality_of"]

@@ -16,6 +16,7 @@ from jaxtyping import Float64
 from xden1k.errors import DataError
 from xden1k.values.mass import mass_of_meshes
 from xden_builder.capture import Capture, CaptureFolder
+from xden_builder.capture.space import Space, divide
 from xden_builder.evaluate.methods import (
     ABLATIONS,
     MODES,
@@ -38,7 +39,6 @@ from xden_builder.poly.survey import Clue
 from xden_builder.reconstruct.clues import find_clues
 from xden_builder.reconstruct.rigid import rigid_sd
 from xden_builder.reconstruct.settings import BuildSettings
-from xden_builder.reconstruct.space import Space, divide
 from xden_builder.registration.capture import registered
 from xden_builder.registration.placement import Registration
 from xden_builder.workers import gather
@@ -266,7 +266,7 @@ def _part_checks(fit: PolyFit, truth: Truth) -> tuple[PartCheck, ...]:
 
 def _body_check(fit: PolyFit, space: Space, truth: Truth) -> BodyCheck:
     density, size = fit.solution.density_g_cm3, fit.size
-    regions, truth = space.enlarged(size).regions, truth.enlarged(size)
+    regions, truth = space.moved(size.enlarged).regions, truth.enlarged(size)
     body = mass_of_meshes(regions, density.tolist())
     sd = rigid_sd(regions, density, fit.covariance, fit.by_size_g_cm3, size.sd)
     off = (body.com_cm - truth.com_cm) / sd.com_cm

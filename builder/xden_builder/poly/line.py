@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
-import numpy as np
-from jaxtyping import Float64
-
 from xden_builder.capture import Capture
+from xden_builder.capture.space import Space
 from xden_builder.poly.estimate import estimate
 from xden_builder.poly.judgement import PolyFit, judge
 from xden_builder.poly.pose import find_pose
@@ -27,8 +24,7 @@ DEFAULT: Final = PolySettings()
 
 def fit_poly(
     capture: Capture,
-    order: Sequence[int],
-    volumes_cm3: Float64[np.ndarray, "k"],
+    space: Space,
     settings: PolySettings = DEFAULT,
 ) -> PolyFit:
     """Find densities, materials, pose, gains and stray light of one object.
@@ -37,10 +33,8 @@ def fit_poly(
     ----------
     capture
         With a tube or a photon energy.
-    order
-        Which part owns space first, see :func:`xden1k.rays.ownership_order`.
-    volumes_cm3
-        Shape (K,): of the space each part's mesh owns; used where the object was weighed.
+    space
+        What is each part's.
     settings
         What is modelled.
 
@@ -49,16 +43,16 @@ def fit_poly(
     DataError
         If the source is not known or outside the tables.
     """
-    samples = sampled(capture, order, settings)
+    samples = sampled(capture, space, settings)
     by_images = fit_samples(samples, None, settings)
     if capture.weighed_mass_g is None:
         return by_images
-    mass = Mass(capture.weighed_mass_g, samples.size.factor**3 * volumes_cm3)
+    mass = Mass(capture.weighed_mass_g, samples.size.factor**3 * space.volumes_cm3)
     known = by_images.solution.density_g_cm3, by_images.covariance
     return replace(fit_samples(samples, mass, settings), weighing=compare(mass, *known))
 
 
-def sampled(capture: Capture, order: Sequence[int], settings: PolySettings = DEFAULT) -> Samples:
+def sampled(capture: Capture, space: Space, settings: PolySettings = DEFAULT) -> Samples:
     """Go through the stages that a weighed mass does not change: scene, start, pose, samples.
 
     Raises
@@ -66,7 +60,7 @@ def sampled(capture: Capture, order: Sequence[int], settings: PolySettings = DEF
     DataError
         As :func:`fit_poly`.
     """
-    scene = set_scene(capture, order, settings)
+    scene = set_scene(capture, space, settings)
     guess = first_guess(scene)
     placement = find_pose(guess, settings)
     return take_samples(placement, settings)

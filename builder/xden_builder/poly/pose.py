@@ -107,8 +107,7 @@ def find_pose(guess: Guess, settings: PolySettings, *, begun_again: bool = True)
         scene.saturated,
         [gain_prior(bounds) for bounds in scene.gains],
         scene.outlines.beams,
-        scene.meshes,
-        scene.order,
+        scene.space.regions,
         guess.outline_stand_ins.mac_cm2_g,
         guess.density_g_cm3,
         scene.turned,
@@ -120,7 +119,7 @@ def find_pose(guess: Guess, settings: PolySettings, *, begun_again: bool = True)
     return Placement(
         replace(
             guess,
-            scene=scene.enlarged(size),
+            scene=scene.moved(size.enlarged),
             density_g_cm3=fit.density_g_cm3 / size.factor,
         ),
         fit,
@@ -230,8 +229,7 @@ def refine_pose(
     saturated: Sequence[Mask],
     gains: Sequence[tuple[float, float]],
     beams: Sequence[ViewBeam],
-    meshes: Sequence[trimesh.Trimesh],
-    order: Sequence[int],
+    regions: Sequence[trimesh.Trimesh],
     mac_cm2_g: Float64[np.ndarray, "k groups"],
     density_g_cm3: Float64[np.ndarray, "k"],
     turned: Sequence[bool] = (),
@@ -247,8 +245,8 @@ def refine_pose(
     views, saturated, gains, beams
         The radiographs, which of their pixels are known from below alone, means and standard
         deviations of their gains, and what reaches their panels.
-    meshes, order
-        Parts and their ownership, as of :func:`xden1k.rays.path_lengths`.
+    regions
+        What is each part's: they share no space.
     mac_cm2_g
         Shape (K, groups): of the material each part is taken for.
     density_g_cm3
@@ -265,7 +263,7 @@ def refine_pose(
         Whether a descent that leaves much is begun once more at the pose of the files, where no
         view was turned, and its end looked around without derivatives.
     """
-    target = Target(views, saturated, gains, beams, meshes, order, mac_cm2_g, glare)
+    target = Target(views, saturated, gains, beams, regions, mac_cm2_g, glare)
     x, y, z = target.centre_cm.tolist()
     poses = Poses(tuple(turned) or (False,) * len(views), Pose(centre_cm=(x, y, z)), size_sd)
     starts = [target.start(density_g_cm3, np.zeros(poses.count))]
@@ -308,8 +306,8 @@ def refine_pose(
         poses=poses,
         unknowns=unknowns[-poses.count :],
         covariance=covariance[-poses.count :, -poses.count :],
-        density_g_cm3=unknowns[: len(meshes)],
-        gain=unknowns[len(meshes) :][: len(views)],
+        density_g_cm3=unknowns[: len(regions)],
+        gain=unknowns[len(regions) :][: len(views)],
         rms_before=rms_before,
         rms_after=level.rms(residuals),
         doubt=doubt(level, unknowns, residuals),

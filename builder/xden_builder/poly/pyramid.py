@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
-from xden1k.rays import PathLengths, path_lengths
+from xden1k.rays import PathLengths, disjoint_path_lengths
 from xden1k.values.arrays import Mask
 from xden1k.values.views import ViewGeometry
 from xden_builder.fit import huber
@@ -157,7 +157,7 @@ class Level:
     @property
     def parts(self) -> int:
         """Number of parts K."""
-        return len(self.target.meshes)
+        return len(self.target.regions)
 
     def evaluate(
         self,
@@ -454,7 +454,7 @@ class Level:
     ) -> PathLengths:
         """Give the same by so many rays; along the raster if they are not turned against it."""
         geometry, target = self.poses.geometry(number, self.panels[number], pose), self.target
-        return path_lengths(target.meshes, target.order, geometry, subrays[number], turned=turned)
+        return disjoint_path_lengths(target.regions, geometry, subrays[number], turned=turned)
 
     def _compared(
         self, number: int, seen: PathLengths
@@ -472,7 +472,7 @@ class Level:
 def _pixels_met(target: Target, poses: Poses, number: int, panel: ViewGeometry) -> int:
     """Count pixels of a view that meet the object at rest."""
     geometry = poses.geometry(number, panel, np.zeros(poses.count))
-    return len(path_lengths(target.meshes, target.order, geometry).pixels)
+    return len(disjoint_path_lengths(target.regions, geometry).pixels)
 
 
 def subrays_of(pixels: int, binning: int, rays: int = RAYS) -> int:

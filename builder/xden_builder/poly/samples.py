@@ -86,6 +86,7 @@ class Samples:
 def take_samples(placement: Placement, settings: PolySettings) -> Samples:
     """Render path lengths where the object stands, and choose samples of them."""
     scene = placement.guess.scene
+    whole = scene.space.meshes, scene.space.order
     rng = np.random.default_rng(0)
     seen = []
     for view, saturated, beam, geometry, noise_sd, bounds in zip(
@@ -97,13 +98,11 @@ def take_samples(placement: Placement, settings: PolySettings) -> Samples:
         scene.gains,
         strict=True,
     ):
-        lengths = path_lengths(scene.meshes, scene.order, geometry)
+        lengths = path_lengths(*whole, geometry)
         blocks = lengths
         if settings.blocks and min(geometry.shape) > BLOCK_PX:
-            blocks = path_lengths(scene.meshes, scene.order, coarse(geometry, BLOCK_PX), BLOCK_RAYS)
-        smooth = path_lengths(
-            scene.meshes, scene.order, coarse(geometry, coarse_binning(geometry.shape))
-        )
+            blocks = path_lengths(*whole, coarse(geometry, BLOCK_PX), BLOCK_RAYS)
+        smooth = path_lengths(*whole, coarse(geometry, coarse_binning(geometry.shape)))
         samples = choose_pixels(view, saturated, lengths, blocks, beam, rng)
         seen.append(
             Seen(

@@ -5,7 +5,7 @@ Leads to :mod:`start`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -18,10 +18,11 @@ from xden1k.values.arrays import Mask
 from xden1k.values.views import XRayView
 from xden_builder.capture import Capture, CapturePart
 from xden_builder.capture.saturation import GainBounds, completed, gain_bounds
+from xden_builder.capture.space import Space
 from xden_builder.physics.groups import GROUPS, EnergyGroups, energy_groups
 from xden_builder.poly.materials.candidates import CandidateTable, candidate_table
 from xden_builder.poly.model.beam import ViewBeam, view_beam
-from xden_builder.poly.model.size import SIZE_SDS, Size
+from xden_builder.poly.model.size import SIZE_SDS
 from xden_builder.poly.settings import PolySettings
 
 __all__ = ["Light", "Scene", "set_scene"]
@@ -64,9 +65,9 @@ class Scene:
     gains
         What is known of the gain of each view where its air is saturated; None where it is not.
     parts
-        As annotated.
-    order
-        Which part owns space first, see :func:`xden1k.rays.ownership_order`.
+        Their names and labels; where they are, ``space`` tells.
+    space
+        What is each part's.
     light
         In as many energy groups as densities need.
     outlines
@@ -82,21 +83,15 @@ class Scene:
     saturated: tuple[Mask, ...]
     gains: tuple[GainBounds | None, ...]
     parts: tuple[CapturePart, ...]
-    order: tuple[int, ...]
+    space: Space
     light: Light
     outlines: Light
     noise_sd: tuple[float, ...]
     size_sd: float
 
-    @property
-    def meshes(self) -> list[trimesh.Trimesh]:
-        """Of the parts."""
-        return [part.mesh for part in self.parts]
-
-    def enlarged(self, size: Size) -> Scene:
-        """Give the object its size."""
-        parts = tuple(replace(part, mesh=size.enlarged(part.mesh)) for part in self.parts)
-        return replace(self, parts=parts)
+    def moved(self, move: Callable[[trimesh.Trimesh], trimesh.Trimesh]) -> Scene:
+        """Give the object another place or size."""
+        return replace(self, space=self.space.moved(move))
 
     @property
     def batches(self) -> Int64[np.ndarray, "k"]:
@@ -105,15 +100,15 @@ class Scene:
         return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.int64)
 
 
-def set_scene(capture: Capture, order: Sequence[int], settings: PolySettings) -> Scene:
+def set_scene(capture: Capture, space: Space, settings: PolySettings) -> Scene:
     """Work out beams and candidates of a capture.
 
     Parameters
     ----------
     capture
         With a tube or a photon energy.
-    order
-        Which part owns space first.
+    space
+        What is each part's.
     settings
         What stands in the beam beside the told filters, and how far compositions may differ.
 
@@ -141,7 +136,7 @@ def set_scene(capture: Capture, order: Sequence[int], settings: PolySettings) ->
         tuple(mask for _, mask in whole),
         tuple(gain_bounds(view, each) for view, each in zip(views, limits, strict=True)),
         capture.parts,
-        tuple(order),
+        space,
         Light(fine, beams, tables),
         Light(few, few_beams, few_tables),
         tuple(capture.noise_sd.get(view.name, 0.0) for view in views),

@@ -89,7 +89,7 @@ def _attenuation_per_cm(scene: Scene) -> Float64[np.ndarray, "k"]:
         if not mask.any():
             continue
         small = XRayView(view.name, image, mask, coarse(view.geometry, binning))
-        pairs.append((path_lengths(scene.meshes, scene.order, small.geometry), small))
+        pairs.append((path_lengths(scene.space.meshes, scene.space.order, small.geometry), small))
     if not pairs:
         return np.full(len(scene.parts), UNKNOWN_PER_CM)
     fit = fit_lac(pairs, gain_bounds=bounds)

@@ -19,6 +19,7 @@ from jaxtyping import Float64
 
 from xden1k.values.materials import load_materials
 from xden_builder.capture import Capture
+from xden_builder.capture.space import Space
 from xden_builder.physics.groups import EnergyGroups, energy_groups
 from xden_builder.poly.diagnosis import information_shares
 from xden_builder.poly.estimate import problem_of
@@ -85,8 +86,7 @@ class _Fit:
 
 def survey(
     capture: Capture,
-    order: Sequence[int],
-    volumes_cm3: Float64[np.ndarray, "k"],
+    space: Space,
     settings: PolySettings,
 ) -> tuple[Clue, ...]:
     """Find the clues of one object; its labelled parts are taken at their word.
@@ -95,10 +95,8 @@ def survey(
     ----------
     capture
         With a tube.
-    order
-        Which part owns space first, see :func:`xden1k.rays.ownership_order`.
-    volumes_cm3
-        Shape (K,): of the space each part's mesh owns.
+    space
+        What is each part's.
     settings
         What is modelled.
 
@@ -108,7 +106,7 @@ def survey(
         As :func:`xden_builder.poly.line.fit_poly`.
     """
     assert capture.tube is not None
-    samples = _as_labelled(sampled(capture, order, settings))
+    samples = _as_labelled(sampled(capture, space, settings))
     fits = [
         _fitted(
             samples, energy_groups(capture.tube.behind("Cu", mm / 10), capture.detector), settings
@@ -117,7 +115,7 @@ def survey(
     ]
     clues = list(_by_labels(capture, fits))
     if capture.weighed_mass_g is not None:
-        clues += _by_mass(capture, samples.size.factor**3 * volumes_cm3, fits)
+        clues += _by_mass(capture, samples.size.factor**3 * space.volumes_cm3, fits)
     return tuple(clues)
 
 

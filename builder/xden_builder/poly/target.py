@@ -41,8 +41,8 @@ class Target:
     views, saturated, gains, beams
         The radiographs, which of their pixels are known from below alone, means and standard
         deviations of their gains, and what reaches their panels.
-    meshes, order
-        Parts and their ownership, as of :func:`xden1k.rays.path_lengths`.
+    regions
+        What is each part's: they share no space.
     mac_cm2_g
         Shape (K, groups): of the material each part is taken for.
     glare
@@ -53,15 +53,14 @@ class Target:
     saturated: Sequence[Mask]
     gains: Sequence[tuple[float, float]]
     beams: Sequence[ViewBeam]
-    meshes: Sequence[trimesh.Trimesh]
-    order: Sequence[int]
+    regions: Sequence[trimesh.Trimesh]
     mac_cm2_g: Float64[np.ndarray, "k groups"]
     glare: tuple[float, float, float, float] = GLARE
 
     @cached_property
     def points_cm(self) -> Float64[np.ndarray, "n 3"]:
         """All vertices."""
-        return np.concatenate([np.asarray(mesh.vertices) for mesh in self.meshes])
+        return np.concatenate([np.asarray(mesh.vertices) for mesh in self.regions])
 
     @cached_property
     def centre_cm(self) -> Float64[np.ndarray, "3"]:

@@ -13,12 +13,12 @@ from xden1k.rays import PathLengths, path_lengths
 from xden_builder.audit.view import ViewAudit, audit_image, audit_view, noise_floor
 from xden_builder.capture import Capture
 from xden_builder.capture.saturation import GainBounds, completed, gain_bounds
+from xden_builder.capture.space import Space
 from xden_builder.fit import LacFit, fit_lac, fit_lac_adam
 from xden_builder.poly.judgement import PolyFit
 from xden_builder.poly.line import fit_poly
 from xden_builder.poly.model.size import Size
 from xden_builder.reconstruct.settings import BuildSettings
-from xden_builder.reconstruct.space import Space
 from xden_builder.registration.capture import Registered
 from xden_builder.registration.placement import Registration
 from xden_builder.registration.size import find_size
@@ -92,12 +92,12 @@ def explain(there: Registered, space: Space, settings: BuildSettings) -> Explain
             f"poly, which alone finds the pose of a turned view; got the model {model}"
         )
     if model == "poly":
-        poly = fit_poly(capture, space.order, space.volumes_cm3, settings.poly)
+        poly = fit_poly(capture, space, settings.poly)
         capture, size = _turned(capture, poly), poly.size
     elif capture.mesh_scale == "near":
-        size = find_size(capture, space.order)
+        size = find_size(capture, space)
     if size is not None:
-        capture, space = _enlarged(capture, size), space.enlarged(size)
+        capture, space = _enlarged(capture, size), space.moved(size.enlarged)
     subrays = 1 if settings.model == "paper" else settings.subrays
     lengths = [
         path_lengths(space.meshes, space.order, view.geometry, subrays)

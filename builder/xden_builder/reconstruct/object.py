@@ -11,6 +11,7 @@ from xden1k.values.arrays import Mask
 from xden1k.values.types import DensityObject
 from xden1k.values.views import XRayView
 from xden_builder.capture import Capture
+from xden_builder.capture.space import divide
 from xden_builder.reconstruct.assembly import assemble
 from xden_builder.reconstruct.explained import explain
 from xden_builder.reconstruct.plausible import (
@@ -20,7 +21,6 @@ from xden_builder.reconstruct.plausible import (
     check_twins,
 )
 from xden_builder.reconstruct.settings import BuildSettings
-from xden_builder.reconstruct.space import divide
 from xden_builder.reconstruct.withheld import as_told
 from xden_builder.registration.capture import registered
 

@@ -18,7 +18,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from xden1k.rays import path_lengths
+from xden1k.rays import disjoint_path_lengths
 from xden1k.values.arrays import Vec3
 from xden1k.values.views import ViewGeometry
 from xden_builder.poly.model.direct import transmissions
@@ -202,7 +202,7 @@ class _Table:
         rings: _Rings,
     ) -> _Table:
         """Render them, as far away as an eye is."""
-        body, meshes = judge.body, judge.scene.meshes
+        body, regions = judge.body, judge.scene.space.regions
         middle = body.middle_cm + body.spin[0]
         pitch = 2 * MARGIN * rings.radius_cm / SIDE_PX
         half, places = (SIDE_PX - 1) / 2, rings.places_cm / pitch
@@ -217,7 +217,7 @@ class _Table:
                 source_cm=None if eye.away_cm is None else middle + eye.away_cm * along,
                 direction=-along if eye.away_cm is None else None,
             )
-            seen = path_lengths(meshes, body.order, panel)
+            seen = disjoint_path_lengths(regions, panel)
             image = np.ones(SIDE_PX**2)
             image[seen.pixels] = transmissions(
                 seen.lengths_cm,

@@ -15,6 +15,7 @@ from jaxtyping import Float64
 from xden1k.errors import DataError
 from xden1k.rays import CubeGrid, part_fractions
 from xden1k.values.arrays import Vec3
+from xden_builder.capture.space import Space
 from xden_builder.registration.placement import RigidPlacement
 
 __all__ = ["Body", "Cloud", "spread_directions"]
@@ -50,10 +51,10 @@ class Body:
 
     Parameters
     ----------
+    space
+        What is each part's, in the frame of the files.
     meshes
         Of the parts, their vertices in that frame but not turned.
-    order
-        Which part owns space first.
     lac_per_cm
         Shape (K,): attenuation coefficients that the parts are taken to have.
     middle_cm
@@ -62,19 +63,14 @@ class Body:
         Shape (3, 3): principal axes of the vertices, one a row, the longest first.
     """
 
+    space: Space
     meshes: Sequence[trimesh.Trimesh]
-    order: Sequence[int]
     lac_per_cm: Float64[np.ndarray, "k"]
     middle_cm: Vec3
     axes: Float64[np.ndarray, "3 3"]
 
     @classmethod
-    def of(
-        cls,
-        meshes: Sequence[trimesh.Trimesh],
-        order: Sequence[int],
-        lac_per_cm: Float64[np.ndarray, "k"],
-    ) -> Body:
+    def of(cls, space: Space, lac_per_cm: Float64[np.ndarray, "k"]) -> Body:
         """Centre parts.
 
         Raises
@@ -82,7 +78,7 @@ class Body:
         DataError
             If all of them lie in one plane.
         """
-        points = np.concatenate([np.asarray(mesh.vertices) for mesh in meshes])
+        points = np.concatenate([np.asarray(mesh.vertices) for mesh in space.meshes])
         _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
         axes *= np.sign(np.linalg.det(axes))
         along = points @ axes.T
@@ -92,9 +88,9 @@ class Body:
         middle = (low + high) / 2 @ axes
         centred = [
             trimesh.Trimesh(np.asarray(mesh.vertices) - middle, mesh.faces, process=False)
-            for mesh in meshes
+            for mesh in space.meshes
         ]
-        return cls(centred, order, lac_per_cm, middle, axes)
+        return cls(space, centred, lac_per_cm, middle, axes)
 
     @cached_property
     def points_cm(self) -> Float64[np.ndarray, "n 3"]:
@@ -171,7 +167,7 @@ class Body:
         ]
         grid = CubeGrid(np.full(3, 0.5 / cells), 1 / cells, cells)
         lac = np.zeros((cells,) * 3)
-        fills = part_fractions(stretched, self.order, grid, subsamples=4)
+        fills = part_fractions(stretched, self.space.order, grid, subsamples=4)
         for fill, lac_per_cm in zip(fills, self.lac_per_cm.tolist(), strict=True):
             lac[fill.where] += lac_per_cm * fill.share
         places = np.argwhere(lac > 0)

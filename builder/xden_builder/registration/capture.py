@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from xden1k.rays import ownership_order
 from xden_builder.capture import Capture
+from xden_builder.capture.space import divide
 from xden_builder.registration.placement import Registration, RigidPlacement
 from xden_builder.registration.search import register
 
@@ -43,7 +43,5 @@ def registered(capture: Capture) -> Registered:
     """
     if capture.pose == "near":
         return Registered(capture)
-    meshes = [part.mesh for part in capture.parts]
-    order = ownership_order(meshes, [part.priority for part in capture.parts])
-    registration = register(capture, order)
+    registration = register(capture, divide(capture.parts))
     return Registered(registration.placement.of_capture(capture), registration)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 
 from xden_builder.capture import Capture
+from xden_builder.capture.space import Space
 from xden_builder.poly.pose import find_pose
 from xden_builder.poly.scene import set_scene
 from xden_builder.poly.settings import PolySettings
@@ -31,7 +32,7 @@ square, together: the more even the best leaves, the less of that is a fault of 
 
 
 def told_closely(
-    capture: Capture, order: Sequence[int], found: Sequence[Found], *, doubted: bool
+    capture: Capture, space: Space, found: Sequence[Found], *, doubted: bool
 ) -> list[Found]:
     """Refine every pose that may be right, and put first the one that leaves least.
 
@@ -39,8 +40,8 @@ def told_closely(
     ----------
     capture
         Its meshes in any frame.
-    order
-        Which part owns space first.
+    space
+        What is each part's.
     found
         Unlike poses, the best first.
     doubted
@@ -55,7 +56,7 @@ def told_closely(
     close = [each for each in found if doubted or _may_be_right(each, found[0])]
     if len(close) < 2 or capture.tube is None:
         return list(found)
-    there = [_refined(capture, order, each, doubted=doubted) for each in close]
+    there = [_refined(capture, space, each, doubted=doubted) for each in close]
     return [
         *sorted(there, key=lambda each: each.improbability),
         *(each for each in found if each not in close),
@@ -67,19 +68,20 @@ def _may_be_right(found: Found, best: Found) -> bool:
     return found.loss <= float(polyval(best.loss, MAY_BE_RIGHT))
 
 
-def _refined(capture: Capture, order: Sequence[int], found: Found, *, doubted: bool) -> Found:
+def _refined(capture: Capture, space: Space, found: Found, *, doubted: bool) -> Found:
     """Move a pose on the images as they are, and say what it leaves of them."""
     settings = PolySettings(size=capture.mesh_scale != "unknown")
-    scene = set_scene(found.placement.of_capture(capture), order, settings)
+    there = found.placement
+    scene = set_scene(there.of_capture(capture), space.moved(there.moved), settings)
     fit = find_pose(first_guess(scene), settings, begun_again=False).fit
     assert fit is not None
     size = fit.size
-    there = replace(
+    refined = replace(
         found,
-        placement=found.placement.followed_by(fit.pose),
+        placement=there.followed_by(fit.pose),
         density_g_cm3=fit.density_g_cm3,
         edges=fit.edges,
         gains=None,
         growth=found.growth if size is None else float(np.log(size.factor)),
     )
-    return there if doubted else replace(there, doubt=fit.doubt, left=fit.left)
+    return refined if doubted else replace(refined, doubt=fit.doubt, left=fit.left)

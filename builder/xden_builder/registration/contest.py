@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from xden_builder.capture import Capture
+from xden_builder.capture.space import Space
 from xden_builder.poly.estimate import estimate
 from xden_builder.poly.line import sampled
 from xden_builder.poly.model.size import Size
@@ -30,7 +31,7 @@ SETTINGS: Final = PolySettings(pose=False, size=False)
 
 
 def told_by_labels(
-    capture: Capture, order: Sequence[int], shadows: Sequence[Shadow], found: Sequence[Found]
+    capture: Capture, space: Space, shadows: Sequence[Shadow], found: Sequence[Found]
 ) -> list[Found]:
     """Fit the object in every pose that the images do not tell from the best.
 
@@ -38,8 +39,8 @@ def told_by_labels(
     ----------
     capture
         Its meshes in any frame.
-    order
-        Which part owns space first.
+    space
+        What is each part's.
     shadows
         Of its views.
     found
@@ -56,17 +57,17 @@ def told_by_labels(
     if len(rivals) < 2 or capture.tube is None or capture.turned:
         return list(found)
     small, _ = reduced(capture, shadows, WIDE_PX)
-    fitted = [_fitted(small, order, each) for each in rivals]
+    fitted = [_fitted(small, space, each) for each in rivals]
     others = [each for each in found if each not in rivals]
     return [*sorted(fitted, key=lambda each: each.improbability), *others]
 
 
-def _fitted(capture: Capture, order: Sequence[int], found: Found) -> Found:
+def _fitted(capture: Capture, space: Space, found: Found) -> Found:
     """Fit densities, materials and stray light in a pose, with the size that was found there."""
-    parts = found.placement.of_parts(capture.parts)
-    points = np.concatenate([np.asarray(part.mesh.vertices) for part in parts])
+    there = space.moved(found.placement.moved)
+    points = np.concatenate([np.asarray(mesh.vertices) for mesh in there.meshes])
     size = Size(float(np.exp(found.growth)), 0.0, (points.min(axis=0) + points.max(axis=0)) / 2)
-    grown = tuple(replace(part, mesh=size.enlarged(part.mesh)) for part in parts)
-    solution = estimate(sampled(replace(capture, parts=grown), order, SETTINGS), None, SETTINGS)
+    samples = sampled(capture, there.moved(size.enlarged), SETTINGS)
+    solution = estimate(samples, None, SETTINGS)
     deviance = solution.problem.evaluate(solution.minimum.unknowns).loss
     return replace(found, density_g_cm3=solution.density_g_cm3, deviance=deviance)

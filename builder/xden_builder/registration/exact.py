@@ -138,7 +138,7 @@ class Judge:
             As of :class:`Judge`.
         """
         small, binning = reduced(capture, shadows, wide_px)
-        scene = set_scene(small, body.order, PolySettings())
+        scene = set_scene(small, body.space, PolySettings())
         side = side_of(shadows, wide_px)
         shadow_px = [int(shadow.mask.sum()) for shadow in shadows]
         again = side // binning
@@ -146,7 +146,7 @@ class Judge:
         def subrays(count: int) -> tuple[int, ...]:
             return tuple(subrays_of(round(each / side**2), again, count) for each in shadow_px)
 
-        guess = first_guess(replace(scene, parts=likely.of_parts(scene.parts)))
+        guess = first_guess(scene.moved(likely.moved))
         return cls(
             scene,
             guess.outline_stand_ins.mac_cm2_g,
@@ -280,14 +280,13 @@ class Judge:
 
     def _level(self, placement: RigidPlacement) -> tuple[Level, Float64[np.ndarray, "k"]]:
         """Images and parts in a pose, and densities to start from."""
-        scene = replace(self.scene, parts=placement.of_parts(self.scene.parts))
+        scene = self.scene.moved(placement.moved)
         target = Target(
             scene.views,
             scene.saturated,
             [gain_prior(bounds) for bounds in scene.gains],
             scene.outlines.beams,
-            scene.meshes,
-            scene.order,
+            scene.space.regions,
             self.mac_cm2_g,
         )
         x, y, z = target.centre_cm.tolist()

@@ -13,6 +13,7 @@ from xden1k.errors import DataError
 from xden_builder.capture import Capture
 from xden_builder.capture.pose import Candidate, CoarsePose
 from xden_builder.capture.saturation import completed
+from xden_builder.capture.space import Space
 from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.source import Tube
 from xden_builder.poly.materials.candidates import candidate_table
@@ -103,7 +104,7 @@ MOST_OUTLINE: Final = 0.12
 """Of a shape that is believed: share of the outline's pixels."""
 
 
-def register(capture: Capture, order: Sequence[int]) -> Registration:
+def register(capture: Capture, space: Space) -> Registration:
     """Find where the meshes of an object stand before the scanner, from nothing or from a word.
 
     Parameters
@@ -111,8 +112,8 @@ def register(capture: Capture, order: Sequence[int]) -> Registration:
     capture
         Its meshes in any frame; ``pose`` tells what is known, ``mesh_scale`` whether
         their scale between 0.5 and 2 is sought too.
-    order
-        Which part owns space first.
+    space
+        What is each part's.
 
     Returns
     -------
@@ -131,15 +132,14 @@ def register(capture: Capture, order: Sequence[int]) -> Registration:
         )
         for view in capture.fitted_views
     ]
-    meshes = [part.mesh for part in capture.parts]
-    body = Body.of(meshes, order, _usual_lac_per_cm(capture))
+    body = Body.of(space, _usual_lac_per_cm(capture))
     likeness = Likeness(body)
     fine = _searched(capture, shadows, body, likeness)
     doubted = fine.doubted
-    told = told_closely(capture, order, fine.found, doubted=doubted)
+    told = told_closely(capture, space, fine.found, doubted=doubted)
     unlike = listed_of(told, likeness, body, LISTED)
     if not doubted:
-        unlike = told_by_labels(capture, order, shadows, unlike)
+        unlike = told_by_labels(capture, space, shadows, unlike)
     return _judged(capture, fine._replace(found=unlike), likeness, body, doubted=doubted)
 
 

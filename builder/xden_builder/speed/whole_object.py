@@ -7,12 +7,12 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 from xden_builder.capture import CaptureFolder
+from xden_builder.capture.space import divide
 from xden_builder.evaluate.methods import errors_of_fit, paper, poly
 from xden_builder.evaluate.truth import errors_of, read_truth
 from xden_builder.phantoms import write_captures
 from xden_builder.phantoms.scanner import Scanner
 from xden_builder.poly.settings import PolySettings
-from xden_builder.reconstruct.space import divide
 from xden_builder.speed.timing import timed
 
 __all__ = ["CATEGORY", "compared_ways"]

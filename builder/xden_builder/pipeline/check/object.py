@@ -9,6 +9,7 @@ from typing import Literal, TypeVar
 
 from xden1k.errors import XDenError
 from xden_builder.capture import Capture, CaptureFolder
+from xden_builder.capture.space import divide
 from xden_builder.physics.groups import energy_groups
 from xden_builder.pipeline.check.outlines import contradictions, outline
 from xden_builder.pipeline.check.weight import weight_contradiction
@@ -18,7 +19,6 @@ from xden_builder.reconstruct.plausible import (
     check_size,
     check_twins,
 )
-from xden_builder.reconstruct.space import divide
 from xden_builder.registration.capture import registered
 from xden_builder.registration.placement import Registration
 from xden_builder.triage.flags import flag_kind

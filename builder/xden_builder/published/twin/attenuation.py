@@ -10,13 +10,13 @@ from typing import Final
 import numpy as np
 
 from xden_builder.capture import CaptureFolder
+from xden_builder.capture.space import divide
 from xden_builder.phantoms.phantom import Plan
 from xden_builder.phantoms.realism import LIFELIKE
 from xden_builder.phantoms.scanner import Scanner
 from xden_builder.phantoms.writer import write_planned
 from xden_builder.reconstruct.explained import explain
 from xden_builder.reconstruct.settings import BuildSettings
-from xden_builder.reconstruct.space import divide
 from xden_builder.registration.capture import Registered
 
 __all__ = ["fitted_lac_per_cm"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +11,7 @@ from jaxtyping import Float64
 
 from xden1k.errors import DataError
 from xden1k.rays import disjoint_regions, ownership_order
-from xden_builder.capture import CapturePart
-from xden_builder.poly.model.size import Size
+from xden_builder.capture.parts import CapturePart
 
 __all__ = ["Space", "divide"]
 
@@ -26,7 +25,7 @@ class Space:
     meshes
         As annotated.
     order
-        Which part owns space first.
+        Which part owns space first, see :func:`xden1k.rays.ownership_order`.
     regions
         Of each part, less what stronger parts own: disjoint.
     """
@@ -35,13 +34,20 @@ class Space:
     order: tuple[int, ...]
     regions: tuple[trimesh.Trimesh, ...]
 
-    def enlarged(self, size: Size) -> Space:
-        """Give everything another size."""
-        return Space(
-            tuple(size.enlarged(mesh) for mesh in self.meshes),
-            self.order,
-            tuple(size.enlarged(region) for region in self.regions),
-        )
+    @classmethod
+    def of(cls, meshes: Sequence[trimesh.Trimesh], order: Sequence[int]) -> Space:
+        """Give all space to the first part of an order that claims it.
+
+        Raises
+        ------
+        DataError
+            As :func:`xden1k.rays.disjoint_regions`.
+        """
+        return cls(tuple(meshes), tuple(order), tuple(disjoint_regions(meshes, order)))
+
+    def moved(self, move: Callable[[trimesh.Trimesh], trimesh.Trimesh]) -> Space:
+        """Give everything another place or size."""
+        return Space(tuple(map(move, self.meshes)), self.order, tuple(map(move, self.regions)))
 
     @property
     def volumes_cm3(self) -> Float64[np.ndarray, "k"]:
@@ -55,14 +61,13 @@ def divide(parts: Sequence[CapturePart]) -> Space:
     Raises
     ------
     DataError
-        If stronger parts leave nothing of one.
+        If stronger parts leave nothing of one, or a mesh is not closed or wound inwards.
     """
     meshes = [part.mesh for part in parts]
-    order = ownership_order(meshes, [part.priority for part in parts])
-    regions = disjoint_regions(meshes, order)
-    for part, region in zip(parts, regions, strict=True):
+    space = Space.of(meshes, ownership_order(meshes, [part.priority for part in parts]))
+    for part, region in zip(parts, space.regions, strict=True):
         if not len(region.faces):
             raise DataError(
                 f"part {part.name}: other parts own all of its space; see priority in parts.csv"
             )
-    return Space(tuple(meshes), tuple(order), tuple(regions))
+    return space
