@@ -14,7 +14,7 @@ from xden1k.errors import require
 
 __all__ = ["predict", "scan", "scattered"]
 
-compiled = require("numba", "build").njit(cache=True, nogil=True)
+compiled = require("numba", "build").njit(cache=True, nogil=True, fastmath={"contract"})
 
 LN2_HIGH: Final = float.fromhex("0x1.62e42feep-1")
 LN2_LOW: Final = 1.9082149292705877e-10
