@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from math import ceil
 
 import numpy as np
 import trimesh
@@ -66,8 +67,9 @@ class Surfaces:
         if not len(self.triangles):
             return (0, 0, 0, 0)
         huge = 2.0**30  # next to the source a projection may leave the integers
-        edges = np.array(kernels.extent(self.triangles)).clip(-huge, huge)
-        first_row, end_row, first_column, end_column = np.ceil(edges).astype(int).tolist()
+        first_row, end_row, first_column, end_column = (
+            ceil(min(max(edge, -huge), huge)) for edge in kernels.extent(self.triangles)
+        )
         return (first_row, end_row, first_column, end_column)
 
     def count(self, window: Window) -> Int32[np.ndarray, "rows columns"]:
