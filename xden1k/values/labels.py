@@ -24,12 +24,9 @@ def count_label_voxels(labels: Labels, parts: int) -> Integer[np.ndarray, "parts
     >>> count_label_voxels(np.array([[[0, 2, 2, 0]]], dtype=np.uint8), parts=3).tolist()
     [0, 2, 0]
     """
-    flat = np.ascontiguousarray(labels).reshape(-1)
-    even = flat[: len(flat) // 2 * 2].view(np.uint16)  # two voxels at once: half as many to count
-    pairs = np.bincount(even, minlength=1 << 16).reshape(256, 256)
-    counts = pairs.sum(axis=0) + pairs.sum(axis=1)
-    counts[flat[len(even) * 2 :]] += 1
-    return np.asarray(counts[1 : max(parts, int(labels.max(initial=0))) + 1])
+    some = labels[labels != 0]  # most voxels are of no part
+    counts = np.bincount(some, minlength=parts + 1)
+    return np.asarray(counts[1 : max(parts, int(some.max(initial=0))) + 1])
 
 
 def labels_err(
