@@ -79,7 +79,8 @@ def disjoint_path_lengths(
         lattice.mark(ways[-1][1] > kernels.LEAST_DEPTH, window, met)
     pixels = np.flatnonzero(met)
     lengths = np.zeros((len(pixels), lattice.rays, len(regions)), dtype=np.float32)
-    places = np.cumsum(met).reshape(met.shape) - 1
+    places = np.empty(geometry.shape, dtype=np.int64)  # looked up where a ray meets a part alone
+    places.flat[pixels] = np.arange(len(pixels))
     for part, (window, depths) in enumerate(ways):
         kernels.give_lengths(
             depths,
