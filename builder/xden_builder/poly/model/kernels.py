@@ -2,6 +2,8 @@
 
 For pixel p with rays s and energy groups b,
 ``T_p = mean_s sum_b w_pb exp(-sum_k rho_k m_kb l_psk)``.
+
+A product may fuse with the sum it goes to, which rounds once in place of twice.
 """
 
 import math
