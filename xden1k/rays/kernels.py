@@ -476,7 +476,7 @@ def add_depths(
         start, stop = _between(upper, lower, first_row, end_row)
         if start >= stop:
             continue
-        turn = max(start, int(min(np.ceil(middle), stop)))
+        turn = int(min(max(np.ceil(middle), start), stop))
         columns = triangles[i, 0, COLUMN], triangles[i, 1, COLUMN], triangles[i, 2, COLUMN]
         thirds = triangles[i, 0, DEPTH], triangles[i, 1, DEPTH], triangles[i, 2, DEPTH]
         sign = 1.0 if labels[i] > 0 else -1.0
