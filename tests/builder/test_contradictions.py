@@ -12,8 +12,9 @@ import trimesh
 from tests.builder.poly_scenes import Solid, box, captured, cylinder, relabelled, tool
 from xden1k.errors import DataError
 from xden_builder.capture import Capture, CapturePart
+from xden_builder.capture.twins import check_twins
 from xden_builder.reconstruct.object import reconstruct
-from xden_builder.reconstruct.plausible import check_size, check_twins
+from xden_builder.reconstruct.plausible import check_size
 
 SIZE_PX = 96
 SLOW = pytest.mark.slow
@@ -105,6 +106,8 @@ def test_a_part_annotated_twice_is_named() -> None:
     twice = replace(capture.parts[1], name="grip_again")
     with pytest.raises(DataError, match="grip and grip_again are the same mesh"):
         reconstruct(replace(capture, parts=(*capture.parts, twice)))
+    with pytest.raises(DataError, match="grip and grip_again are the same mesh"):
+        reconstruct(replace(capture, parts=(*capture.parts, twice), pose="unknown"))
 
 
 def pair_of_tiles(turn_deg: float) -> trimesh.Trimesh:

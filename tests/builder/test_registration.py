@@ -561,6 +561,16 @@ def test_turns_beside_a_pose_lead_over_a_ridge_and_not_through_a_wall(
     assert sum(angle < 0 for angle in asked) == 1
 
 
+def test_coarse_images_are_rendered_of_fewer_faces(halves: tuple[Capture, Judge, Search]) -> None:
+    capture, judge, _ = halves
+    fine = judge.body.space.moved(lambda mesh: mesh.subdivide().subdivide())
+    many = replace(judge.body, space=fine)
+    rough = Judge.of(capture, judge.shadows, many, 40, at(Rotation.identity()))
+    for region, whole in zip(rough.scene.space.regions, fine.regions, strict=True):
+        assert len(region.faces) < 0.3 * len(whole.faces)
+    assert rough.scene.space.meshes[0] is rough.scene.space.regions[0]  # simplified once
+
+
 def test_an_object_that_grew_is_judged_with_its_size(
     halves: tuple[Capture, Judge, Search],
 ) -> None:

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from xden1k.errors import DataError
-from xden1k.rays import disjoint_path_lengths, disjoint_regions, path_lengths
+from xden1k.rays import disjoint_path_lengths, disjoint_regions, kernels, path_lengths
+from xden1k.rays.lattice import Lattice
 from xden1k.values.views import ViewGeometry
 
 SIZE = 40
@@ -51,14 +52,21 @@ def frames(lengths):
 
 
 @settings(max_examples=40)
-@given(seed=seeds, view=views, subrays=st.integers(1, 4), on_a_turned_lattice=st.booleans())
+@given(
+    seed=seeds,
+    view=views,
+    subrays=st.integers(1, 4),
+    on_a_turned_lattice=st.booleans(),
+    shift=st.sampled_from([1.0, 12.0]),
+)
 def test_parts_cut_to_what_they_own_have_the_lengths_of_sorted_crossings(
-    seed, view, subrays, on_a_turned_lattice
+    seed, view, subrays, on_a_turned_lattice, shift
 ):
+    """By 12 cm they reach out of the detector, or lie beside it."""
     rng = np.random.default_rng(seed)
     hollow = trimesh.creation.annulus(1.5, 2.5, 4.0, sections=20)
     solids = [trimesh.creation.box((3, 2, 5)), trimesh.creation.icosphere(2, 2.0), hollow]
-    meshes = [turned(solid, rng) for solid in solids]
+    meshes = [turned(solid, rng, shift) for solid in solids]
     order = rng.permutation(3).tolist()
     sorted_ones = path_lengths(meshes, order, view, subrays, turned=on_a_turned_lattice)
     regions = disjoint_regions(meshes, order)
@@ -110,6 +118,26 @@ def test_slivers_thinner_than_rounding_add_no_length():
     sliver = trimesh.Trimesh(corners, [[0, 1, 2], [1, 0, 3], [0, 2, 3], [2, 1, 3]], process=False)
     lengths = disjoint_path_lengths([sliver], PANEL, 4).lengths_cm
     assert not lengths.size or float(lengths.max()) < 1e-9
+
+
+def test_space_that_one_mesh_covers_twice_counts_twice():
+    box = trimesh.creation.box((3.0, 2.0, 3.0))
+    twice = trimesh.util.concatenate([box, box.copy()])
+    once, both = disjoint_path_lengths([box], PANEL), disjoint_path_lengths([twice], PANEL)
+    assert both.lengths_cm == pytest.approx(2 * once.lengths_cm, abs=ROUNDING_CM)
+
+
+@pytest.mark.parametrize("on_a_turned_lattice", [False, True])
+@pytest.mark.parametrize("subrays", [1, 2, 3, 8])
+def test_each_ray_of_a_pixel_has_a_number_of_its_own(subrays, on_a_turned_lattice):
+    lattice = Lattice.of(subrays, turned=on_a_turned_lattice)
+    whole, found = 2 * lattice.rays, []
+    for row, column in lattice.places.tolist():
+        places = kernels.over_pixel(row, column, lattice.along, lattice.across)
+        below, beside = (place % whole for place in places)
+        key = kernels.key_of(below, beside, lattice.along, lattice.across)
+        found.append(int(lattice.numbers[key]))
+    assert found == list(range(lattice.rays))
 
 
 def test_what_leaves_the_detector_is_cut_off_there():

@@ -4,6 +4,8 @@ A ray's way through one part is the sum of the depths at which it leaves it, les
 enters. Where parts overlap that tells nothing of who owns what; cut to what each owns
 (:func:`xden1k.rays.disjoint_regions`) they do not. A search that renders an object a hundred times
 needs no more; :func:`xden1k.rays.path_lengths` takes one and a half to three times as long.
+
+Memory, beside the result: 8 bytes for each ray of the box around each part on the detector.
 """
 
 from __future__ import annotations
@@ -38,7 +40,7 @@ def disjoint_path_lengths(
     """Path lengths of one view through parts that share no space.
 
     Exact as :func:`xden1k.rays.path_lengths` for these. Space that two of them share is both
-    parts'; nothing says so.
+    parts', and what one mesh covers twice counts twice; nothing says so.
 
     Parameters
     ----------
@@ -51,7 +53,7 @@ def disjoint_path_lengths(
     Returns
     -------
     PathLengths
-        Of the pixels with a ray that goes through a part; nothing of them is shared or broken.
+        Of the pixels with a ray that goes through a part; what is shared or broken is not told.
 
     Raises
     ------
@@ -75,8 +77,9 @@ def disjoint_path_lengths(
     ways: list[Ways] = []
     for surface in _each(regions, fine):
         window = lattice.window(surface.bounds(), geometry.shape)
-        ways.append((window, surface.depths(window)))
-        lattice.mark(ways[-1][1] > kernels.LEAST_DEPTH, window, met)
+        depths = surface.depths(window)
+        lattice.mark(depths > kernels.LEAST_DEPTH, window, met)
+        ways.append((window, depths))
     pixels = np.flatnonzero(met)
     lengths = np.zeros((len(pixels), lattice.rays, len(regions)), dtype=np.float32)
     places = np.empty(geometry.shape, dtype=np.int64)  # looked up where a ray meets a part alone

@@ -17,6 +17,7 @@ __all__ = [
     "extent",
     "gather",
     "give_lengths",
+    "key_of",
     "mark",
     "mean_transmission",
     "over_pixel",
@@ -34,7 +35,7 @@ COLUMN, ROW, DEPTH = 0, 1, 2
 TINY = 1e-12
 """Rows or columns: what is closer together stands in no ray's way."""
 LEAST_DEPTH = 1e-11
-"""Rounding leaves less of the depths of one ray, where it should leave nothing."""
+"""Rounding usually leaves less of the depths of one ray, where it should leave nothing."""
 MOST_INSERTED = 64
 """Crossings sorted by insertion; its time grows with their square."""
 Window = tuple[int, int, int, int]
@@ -335,6 +336,16 @@ def over_pixel(row: int, column: int, along: int, across: int) -> tuple[int, int
 
 @compiled
 @no_type_check
+def key_of(below: int, beside: int, along: int, across: int) -> int:
+    """Tell the rays of a pixel apart by where they stand, as of :func:`over_pixel`.
+
+    Below twice their number. On a turned lattice no two of them stand in one row.
+    """
+    return below if across > 0 else below + beside // along
+
+
+@compiled
+@no_type_check
 def pixel_of(row: int, column: int, along: int, across: int) -> tuple[int, int]:
     """Row and column of the pixel in which a ray of a lattice stands."""
     below, beside = over_pixel(row, column, along, across)
@@ -467,10 +478,10 @@ def add_depths(
     triangles, labels, inverse_depth, window
         As of :func:`scan`, of one part.
     depths
-        Of the rays of the window: added to.
+        Of the rays of the window, contiguous: added to.
     """
     first_row, end_row, first_column, end_column = window
-    flat, width = depths.ravel(), end_column - first_column
+    flat, width = depths.reshape(-1), end_column - first_column
     for i in range(len(triangles)):
         upper, middle, lower = triangles[i, 0, ROW], triangles[i, 1, ROW], triangles[i, 2, ROW]
         start, stop = _between(upper, lower, first_row, end_row)
@@ -527,7 +538,7 @@ def give_lengths(
     window: Window,
     along: int,
     across: int,
-    numbers: Int64[np.ndarray, "sides sides"],
+    numbers: Int64[np.ndarray, "keys"],
     frame: Float64[np.ndarray, "3 3"],
     places: Int64[np.ndarray, "image_rows image_columns"],
     lengths: Float32[np.ndarray, "pixels rays"],
@@ -557,7 +568,7 @@ def give_lengths(
             if depth > LEAST_DEPTH:
                 inside = 0 <= row < places.shape[0] and 0 <= column < places.shape[1]
                 if inside:
-                    ray = numbers[below, beside]
+                    ray = numbers[key_of(below, beside, along, across)]
                     cm_per_depth = _cm_per_depth(frame, i + window[0], j + window[2])
                     lengths[places[row, column], ray] = depth * cm_per_depth
             below, beside = below + 2 * across, beside + 2 * along

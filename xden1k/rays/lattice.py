@@ -82,12 +82,13 @@ class Lattice:
         return near[mine].astype(np.int64)
 
     @cached_property
-    def numbers(self) -> Int64[np.ndarray, "sides sides"]:
-        """Number of the ray of a pixel that stands there: row and column times twice the rays."""
-        numbers = np.zeros((2 * self.rays,) * 2, dtype=np.int64)
+    def numbers(self) -> Int64[np.ndarray, "keys"]:
+        """Number of each ray of a pixel, by the key of its place: see ``kernels.key_of``."""
+        numbers = np.zeros(2 * self.rays, dtype=np.int64)
         for ray, (row, column) in enumerate(self.places.tolist()):
-            below, beside = kernels.over_pixel(row, column, self.along, self.across)
-            numbers[below % (2 * self.rays), beside % (2 * self.rays)] = ray
+            places = kernels.over_pixel(row, column, self.along, self.across)
+            below, beside = (place % (2 * self.rays) for place in places)
+            numbers[kernels.key_of(below, beside, self.along, self.across)] = ray
         return numbers
 
     def pixel(self, row: int, column: int) -> tuple[int, int]:

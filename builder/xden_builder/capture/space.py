@@ -12,22 +12,23 @@ from jaxtyping import Float64
 from xden1k.errors import DataError
 from xden1k.rays import disjoint_regions, ownership_order
 from xden_builder.capture.parts import CapturePart
+from xden_builder.capture.twins import check_twins
 
 __all__ = ["Space", "divide"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Space:
-    """The annotated meshes, and what is each part's where they overlap.
+    """The meshes of all parts, and what is each part's where they overlap.
 
     Parameters
     ----------
     meshes
-        As annotated.
+        Of the parts, in their order.
     order
         Which part owns space first, see :func:`xden1k.rays.ownership_order`.
     regions
-        Of each part, less what stronger parts own: disjoint.
+        Of each part, less what stronger parts own: disjoint. The very mesh where that is nothing.
     """
 
     meshes: tuple[trimesh.Trimesh, ...]
@@ -46,8 +47,13 @@ class Space:
         return cls(tuple(meshes), tuple(order), tuple(disjoint_regions(meshes, order)))
 
     def moved(self, move: Callable[[trimesh.Trimesh], trimesh.Trimesh]) -> Space:
-        """Give everything another place or size."""
-        return Space(tuple(map(move, self.meshes)), self.order, tuple(map(move, self.regions)))
+        """Give everything another place or size, or another form."""
+        distinct = {id(mesh): mesh for mesh in (*self.meshes, *self.regions)}
+        there = {key: move(mesh) for key, mesh in distinct.items()}
+        meshes, regions = (
+            tuple(there[id(mesh)] for mesh in each) for each in (self.meshes, self.regions)
+        )
+        return Space(meshes, self.order, regions)
 
     @property
     def volumes_cm3(self) -> Float64[np.ndarray, "k"]:
@@ -61,8 +67,10 @@ def divide(parts: Sequence[CapturePart]) -> Space:
     Raises
     ------
     DataError
-        If stronger parts leave nothing of one, or a mesh is not closed or wound inwards.
+        If two parts are the same mesh, stronger parts leave nothing of one, or a mesh is not closed
+        or wound inwards.
     """
+    check_twins(parts)
     meshes = [part.mesh for part in parts]
     space = Space.of(meshes, ownership_order(meshes, [part.priority for part in parts]))
     for part, region in zip(parts, space.regions, strict=True):

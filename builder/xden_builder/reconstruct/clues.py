@@ -5,7 +5,7 @@ from __future__ import annotations
 from xden_builder.capture import Capture
 from xden_builder.capture.space import divide
 from xden_builder.poly.survey import Clue, survey
-from xden_builder.reconstruct.plausible import check_places, check_twins
+from xden_builder.reconstruct.plausible import check_places
 from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.reconstruct.withheld import as_told
 from xden_builder.registration.capture import registered
@@ -25,6 +25,5 @@ def find_clues(capture: Capture, settings: BuildSettings) -> tuple[Clue, ...]:
         return ()
     capture = registered(as_told(capture, settings)).capture
     check_places(capture.parts, capture.fitted_views)
-    check_twins(capture.parts)
     space = divide(capture.parts)
     return survey(capture, space, settings.poly)

@@ -18,7 +18,6 @@ from xden_builder.reconstruct.plausible import (
     check_exposure,
     check_places,
     check_size,
-    check_twins,
 )
 from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.reconstruct.withheld import as_told
@@ -58,7 +57,6 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
     there = registered(as_told(capture, settings))
     capture = there.capture
     check_places(capture.parts, capture.fitted_views)
-    check_twins(capture.parts)
     space = divide(capture.parts)
     explained = explain(there, space, settings)
     check_exposure(

@@ -39,7 +39,8 @@ def registered(capture: Capture) -> Registered:
     Raises
     ------
     DataError
-        As :func:`xden_builder.registration.search.register`.
+        As :func:`xden_builder.registration.search.register`, and
+        :func:`xden_builder.capture.space.divide`.
     """
     if capture.pose == "near":
         return Registered(capture)

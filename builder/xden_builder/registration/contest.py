@@ -56,8 +56,8 @@ def told_by_labels(
     rivals = [each for each in found if each.as_good_as(found[0])]
     if len(rivals) < 2 or capture.tube is None or capture.turned:
         return list(found)
-    small, _ = reduced(capture, shadows, WIDE_PX)
-    fitted = [_fitted(small, space, each) for each in rivals]
+    small, fewer, _ = reduced(capture, space, shadows, WIDE_PX)
+    fitted = [_fitted(small, fewer, each) for each in rivals]
     others = [each for each in found if each not in rivals]
     return [*sorted(fitted, key=lambda each: each.improbability), *others]
 

@@ -137,8 +137,8 @@ class Judge:
         incomplete
             As of :class:`Judge`.
         """
-        small, binning = reduced(capture, shadows, wide_px)
-        scene = set_scene(small, body.space, PolySettings())
+        small, space, binning = reduced(capture, body.space, shadows, wide_px)
+        scene = set_scene(small, space, PolySettings())
         side = side_of(shadows, wide_px)
         shadow_px = [int(shadow.mask.sum()) for shadow in shadows]
         again = side // binning
@@ -280,13 +280,13 @@ class Judge:
 
     def _level(self, placement: RigidPlacement) -> tuple[Level, Float64[np.ndarray, "k"]]:
         """Images and parts in a pose, and densities to start from."""
-        scene = self.scene.moved(placement.moved)
+        scene = self.scene
         target = Target(
             scene.views,
             scene.saturated,
             [gain_prior(bounds) for bounds in scene.gains],
             scene.outlines.beams,
-            scene.space.regions,
+            [placement.moved(region) for region in scene.space.regions],
             self.mac_cm2_g,
         )
         x, y, z = target.centre_cm.tolist()

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
+import trimesh
 
 from xden1k.values.views import XRayView
-from xden_builder.capture import Capture, CapturePart
+from xden_builder.capture import Capture
 from xden_builder.capture.saturation import completed
 from xden_builder.capture.solids import simplified
+from xden_builder.capture.space import Space
 from xden_builder.physics.source import Tube
 from xden_builder.poly.model.frames import binned, coarse
 from xden_builder.registration.shadow import Shadow
@@ -24,14 +26,17 @@ TOLERANCES_PX: Final = (0.25, 0.12, 0.06, 0.03)
 """By which surfaces may be off; less where that would make a part much smaller or larger."""
 
 
-def reduced(capture: Capture, shadows: Sequence[Shadow], wide_px: int) -> tuple[Capture, int]:
+def reduced(
+    capture: Capture, space: Space, shadows: Sequence[Shadow], wide_px: int
+) -> tuple[Capture, Space, int]:
     """Average images until the longest shadow is about so many pixels wide.
 
     Returns
     -------
     capture
-        Its source is told, its images are complete; what is finer than a share of a pixel is left
-        out of the meshes.
+        Its source is told, its images are complete.
+    space
+        What is each part's; what is finer than a share of a pixel is left out.
     binning
         Pixels that were averaged along each side.
     """
@@ -44,9 +49,8 @@ def reduced(capture: Capture, shadows: Sequence[Shadow], wide_px: int) -> tuple[
         further_views=tuple(views[2:]),
         open_field={},
         at_least={},
-        parts=tuple(_of_fewer_faces(capture.parts, wide_px)),
     )
-    return small, binning
+    return small, _of_fewer_faces(space, wide_px), binning
 
 
 def binning_of(shadows: Sequence[Shadow], wide_px: int) -> int:
@@ -59,14 +63,16 @@ def widest_px(shadows: Sequence[Shadow]) -> float:
     return max(float(shadow.size_px.max()) for shadow in shadows)
 
 
-def _of_fewer_faces(parts: Sequence[CapturePart], wide_px: int) -> Iterator[CapturePart]:
+def _of_fewer_faces(space: Space, wide_px: int) -> Space:
     """Leave out what is finer than a share of a pixel."""
-    points = np.concatenate([np.asarray(part.mesh.vertices) for part in parts])
+    points = np.concatenate([np.asarray(mesh.vertices) for mesh in space.meshes])
     pixel_cm = float(np.ptp(points, axis=0).max()) / wide_px
-    for part in parts:
-        tries = (simplified(part.mesh, pixel_cm * share) for share in TOLERANCES_PX)
-        fewer = (mesh for mesh in tries if len(mesh.faces) < len(part.mesh.faces))
-        yield replace(part, mesh=next(fewer, part.mesh))
+
+    def of_fewer(whole: trimesh.Trimesh) -> trimesh.Trimesh:
+        tries = (simplified(whole, pixel_cm * share) for share in TOLERANCES_PX)
+        return next((mesh for mesh in tries if len(mesh.faces) < len(whole.faces)), whole)
+
+    return space.moved(of_fewer)
 
 
 def _averaged(capture: Capture, view: XRayView, binning: int) -> XRayView:

@@ -17,7 +17,6 @@ from xden_builder.reconstruct.plausible import (
     check_exposure,
     check_places,
     check_size,
-    check_twins,
 )
 from xden_builder.registration.capture import registered
 from xden_builder.registration.placement import Registration
@@ -105,7 +104,6 @@ def _judged(capture: Capture, refused: list[str]) -> Iterator[str]:
         there = registered(capture)
         capture = there.capture
         check_places(capture.parts, capture.fitted_views)
-        check_twins(capture.parts)
         volumes_cm3 = divide(capture.parts).volumes_cm3.tolist()
         meshes = [part.mesh for part in capture.parts]
         seen = [outline(view, capture.at_least.get(view.name), meshes) for view in capture.views]
