@@ -148,8 +148,11 @@ def _along(share: float, start: float, end: float) -> float:
 @compiled
 @no_type_check
 def _between(low: float, high: float, first: int, end: int) -> tuple[int, int]:
-    """First and end of the whole numbers in a half-open interval, cut to a window."""
-    return int(max(np.ceil(low), first)), int(min(np.ceil(high), end))
+    """First and end of the whole numbers in a half-open interval, cut to a window.
+
+    Both are cut on either side: next to the source a projection leaves the integers.
+    """
+    return int(min(max(np.ceil(low), first), end)), int(max(min(np.ceil(high), end), first))
 
 
 @compiled
@@ -487,7 +490,7 @@ def add_depths(
         start, stop = _between(upper, lower, first_row, end_row)
         if start >= stop:
             continue
-        turn = int(min(max(np.ceil(middle), start), stop))
+        turn, _ = _between(middle, middle, start, stop)
         columns = triangles[i, 0, COLUMN], triangles[i, 1, COLUMN], triangles[i, 2, COLUMN]
         thirds = triangles[i, 0, DEPTH], triangles[i, 1, DEPTH], triangles[i, 2, DEPTH]
         sign = 1.0 if labels[i] > 0 else -1.0
