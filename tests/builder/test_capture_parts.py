@@ -15,7 +15,7 @@ from xden1k.errors import DataError
 from xden1k.values.ply import CM_PER_UNIT
 from xden_builder.capture.meshes import read_meshes
 from xden_builder.capture.parts import CapturePart, read_parts
-from xden_builder.capture.solids import closed_mesh
+from xden_builder.capture.solids import closed_mesh, simplified
 
 turn = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3], [0.3, 0, 0])
 
@@ -394,3 +394,10 @@ def test_weighed_objects_have_the_volume_of_their_mass(shared_data: Path) -> Non
         solid, inverted = closed_mesh(mesh, CM_PER_UNIT[units], name)
         assert not inverted
         assert solid.volume * float(density_g_cm3) == pytest.approx(float(mass_g), rel=1e-3), name
+
+
+def test_a_disc_whose_faces_would_fall_together_stays_as_it_is() -> None:
+    """Two sheets upon each other have no volume, and no middle."""
+    disc = trimesh.creation.cylinder(1.0, 0.5, sections=32)
+    assert simplified(disc, 0.25) is disc
+    assert len(simplified(disc.subdivide(), 0.01).faces) < len(disc.subdivide().faces)

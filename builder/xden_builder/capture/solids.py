@@ -176,9 +176,9 @@ def simplified(mesh: trimesh.Trimesh, tolerance_cm: float) -> trimesh.Trimesh:
         vert_properties=np.array(mesh.vertices, dtype=np.float64),
         tri_verts=np.array(mesh.faces, dtype=np.uint64),
     )
-    few = Manifold(buffers).simplify(tolerance_cm).to_mesh64()
-    simple = trimesh.Trimesh(few.vert_properties[:, :3], few.tri_verts, process=False)
-    whole = float(mesh.volume)
-    if not len(simple.faces) or abs(simple.volume - whole) > MOST_VOLUME_CHANGE * whole:
+    whole = Manifold(buffers)
+    few = whole.simplify(tolerance_cm)
+    if few.is_empty() or abs(few.volume() - whole.volume()) > MOST_VOLUME_CHANGE * whole.volume():
         return mesh
-    return simple
+    simple = few.to_mesh64()
+    return trimesh.Trimesh(simple.vert_properties[:, :3], simple.tri_verts, process=False)
