@@ -1046,6 +1046,10 @@ def without(gone: str) -> Capture:
     return replace(whole, parts=tuple(part for part in whole.parts if part.name != gone))
 
 
+def off_deg(found: Found) -> float:
+    return float(np.degrees(Rotation.from_matrix(found.placement.rotation).magnitude()))
+
+
 def in_given_order(capture: Capture) -> Space:
     return Space.of([part.mesh for part in capture.parts], range(len(capture.parts)))
 
@@ -1057,9 +1061,6 @@ def test_a_pose_is_led_to_the_true_one_by_differences_of_pixels_where_a_part_has
     judge = Judge.of(capture, views, body, 120, true, sized=True, incomplete=True)
     start = judge.fixed(at(Rotation.from_rotvec([0.02, -0.03, 0.04]), (0.05, -0.03, 0.02)), 0.004)
     there, by_light = judge.edged(start), judge.refined(start, 4)
-
-    def off_deg(found: Found) -> float:
-        return float(np.degrees(Rotation.from_matrix(found.placement.rotation).magnitude()))
 
     assert off_deg(start) > 3
     assert off_deg(there) < 0.5
@@ -1087,13 +1088,18 @@ def test_what_derivatives_do_not_reach_is_found_without_them(gone: str) -> None:
     body = Body.of(in_given_order(capture), np.array([2.0, 0.2, 2.0]))
     views, true = [shadow_of(view) for view in capture.fitted_views], at(Rotation.identity())
     judge = Judge.of(capture, views, body, 80, true, incomplete=True)
-    astray = Rotation.from_rotvec([0.075, -0.09, 0.0975])
-    start = judge.fixed(at(astray, (0.15, -0.13, 0.12)))
-    sought = judge.sought(start, (0.1, 0.003))
-    by_derivatives, without_them = judge.edged(start), judge.edged(sought)
-    assert without_them.improbability < by_derivatives.improbability
-    off = Rotation.from_matrix(without_them.placement.rotation).magnitude()
-    assert np.degrees(off) < 1
+    rng, derived, looked_for = np.random.default_rng(5), [], []
+    for _ in range(5):  # where one look ends hangs on rounding
+        turn, shift = (
+            size * spread / np.linalg.norm(spread)
+            for size, spread in zip((0.15, 0.23), rng.normal(size=(2, 3)), strict=True)
+        )
+        start = judge.fixed(at(Rotation.from_rotvec(turn), shift))
+        derived.append(off_deg(judge.edged(start)))
+        looked_for.append(off_deg(judge.edged(judge.sought(start, (0.1, 0.003)))))
+    right, of_derivatives = (sum(each < 1 for each in found) for found in (looked_for, derived))
+    assert right >= 3
+    assert right > of_derivatives
 
 
 @pytest.mark.slow
