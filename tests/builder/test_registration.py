@@ -42,7 +42,7 @@ from xden_builder.registration.kinds import (
     unlike_of,
 )
 from xden_builder.registration.likeness import Likeness, unlike
-from xden_builder.registration.middles import own_shifts, shifts_to_middles
+from xden_builder.registration.middles import own_shifts, scales_to_sizes, shifts_to_middles
 from xden_builder.registration.missing import told_by_edges
 from xden_builder.registration.placement import Found, Registration, RigidPlacement
 from xden_builder.registration.rotations import spread_rotations
@@ -119,6 +119,15 @@ def test_an_object_of_known_rotation_is_shifted_to_where_it_is(cone: bool) -> No
     body = body_of(pear())
     shift = shifts_to_middles(shadows(meshes, cone=cone), body.rim_cm, turn.as_matrix()[None])[0]
     assert shift == pytest.approx(turn.apply(body.middle_cm) + there, abs=0.1)
+
+
+def test_something_long_seen_from_its_end_has_its_scale_though_its_rotation_is_off() -> None:
+    bar = [trimesh.creation.box((1.0, 12.0, 0.8))]
+    small = body_of([mesh.copy().apply_scale(0.6) for mesh in bar])
+    off = Rotation.from_rotvec(np.radians([[0, 0, 0], [8, 0, 0], [0, 8, 0], [0, 0, 8]]))
+    scales = scales_to_sizes(shadows(bar), small.rim_cm, off.as_matrix())
+    assert scales[0] == pytest.approx(1 / 0.6, rel=0.1)  # boxes of few pixels are too large
+    assert scales == pytest.approx(scales[0], rel=0.05)
 
 
 @pytest.mark.parametrize("cone", [True, False])
@@ -587,6 +596,18 @@ def test_an_object_that_grew_is_judged_with_its_size(
     assert with_it.loss < 0.5 * without.loss
 
 
+@pytest.mark.parametrize("off", [0.94, 1.06])
+def test_a_scale_that_is_sought_follows_with_the_pose_and_is_the_meshes_own(
+    halves: tuple[Capture, Judge, Search], off: float
+) -> None:
+    capture, judge, _ = halves
+    asked, here = replace(capture, mesh_scale="unknown"), at(Rotation.identity())
+    fine = Judge.of(asked, judge.shadows, judge.body, 240, here)
+    there = settled(fine, fine.fixed(here.enlarged(off, np.zeros(3))))
+    assert there.placement.scale == pytest.approx(1, abs=0.003)
+    assert there.growth == 0
+
+
 def test_a_pose_without_hope_is_not_moved_on(halves: tuple[Capture, Judge, Search]) -> None:
     _, judge, _ = halves
     off = judge.fixed(at(Rotation.from_rotvec([0.4, -0.3, 0.2])))
@@ -856,6 +877,20 @@ def test_a_refined_pose_is_the_one_it_came_to(hammer: Capture) -> None:
     first, _ = told_closely(replace(hammer, pose="unknown"), space, found, doubted=False)
     turned = Rotation.from_matrix(first.placement.rotation).magnitude()
     assert turned < 0.1 * np.hypot(0.02, 0.02)
+
+
+def test_one_pose_found_in_two_sizes_is_one_once_refined_where_the_scale_is_sought(
+    hammer: Capture,
+) -> None:
+    asked, space = replace(hammer, pose="unknown", mesh_scale="unknown"), divide(hammer.parts)
+    likeness = Likeness(Body.of(space, np.ones(len(hammer.parts))))
+    middle_cm = space.meshes[0].centroid
+    sizes = [at(Rotation.identity()).enlarged(size, middle_cm) for size in (0.993, 1.007)]
+    found = [Found(each, 0.05, np.ones(len(hammer.parts))) for each in sizes]
+    one, other = told_closely(asked, space, found, doubted=False)
+    assert likeness.apart(*sizes, 0.05)
+    assert not likeness.apart(one.placement, other.placement, 0.01)
+    assert one.growth == other.growth == 0
 
 
 def test_saturated_air_hides_not_which_pose_is_right() -> None:

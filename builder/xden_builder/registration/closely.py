@@ -70,18 +70,21 @@ def _may_be_right(found: Found, best: Found) -> bool:
 
 def _refined(capture: Capture, space: Space, found: Found, *, doubted: bool) -> Found:
     """Move a pose on the images as they are, and say what it leaves of them."""
-    settings = PolySettings(size=capture.mesh_scale != "unknown")
+    settings = PolySettings()
     there = found.placement
     scene = set_scene(there.of_capture(capture), space.moved(there.moved), settings)
-    fit = find_pose(first_guess(scene), settings, begun_again=False).fit
+    end = find_pose(first_guess(scene), settings, begun_again=False)
+    fit, size = end.fit, end.size
     assert fit is not None
-    size = fit.size
+    growth = float(np.log(size.factor))
+    if capture.mesh_scale == "unknown":
+        there, growth = there.enlarged(size.factor, size.centre_cm), 0.0
     refined = replace(
         found,
         placement=there.followed_by(fit.pose),
         density_g_cm3=fit.density_g_cm3,
         edges=fit.edges,
         gains=None,
-        growth=found.growth if size is None else float(np.log(size.factor)),
+        growth=growth,
     )
     return refined if doubted else replace(refined, doubt=fit.doubt, left=fit.left)

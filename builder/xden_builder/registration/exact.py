@@ -56,6 +56,8 @@ EDGE_SDS: Final = (0.1, 0.03)
 UNLIT, OF_TYPICAL = 0.04, 0.5
 """Opacity of a shadow, since scatter is not modelled; less, as a share of what is
 typical of the object, where that is faint."""
+SCALE_SD: Final = 0.05
+"""Standard deviation of the logarithm of a scale that is sought, beside what was found before."""
 OUTLINE_PX: Final = 2
 """By which outlines may differ, of the pixels of a large shadow."""
 
@@ -84,6 +86,8 @@ class Judge:
         Of the radiographs' pixels to those that are compared.
     size_sd
         Standard deviation of the logarithm of the object's size; 0 where it is not sought.
+    scaled
+        Whether the scale of the meshes is sought too: a size that is found is taken for theirs.
     subrays, slope_subrays
         Rays along each side of a compared pixel, by view, of images and of derivatives.
     incomplete
@@ -101,6 +105,7 @@ class Judge:
     binning: int
     side: int
     size_sd: float
+    scaled: bool
     subrays: tuple[int, ...]
     slope_subrays: tuple[int, ...]
     incomplete: bool
@@ -133,7 +138,8 @@ class Judge:
         rays
             Through the object in a view, about.
         sized
-            Whether the object's size beside its meshes is sought along with its pose.
+            Whether the object's size beside its meshes is sought along with its pose; it is anyhow
+            where the capture does not tell their scale.
         incomplete
             As of :class:`Judge`.
         """
@@ -147,6 +153,7 @@ class Judge:
             return tuple(subrays_of(round(each / side**2), again, count) for each in shadow_px)
 
         guess = first_guess(scene.moved(likely.moved))
+        scaled = capture.mesh_scale == "unknown"
         return cls(
             scene,
             guess.outline_stand_ins.mac_cm2_g,
@@ -161,7 +168,8 @@ class Judge:
             max(round(sum(shadow_px) / side**2), 1),
             again,
             side,
-            sized * scene.size_sd,
+            SCALE_SD if scaled else sized * scene.size_sd,
+            scaled,
             subrays(rays),
             subrays(FEW_RAYS),
             incomplete,
@@ -241,8 +249,11 @@ class Judge:
     ) -> Found:
         """Read unknowns at a level of images and parts in a pose."""
         density, gains, pose = np.split(unknowns, [level.parts, len(unknowns) - level.poses.count])
-        there = placement.followed_by(level.poses.of(self._untold(level.poses), pose))
         growth = float(pose[-1]) if level.poses.sized else 0.0
+        if self.scaled:
+            centre_cm = np.array(level.poses.origin.centre_cm)
+            placement, growth = placement.enlarged(np.exp(growth), centre_cm), 0.0
+        there = placement.followed_by(level.poses.of(self._untold(level.poses), pose))
         return Found(there, self._loss(residuals, level), density, gains=gains, growth=growth)
 
     def outline_shares(self, found: Found) -> dict[str, float]:

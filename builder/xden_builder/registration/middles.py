@@ -1,4 +1,4 @@
-"""Where an object of known rotation must be for its shadows' boxes to have the right middles."""
+"""Where an object of known rotation must be, and how large, for its shadows' boxes to be right."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from xden1k.values.views import ViewGeometry
 from xden_builder.registration.camera import Rotations, Shifts
 from xden_builder.registration.shadow import Shadow
 
-__all__ = ["led_to", "own_shifts", "shifts_to_middles"]
+__all__ = ["led_to", "own_shifts", "scales_to_sizes", "shifts_to_middles"]
 
 ROUNDS: Final = 2
 WEAKLY: Final = 1e-6
@@ -44,6 +44,35 @@ def shifts_to_middles(
     shifts = _between_rays(shadows) - (turned.max(axis=1) + turned.min(axis=1)) / 2
     places = [(each.geometry, each.middle_px) for each in shadows if not each.turned]
     return led_to(places, turned, shifts)
+
+
+def scales_to_sizes(
+    shadows: Sequence[Shadow], rim_cm: Float64[np.ndarray, "n 3"], rotations: Rotations
+) -> Float64[np.ndarray, "b"]:
+    """Scale the object such that the boxes around its shadows have the sizes that were measured.
+
+    All sides are off by as many pixels where a rotation is off by a few degrees: seen from its end,
+    something long has a small box, which tells least.
+
+    Parameters
+    ----------
+    shadows, rim_cm, rotations
+        As of :func:`shifts_to_middles`.
+
+    Returns
+    -------
+    ndarray
+        Shape (b,).
+    """
+    shifts = shifts_to_middles(shadows, rim_cm, rotations)
+    places = np.einsum("bij,nj->bni", rotations, rim_cm) + shifts[:, None]
+    measured_by_shown, shown_squared = np.zeros((2, len(rotations)))
+    for shadow in shadows:
+        shown = shadow.geometry.project(places.reshape(-1, 3))[:, :2].reshape(*places.shape[:2], 2)
+        sides = np.ptp(shown, axis=1)
+        measured_by_shown += sides @ shadow.size_px
+        shown_squared += (sides**2).sum(axis=1)
+    return np.asarray(measured_by_shown / shown_squared)
 
 
 def led_to(

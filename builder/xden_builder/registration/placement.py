@@ -11,7 +11,7 @@ import trimesh
 from jaxtyping import Float, Float64
 from scipy.spatial.transform import Rotation
 
-from xden1k.values.arrays import Points
+from xden1k.values.arrays import Points, Vec3
 from xden_builder.capture import Capture, CapturePart
 from xden_builder.capture.pose import MeshScale
 from xden_builder.poly.model.frames import Pose
@@ -70,6 +70,18 @@ class RigidPlacement:
         left: MeshScale = "near" if capture.mesh_scale == "near" else "known"
         parts = self.of_parts(capture.parts)
         return replace(capture, parts=parts, pose="near", mesh_scale=left)
+
+    def enlarged(self, factor: float, centre_cm: Vec3) -> RigidPlacement:
+        """Where the mesh stands when the object, once there, grows about a point.
+
+        Examples
+        --------
+        >>> there = RigidPlacement(np.eye(3), np.zeros(3)).enlarged(2.0, np.array([0.0, 0.0, 1.0]))
+        >>> there.apply(np.array([[1.0, 0.0, 3.0]])).tolist()
+        [[2.0, 0.0, 5.0]]
+        """
+        moved = factor * (self.translation_cm - centre_cm) + centre_cm
+        return RigidPlacement(self.rotation, moved, factor * self.scale)
 
     def followed_by(self, pose: Pose) -> RigidPlacement:
         """Where the mesh stands when the object, once there, goes into a pose."""

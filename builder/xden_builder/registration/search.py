@@ -52,7 +52,6 @@ from xden_builder.registration.steps import (
     DERIVATIVES,
     all_settled,
     hopped,
-    rescaled,
     settled,
     settled_if_hopeful,
 )
@@ -87,8 +86,6 @@ SYMMETRIC: Final = 0.03
 GROUPS: Final = 8
 NEAR_RAD, NEAR_COUNT = np.radians(30.0), 300
 """Around a pose that a person told."""
-SCALE_SHARES, LAST_SCALE_SHARES = (0.08, 0.03, 0.01), (0.01, 0.004, 0.0015)
-"""By which a scale that is sought is changed, on coarse images and on fine ones."""
 SCALES: Final = (0.49, 2.05)
 """Between 0.5 and 2, and a little for meshes that err themselves."""
 DOUBTED_LOSS, HOPELESS_LOSS = 1.5, 6.0
@@ -216,8 +213,6 @@ def _finely(
     near = [fine.fixed(each.placement, each.growth) for each in found]
     best = all_settled(fine, unlike_of(near, likeness, body, FINAL, FINAL_APART))
     best = sorted([*best, *_turned(fine, best[0], coarse, likeness, body)], key=loss_of)
-    if capture.mesh_scale == "unknown":
-        best[0] = rescaled(fine, best[0], body, LAST_SCALE_SHARES)
     for _ in range(HOPS):
         before = best[0].loss
         best = sorted([*hopped(fine, best[0], likeness, body), *best[1:]], key=loss_of)
@@ -257,8 +252,7 @@ def _judge(
     *,
     incomplete: bool = False,
 ) -> Judge:
-    """Compare fine images; the size beside the meshes follows, but for one that was found apart."""
-    sized = capture.mesh_scale != "unknown"
+    """Compare fine images; the size beside the meshes follows."""
     return Judge.of(
         capture,
         shadows,
@@ -266,7 +260,7 @@ def _judge(
         wide_px,
         likely,
         rays=MANY_RAYS,
-        sized=sized,
+        sized=True,
         incomplete=incomplete,
     )
 
@@ -294,8 +288,8 @@ def _coarsely(
     capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness, breadth: Breadth
 ) -> _Coarse:
     """Find a few poses on coarse images."""
-    scaled = capture.mesh_scale == "unknown"
     told = _told_rotations(capture, body)
+    scaled = capture.mesh_scale == "unknown"
     poses, search = shortlist(shadows, body, likeness, told, scaled=scaled, breadth=breadth)
     there = [body.of_files(each) for each in poses.placements()]
     tiny = Judge.of(capture, shadows, body, TINY_PX, there[0])
@@ -311,8 +305,6 @@ def _coarsely(
             found = [judge.fixed(each.placement) for each in found]
         found = close_to_best(unlike_of(found, likeness, body, COMPARED))
         found = sorted((judge.refined(each, DERIVATIVES) for each in found), key=loss_of)
-    if scaled:
-        found = sorted((rescaled(judge, each, body, SCALE_SHARES) for each in found), key=loss_of)
     return _Coarse(found, search)
 
 

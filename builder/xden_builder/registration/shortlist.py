@@ -22,7 +22,7 @@ from xden_builder.registration.camera import Camera, Features, Rotations, Shifts
 from xden_builder.registration.content import shifts_to_content
 from xden_builder.registration.costs import Explained, explained, explained_in_part
 from xden_builder.registration.likeness import Likeness, unlike
-from xden_builder.registration.middles import own_shifts, shifts_to_middles
+from xden_builder.registration.middles import own_shifts, scales_to_sizes, shifts_to_middles
 from xden_builder.registration.placement import RigidPlacement
 from xden_builder.registration.rotations import spread_rotations
 from xden_builder.registration.shadow import Shadow
@@ -276,7 +276,7 @@ def shortlist(
     everywhere = rotations is None
     linear = (spread_rotations(breadth.spread) if rotations is None else rotations).as_matrix()
     if scaled:
-        linear = _scales(shadows, body.rim_cm, linear)[:, None, None] * linear
+        linear = scales_to_sizes(shadows, body.rim_cm, linear)[:, None, None] * linear
     coarse, fine = _coarse_search(shadows, body), finer_search(shadows, body)
     first = coarse.judged(linear, shifts_to_middles(shadows, body.rim_cm, linear)).best_first()
     axis = round_axis(body, likeness)
@@ -340,19 +340,6 @@ def _winnowed(search: Search, poses: Poses, steps: int, *, scaled: bool) -> Pose
     begun = search.descended(poses, 1, scaled=scaled).best_first()
     better = begun.picked(range((len(begun) + 1) // 2))
     return search.descended(better, steps - 1, scaled=scaled).best_first()
-
-
-def _scales(
-    shadows: Sequence[Shadow], rim_cm: Float64[np.ndarray, "n 3"], rotations: Rotations
-) -> Float64[np.ndarray, "b"]:
-    """Scale by which the boxes around the shadows of each rotation get as large as measured."""
-    shifts = shifts_to_middles(shadows, rim_cm, rotations)
-    places = np.einsum("bij,nj->bni", rotations, rim_cm) + shifts[:, None]
-    ratios = []
-    for shadow in shadows:
-        shown = shadow.geometry.project(places.reshape(-1, 3))[:, :2].reshape(*places.shape[:2], 2)
-        ratios.append(np.log(shadow.size_px / np.ptp(shown, axis=1)).mean(axis=1))
-    return np.asarray(np.exp(np.mean(ratios, axis=0)))
 
 
 def round_axis(body: Body, likeness: Likeness) -> Float64[np.ndarray, "3"] | None:

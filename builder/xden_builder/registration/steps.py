@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -19,7 +18,6 @@ __all__ = [
     "DERIVATIVES",
     "all_settled",
     "hopped",
-    "rescaled",
     "settled",
     "settled_if_hopeful",
 ]
@@ -38,8 +36,6 @@ PROMISING: Final = (1.02, 0.001)
 """
 DERIVATIVES, MOST_MOVES, SETTLED = 2, 8, 0.97
 """Taken on coarse images, at most on fine ones, and what is little to gain by one."""
-MOST_ROUNDS: Final = 4
-"""Changes of a scale by one share."""
 
 
 def settled(judge: Judge, found: Found, best: Found | None = None) -> Found:
@@ -111,27 +107,3 @@ def _either(judge: Judge, around: Around, placement: RigidPlacement) -> Found:
     """Judge a pose with all else following a little, or with densities alone, which may swap."""
     anew = judge.fixed(placement, around.found.growth)
     return min(around.fixed(placement), anew, key=loss_of)
-
-
-def rescaled(judge: Judge, found: Found, body: Body, shares: Sequence[float]) -> Found:
-    """Stretch and shrink about the object's middle, by less and less, while that gains."""
-    for share in shares:
-        for _ in range(MOST_ROUNDS):
-            tries = [
-                judge.refined(
-                    replace(found, placement=_stretched(found.placement, 1 + step, body)),
-                    DERIVATIVES,
-                )
-                for step in (-share, share)
-            ]
-            ahead = min(tries, key=loss_of)
-            if ahead.loss >= found.loss:
-                break
-            found = ahead
-    return found
-
-
-def _stretched(placement: RigidPlacement, factor: float, body: Body) -> RigidPlacement:
-    """Change the scale, the object's middle staying where it is."""
-    own = body.placed(placement)
-    return body.of_files(replace(own, scale=factor * own.scale))
