@@ -25,7 +25,7 @@ from xden_builder.capture.space import Space, divide
 from xden_builder.cli import cli
 from xden_builder.phantoms import Scanner, write_captures
 from xden_builder.poly.model.frames import Pose
-from xden_builder.registration import search, steps
+from xden_builder.registration import closely, search, steps
 from xden_builder.registration.around import Around
 from xden_builder.registration.ball import ball_turns, is_ball
 from xden_builder.registration.body import Body
@@ -891,6 +891,25 @@ def test_one_pose_found_in_two_sizes_is_one_once_refined_where_the_scale_is_soug
     assert likeness.apart(*sizes, 0.05)
     assert not likeness.apart(one.placement, other.placement, 0.01)
     assert one.growth == other.growth == 0
+
+
+def test_of_poses_that_differ_hardly_the_one_is_chosen_that_leaves_least_once_looked_around(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    capture, left = without("grip"), {1.0: (1.0, 0.99), 2.0: (1.05, 0.9), 3.0: (1.2, 0.5)}
+    asked = []
+
+    def refined(
+        _capture: Capture, _space: Space, found: Found, *, doubted: bool, begun_again: bool = False
+    ) -> Found:
+        asked.extend([found.loss] * begun_again)
+        return replace(found, edges=left[found.loss][begun_again])
+
+    monkeypatch.setattr(closely, "_refined", refined)
+    given = [Found(at(TURN), loss, np.ones(3)) for loss in left]
+    there = told_closely(capture, divide(capture.parts), given, doubted=True)
+    assert [(each.loss, each.edges) for each in there] == [(2.0, 0.9), (1.0, 0.99), (3.0, 1.2)]
+    assert asked == [1.0, 2.0]
 
 
 def test_saturated_air_hides_not_which_pose_is_right() -> None:

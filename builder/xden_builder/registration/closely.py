@@ -29,6 +29,9 @@ __all__ = ["told_closely"]
 MAY_BE_RIGHT: Final = (0.01, 1.3, 4.0)
 """A pose whose loss is at most so much, so many times that of the best, and so many times its
 square, together: the more even the best leaves, the less of that is a fault of the pose."""
+HARDLY_MORE: Final = 1.1
+"""Times the least differences of a pose that is looked around, too, where a part may have no mesh:
+in one trough beside their place poses differ by as little as in the next."""
 
 
 def told_closely(
@@ -57,6 +60,14 @@ def told_closely(
     if len(close) < 2 or capture.tube is None:
         return list(found)
     there = [_refined(capture, space, each, doubted=doubted) for each in close]
+    if doubted:
+        least = min(each.improbability for each in there)
+        there = [
+            _looked_around(capture, space, each)
+            if each.improbability <= HARDLY_MORE * least
+            else each
+            for each in there
+        ]
     return [
         *sorted(there, key=lambda each: each.improbability),
         *(each for each in found if each not in close),
@@ -68,12 +79,20 @@ def _may_be_right(found: Found, best: Found) -> bool:
     return found.loss <= float(polyval(best.loss, MAY_BE_RIGHT))
 
 
-def _refined(capture: Capture, space: Space, found: Found, *, doubted: bool) -> Found:
+def _looked_around(capture: Capture, space: Space, found: Found) -> Found:
+    """Refine a pose once more, as the rebuild will, unless that leaves more."""
+    again = _refined(capture, space, found, doubted=True, begun_again=True)
+    return min(found, again, key=lambda each: each.improbability)
+
+
+def _refined(
+    capture: Capture, space: Space, found: Found, *, doubted: bool, begun_again: bool = False
+) -> Found:
     """Move a pose on the images as they are, and say what it leaves of them."""
     settings = PolySettings()
     there = found.placement
     scene = set_scene(there.of_capture(capture), space.moved(there.moved), settings)
-    end = find_pose(first_guess(scene), settings, begun_again=False)
+    end = find_pose(first_guess(scene), settings, begun_again=begun_again)
     fit, size = end.fit, end.size
     assert fit is not None
     growth = float(np.log(size.factor))
