@@ -123,8 +123,8 @@ def _fit_comparison(pairs: list[tuple[PathLengths, XRayView]], repeats: int) -> 
     size = pairs[0][0].shape[0]
     return Comparison(
         task=f"fit of 6 parts to 2 x {size}² pixels",
-        ours=f"Levenberg-Marquardt, {result.lm_iterations} steps",
-        other=f"Adam on full frames, {result.adam_steps} steps",
+        ours=f"Levenberg-Marquardt, steps: {result.lm_iterations}",
+        other=f"Adam on full frames, steps: {result.adam_steps}",
         ours_s=result.lm_cpu_seconds,
         other_s=result.adam_cpu_seconds,
         ours_error=result.lm_excess,
