@@ -181,6 +181,24 @@ def test_too_dark_a_model_is_doubted_where_nothing_differs(views):
     assert edge_doubt(level, darker) > 3 * edge_doubt(level, nothing)
 
 
+def test_a_told_pose_is_gone_on_from_on_the_last_images_alone_too(views, monkeypatch):
+    level = level_of(views)
+    true = right(level)
+    off = true.copy()
+    off[level.parts + 4] = 0.05
+
+    def astray_but_there(_level, unknowns, sds, _bounds):
+        return unknowns if tuple(sds) == pose.EDGE_SDS[-1:] else off
+
+    monkeypatch.setattr(pose, "descend_by_edges", astray_but_there)
+    monkeypatch.setattr(pose, "sought_by_edges", lambda *_rest: off)
+    residuals = level.residuals(off)
+    evaluated = level.evaluate(off, *level.residuals_and_slopes(off))
+    end = Descent(off, evaluated, residuals, residuals)
+    there = pose._by_edges([level], end, true, level.target.bounds(true[: level.parts], 7))
+    assert np.array_equal(there.unknowns, true)
+
+
 @pytest.mark.parametrize(
     ("begun_again", "very_much", "looks"), [(True, False, 2), (True, True, 4), (False, True, 0)]
 )

@@ -135,6 +135,11 @@ class Capture:
         return (*self.views, *self.further_views)
 
     @property
+    def scale_sought(self) -> bool:
+        """Whether how large its meshes are is to be found along with their pose."""
+        return self.mesh_scale == "unknown"
+
+    @property
     def all_views(self) -> tuple[XRayView, ...]:
         """Every radiograph, those that are fitted first."""
         return (*self.fitted_views, *self.audit_views)

@@ -347,9 +347,10 @@ def _by_edges(
     """Go on by differences of neighbouring pixels, from an end and, if it is told, another pose.
 
     From that on the last two images and on the last three: a thin object is lost by the latter, one
-    that is far off by the former; and by the smallest differences of the last, which leave it where
-    it was found, if it was. Then it is looked around the best without derivatives; poses that are
-    only told from each other, for which no other is told, are left where these led.
+    that is far off by the former; and, since all these lead away from where it was found already,
+    by small differences of the last images alone. Then it is looked around the best without
+    derivatives; poses that are only told from each other, for which no other is told, are left
+    where these led.
     """
     level, starts = levels[-1], [(end.unknowns, levels[-2:])]
     ends = [end.unknowns]

@@ -103,9 +103,13 @@ class Around:
         poses = self.level.poses
         pose_at = len(self.start) - poses.count
         here, centre = self.found.placement, np.array(poses.origin.centre_cm)
+        own, start = self.start[pose_at:].copy(), self.start[pose_at:]
+        if self.judge.scaled:
+            grown = placement.scale / here.scale
+            here = here.enlarged(grown, centre)
+            own[poses.size_places] += np.log(grown)
         turn = placement.rotation @ here.rotation.T
         shift = placement.translation_cm - turn @ (here.translation_cm - centre) - centre
-        own, start = self.start[pose_at:].copy(), self.start[pose_at:]
         for turned, shifted in self._rigid_places():
             first = Rotation.from_rotvec(start[turned])
             own[turned] = (first * Rotation.from_matrix(turn)).as_rotvec()

@@ -4,7 +4,8 @@ What tells a racket from the racket turned by half, or a padlock by a pin behind
 steel, is finer than the pixels of the search. And where the best pose leaves much, another of those
 that were found may be the right one, though it leaves more as long as it has not moved. So they are
 refined as the rebuild will refine the one it is given, but neither begun again where they were
-found nor looked around, which would take twice as long.
+found nor looked around, which would take twice as long; but for those that then differ hardly where
+a part may have no mesh.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ MAY_BE_RIGHT: Final = (0.01, 1.3, 4.0)
 """A pose whose loss is at most so much, so many times that of the best, and so many times its
 square, together: the more even the best leaves, the less of that is a fault of the pose."""
 HARDLY_MORE: Final = 1.1
-"""Times the least differences of a pose that is looked around, too, where a part may have no mesh:
-in one trough beside their place poses differ by as little as in the next."""
+"""Poses of which pixels differ by at most so many times the least are looked around where a part
+may have no mesh: beside its place a right pose may leave as much as a wrong one."""
 
 
 def told_closely(
@@ -48,7 +49,8 @@ def told_closely(
     found
         Unlike poses, the best first.
     doubted
-        Whether even the best is not believed: then all are refined.
+        Whether even the best is not believed: then all are refined, and those that differ hardly
+        more than the best are looked around.
 
     Returns
     -------
@@ -60,14 +62,8 @@ def told_closely(
     if len(close) < 2 or capture.tube is None:
         return list(found)
     there = [_refined(capture, space, each, doubted=doubted) for each in close]
-    if doubted:
-        least = min(each.improbability for each in there)
-        there = [
-            _looked_around(capture, space, each)
-            if each.improbability <= HARDLY_MORE * least
-            else each
-            for each in there
-        ]
+    if doubted and not capture.turned:
+        there = _looked_around(capture, space, there)
     return [
         *sorted(there, key=lambda each: each.improbability),
         *(each for each in found if each not in close),
@@ -79,10 +75,19 @@ def _may_be_right(found: Found, best: Found) -> bool:
     return found.loss <= float(polyval(best.loss, MAY_BE_RIGHT))
 
 
-def _looked_around(capture: Capture, space: Space, found: Found) -> Found:
-    """Refine a pose once more, as the rebuild will, unless that leaves more."""
-    again = _refined(capture, space, found, doubted=True, begun_again=True)
-    return min(found, again, key=lambda each: each.improbability)
+def _looked_around(capture: Capture, space: Space, found: Sequence[Found]) -> list[Found]:
+    """Refine what differs hardly more than the best once more, as the rebuild will.
+
+    One pose alone is left to that, and each that leaves more by it stays as it was.
+    """
+    most = HARDLY_MORE * min(each.improbability for each in found)
+    close = [each for each in found if each.improbability <= most]
+    if len(close) < 2:
+        return list(found)
+    again = (_refined(capture, space, each, doubted=True, begun_again=True) for each in close)
+    pairs = zip(close, again, strict=True)
+    better = [min(pair, key=lambda each: each.improbability) for pair in pairs]
+    return [*better, *(each for each in found if each not in close)]
 
 
 def _refined(
@@ -95,15 +100,14 @@ def _refined(
     end = find_pose(first_guess(scene), settings, begun_again=begun_again)
     fit, size = end.fit, end.size
     assert fit is not None
-    growth = float(np.log(size.factor))
-    if capture.mesh_scale == "unknown":
-        there, growth = there.enlarged(size.factor, size.centre_cm), 0.0
     refined = replace(
         found,
-        placement=there.followed_by(fit.pose),
         density_g_cm3=fit.density_g_cm3,
         edges=fit.edges,
         gains=None,
-        growth=growth,
+        growth=float(np.log(size.factor)),
     )
+    if capture.scale_sought:
+        refined = refined.rescaled(size.centre_cm)
+    refined = refined.followed_by(fit.pose)
     return refined if doubted else replace(refined, doubt=fit.doubt, left=fit.left)

@@ -153,7 +153,7 @@ class Judge:
             return tuple(subrays_of(round(each / side**2), again, count) for each in shadow_px)
 
         guess = first_guess(scene.moved(likely.moved))
-        scaled = capture.mesh_scale == "unknown"
+        scaled = capture.scale_sought
         return cls(
             scene,
             guess.outline_stand_ins.mac_cm2_g,
@@ -250,11 +250,11 @@ class Judge:
         """Read unknowns at a level of images and parts in a pose."""
         density, gains, pose = np.split(unknowns, [level.parts, len(unknowns) - level.poses.count])
         growth = float(pose[-1]) if level.poses.sized else 0.0
+        loss = self._loss(residuals, level)
+        there = Found(placement, loss, density, gains=gains, growth=growth)
         if self.scaled:
-            centre_cm = np.array(level.poses.origin.centre_cm)
-            placement, growth = placement.enlarged(np.exp(growth), centre_cm), 0.0
-        there = placement.followed_by(level.poses.of(self._untold(level.poses), pose))
-        return Found(there, self._loss(residuals, level), density, gains=gains, growth=growth)
+            there = there.rescaled(np.array(level.poses.origin.centre_cm))
+        return there.followed_by(level.poses.of(self._untold(level.poses), pose))
 
     def outline_shares(self, found: Found) -> dict[str, float]:
         """Of each view: share of the pixels in either outline that lie well outside the other."""

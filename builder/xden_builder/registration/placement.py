@@ -145,7 +145,8 @@ class Found:
     gains
         Of the views, and after them their shares of glare, where the pose has been moved with them.
     growth
-        Logarithm of the object's size over that of its meshes, where it was sought along with it.
+        Logarithm of the object's size over that of its meshes, where it was sought along with it;
+        0 where their scale is sought, which takes it.
     """
 
     placement: RigidPlacement
@@ -157,6 +158,23 @@ class Found:
     deviance: float | None = None
     gains: Float64[np.ndarray, "v"] | None = None
     growth: float = 0.0
+
+    def followed_by(self, pose: Pose) -> Found:
+        """Where the object is when it, once there, goes into a pose."""
+        return replace(self, placement=self.placement.followed_by(pose))
+
+    def rescaled(self, centre_cm: Vec3) -> Found:
+        """Take the object's size for that of its meshes, enlarged about a point.
+
+        Its densities went with ways through the meshes as they were.
+        """
+        factor = float(np.exp(self.growth))
+        return replace(
+            self,
+            placement=self.placement.enlarged(factor, centre_cm),
+            density_g_cm3=self.density_g_cm3 / factor,
+            growth=0.0,
+        )
 
     @property
     def improbability(self) -> float:

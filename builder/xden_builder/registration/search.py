@@ -148,7 +148,7 @@ def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness:
     a view was turned: both are led by the boxes around the shadows.
     """
     there = _searched_complete(capture, shadows, body, likeness)
-    boxed = capture.mesh_scale == "unknown" or any(shadow.turned for shadow in shadows)
+    boxed = capture.scale_sought or any(shadow.turned for shadow in shadows)
     if boxed or not there.doubted:
         return there
     clouded, best = body.evened(EVENED), there.found[0].placement
@@ -288,8 +288,8 @@ def _coarsely(
     capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness, breadth: Breadth
 ) -> _Coarse:
     """Find a few poses on coarse images."""
+    scaled = capture.scale_sought
     told = _told_rotations(capture, body)
-    scaled = capture.mesh_scale == "unknown"
     poses, search = shortlist(shadows, body, likeness, told, scaled=scaled, breadth=breadth)
     there = [body.of_files(each) for each in poses.placements()]
     tiny = Judge.of(capture, shadows, body, TINY_PX, there[0])
