@@ -1140,7 +1140,8 @@ def test_a_pose_is_led_to_the_true_one_by_differences_of_pixels_where_a_part_has
     body = Body.of(in_given_order(capture), np.array([2.0, 0.2, 2.0]))
     views, true = [shadow_of(view) for view in capture.fitted_views], at(Rotation.identity())
     judge = Judge.of(capture, views, body, 120, true, sized=True, incomplete=True)
-    start = judge.fixed(at(Rotation.from_rotvec([0.02, -0.03, 0.04]), (0.05, -0.03, 0.02)), 0.004)
+    off = at(Rotation.from_rotvec([0.02, -0.03, 0.04]), (0.05, -0.03, 0.02))
+    start = judge.anew(replace(judge.fixed(off), growth=0.004))
     there, by_light = judge.edged(start), judge.refined(start, 4)
 
     assert off_deg(start) > 3

@@ -109,5 +109,5 @@ def _refined(
     )
     if capture.scale_sought:
         refined = refined.rescaled(size.centre_cm)
-    refined = refined.followed_by(fit.pose)
+    refined = refined.posed(fit.poses, fit.unknowns)
     return refined if doubted else replace(refined, doubt=fit.doubt, left=fit.left)

@@ -191,19 +191,25 @@ class Judge:
         view = self.scene.views[0].geometry
         return self.binning * float(np.linalg.norm(view.column_step_cm))
 
-    def fixed(self, placement: RigidPlacement, growth: float = 0.0) -> Found:
+    def fixed(self, placement: RigidPlacement) -> Found:
         """Find densities, gains and glare in a pose, and what they leave."""
+        return self.anew(Found(placement, np.inf, self.density_g_cm3))
+
+    def anew(self, found: Found, placement: RigidPlacement | None = None) -> Found:
+        """Find them in a pose, or in another, of the same size and moves before other views."""
+        placement = placement or found.placement
         level, density = self._level(placement)
-        pose = self._start(level.poses, placement, growth)
+        pose = self._start(level.poses, replace(found, placement=placement))
         lengths = [level.seen(number, pose) for number in range(len(level.target.beams))]
         unknowns = level.target.start(density, np.empty(0))
         low, high = level.target.bounds(density, 0, SHARES)
-        best = Found(placement, np.inf, density, growth=growth)
+        growth, moves = found.growth, found.moves
+        best = Found(placement, np.inf, density, growth=growth, moves=moves)
         for _ in range(DENSITY_STEPS + 1):
             loss, gradient, curvature = self._evaluated(level, lengths, unknowns)
             if loss < best.loss:
                 density, gains = np.split(unknowns, [level.parts])
-                best = Found(placement, loss, density, gains=gains, growth=growth)
+                best = replace(best, loss=loss, density_g_cm3=density, gains=gains)
             damped = curvature + np.diag(DAMPING * curvature.diagonal() + 1e-9)
             unknowns = (unknowns - np.linalg.solve(damped, gradient)).clip(low, high)
         return best
@@ -231,7 +237,7 @@ class Judge:
     def unknowns(self, found: Found) -> tuple[Level, Float64[np.ndarray, "u"], Bounds]:
         """Give images and parts in a pose, its unknowns, and the least and most of these."""
         level, density = self._level(found.placement)
-        pose = self._start(level.poses, found.placement, found.growth)
+        pose = self._start(level.poses, found)
         unknowns = level.target.start(found.density_g_cm3, pose)
         if found.gains is not None:
             unknowns[level.parts : len(unknowns) - level.poses.count] = found.gains
@@ -254,12 +260,12 @@ class Judge:
         there = Found(placement, loss, density, gains=gains, growth=growth)
         if self.scaled:
             there = there.rescaled(np.array(level.poses.origin.centre_cm))
-        return there.followed_by(level.poses.of(self._untold(level.poses), pose))
+        return there.posed(level.poses, pose)
 
     def outline_shares(self, found: Found) -> dict[str, float]:
         """Of each view: share of the pixels in either outline that lie well outside the other."""
         level, density = self._level(found.placement)
-        pose = self._start(level.poses, found.placement, found.growth)
+        pose = self._start(level.poses, found)
         level = replace(level, glare=[np.zeros_like(each) for each in level.glare])
         images = level.images(level.target.start(density, pose))
         px = OUTLINE_PX * BINNING // self.binning
@@ -271,23 +277,23 @@ class Judge:
             for view, shadow, mask, model, seen in each
         }
 
-    def _start(
-        self, poses: Poses, placement: RigidPlacement, growth: float
-    ) -> Float64[np.ndarray, "p"]:
-        """Unknowns of the poses: at rest, turned views shifted onto their shadows."""
-        own = self.body.placed(placement)
+    def _start(self, poses: Poses, found: Found) -> Float64[np.ndarray, "p"]:
+        """Unknowns of the poses: at rest, but for turned views.
+
+        These are moved as they were found to be, or shifted onto their shadows.
+        """
+        own = self.body.placed(found.placement)
         linear, shift = own.scale * own.rotation, own.translation_cm
         start = np.zeros(poses.count)
-        start[poses.size_places] = growth
+        start[poses.size_places] = found.growth
         for number, shadow in enumerate(self.shadows):
-            if shadow.turned:
+            if number in found.moves:
+                moved = found.moves[number].about(np.array(poses.origin.centre_cm))
+                start[poses.places(number)] = moved
+            elif shadow.turned:
                 more = own_shifts(shadow, self.body.rim_cm, linear[None], shift[None])[0]
                 start[poses.places(number)[-3:]] = more
         return start
-
-    def _untold(self, poses: Poses) -> int:
-        """Find a view that is not turned."""
-        return poses.turned.index(False)
 
     def _level(self, placement: RigidPlacement) -> tuple[Level, Float64[np.ndarray, "k"]]:
         """Images and parts in a pose, and densities to start from."""

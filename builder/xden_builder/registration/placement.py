@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
@@ -15,6 +15,7 @@ from xden1k.values.arrays import Points, Vec3
 from xden_builder.capture import Capture, CapturePart
 from xden_builder.capture.pose import MeshScale
 from xden_builder.poly.model.frames import Pose
+from xden_builder.poly.model.poses import Poses
 
 __all__ = ["Found", "Registration", "RigidPlacement"]
 
@@ -90,6 +91,24 @@ class RigidPlacement:
         moved = turn @ (self.translation_cm - centre) + centre + shift
         return RigidPlacement(turn @ self.rotation, moved, self.scale)
 
+    def since(self, before: RigidPlacement) -> RigidPlacement:
+        """How the scanner's frame moves from where a mesh stood before to here.
+
+        Examples
+        --------
+        >>> low, high = (RigidPlacement(np.eye(3), np.array([0.0, 0.0, z])) for z in (1.0, 3.0))
+        >>> high.since(low).apply(np.array([[5.0, 0.0, 1.0]])).tolist()
+        [[5.0, 0.0, 3.0]]
+        """
+        turn, scale = self.rotation @ before.rotation.T, self.scale / before.scale
+        shift = self.translation_cm - scale * turn @ before.translation_cm
+        return RigidPlacement(turn, shift, scale)
+
+    def about(self, centre_cm: Vec3) -> Float64[np.ndarray, "6"]:
+        """Rotation vector and shift, as of :class:`Pose`, of the same motion about a point."""
+        shift = self.apply(centre_cm[None])[0] - centre_cm
+        return np.concatenate([Rotation.from_matrix(self.rotation).as_rotvec(), shift])
+
     def undone(self, points_cm: Points) -> Float64[np.ndarray, "n 3"]:
         """Move points back.
 
@@ -147,6 +166,9 @@ class Found:
     growth
         Logarithm of the object's size over that of its meshes, where it was sought along with it;
         0 where their scale is sought, which takes it.
+    moves
+        How the object was moved in the scanner's frame before the views that it was turned for, by
+        their number, where that was found along with its pose. It is the same for each pose.
     """
 
     placement: RigidPlacement
@@ -158,10 +180,21 @@ class Found:
     deviance: float | None = None
     gains: Float64[np.ndarray, "v"] | None = None
     growth: float = 0.0
+    moves: Mapping[int, RigidPlacement] = field(default_factory=dict)
 
-    def followed_by(self, pose: Pose) -> Found:
-        """Where the object is when it, once there, goes into a pose."""
-        return replace(self, placement=self.placement.followed_by(pose))
+    def posed(self, poses: Poses, unknowns: Float64[np.ndarray, "p"]) -> Found:
+        """Where the object is when it, once there, goes into the poses of the views.
+
+        That of one before which it was not turned is its own.
+        """
+        each = [
+            self.placement.followed_by(poses.of(number, unknowns))
+            for number in range(len(poses.turned))
+        ]
+        here = each[poses.turned.index(False)]
+        pairs = enumerate(zip(poses.turned, each, strict=True))
+        moves = {number: there.since(here) for number, (turned, there) in pairs if turned}
+        return replace(self, placement=here, moves=moves)
 
     def rescaled(self, centre_cm: Vec3) -> Found:
         """Take the object's size for that of its meshes, enlarged about a point.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -157,7 +158,7 @@ def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness:
     laid = laid_upon_content(shadows, clouded, likeness, LAID, told).placements()
     poses = [*(each.placement for each in there.found), *map(body.of_files, laid)]
     again = told_by_edges(capture, shadows, body, likeness, poses, judge)
-    if there.judge.fixed(again[0].placement, again[0].growth).loss > DOUBTED_LOSS:
+    if there.judge.anew(again[0]).loss > DOUBTED_LOSS:
         return _Fine(again, judge)
     nothing_lost = _Coarse(again, finer_search(shadows, clouded))
     plain = _finely(capture, shadows, body, likeness, nothing_lost)
@@ -194,7 +195,7 @@ def _searched_complete(
 def _with_rival(better: _Fine, other: Found, likeness: Likeness, body: Body) -> _Fine:
     """List the best of another search too, judged by the images of the better one."""
     judge = better.judge
-    stayed = settled(judge, judge.fixed(other.placement, other.growth))
+    stayed = settled(judge, judge.anew(other))
     first = sorted([better.found[0], stayed], key=loss_of)
     listed = listed_of([*first, *better.found[1:]], likeness, body, LISTED)
     return better._replace(found=listed)
@@ -210,7 +211,7 @@ def _finely(
     """Move poses on fine images, and tell them apart."""
     found = coarse.found
     fine = _judge(capture, shadows, body, FINE_PX, found[0].placement)
-    near = [fine.fixed(each.placement, each.growth) for each in found]
+    near = [fine.anew(each) for each in found]
     best = all_settled(fine, unlike_of(near, likeness, body, FINAL, FINAL_APART))
     best = sorted([*best, *_turned(fine, best[0], coarse, likeness, body)], key=loss_of)
     for _ in range(HOPS):
@@ -237,7 +238,7 @@ def _on_finest(
     and may have led beside it.
     """
     finest = _judge(capture, shadows, body, FINEST_PX, listed[0].placement)
-    fixed = [finest.fixed(each.placement, each.growth) for each in listed]
+    fixed = [finest.anew(each) for each in listed]
     tried = [*fixed, *slightly_turned(finest, fixed[0], body)]
     there = sorted((finest.refined(each, DERIVATIVES) for each in tried), key=loss_of)
     return _Fine(listed_of(there, likeness, body, LISTED), finest)
@@ -294,7 +295,8 @@ def _coarsely(
     there = [body.of_files(each) for each in poses.placements()]
     tiny = Judge.of(capture, shadows, body, TINY_PX, there[0])
     found = sorted((tiny.refined(tiny.fixed(each), 1) for each in there), key=loss_of)
-    found = [*found, *least_turns(tiny.fixed, found[0], search, likeness, body, ROUGH_DEG)]
+    turned = partial(tiny.anew, found[0])
+    found = [*found, *least_turns(turned, found[0], search, likeness, body, ROUGH_DEG)]
     found = close_to_best(unlike_of(found, likeness, body, SOME), HARDLY_CLOSE)
     found = sorted((tiny.refined(each, DERIVATIVES) for each in found), key=loss_of)
     judge = tiny
@@ -302,7 +304,7 @@ def _coarsely(
         if side_of(shadows, wide_px) != judge.side:
             likely = found[0].placement
             judge = Judge.of(capture, shadows, body, wide_px, likely)
-            found = [judge.fixed(each.placement) for each in found]
+            found = [judge.anew(each) for each in found]
         found = close_to_best(unlike_of(found, likeness, body, COMPARED))
         found = sorted((judge.refined(each, DERIVATIVES) for each in found), key=loss_of)
     return _Coarse(found, search)

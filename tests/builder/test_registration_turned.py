@@ -1,0 +1,89 @@
+"""Meshes in any frame before one tube: the object was turned by hand before the other view."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tests.builder.poly_scenes import capture_of, geometries, radiograph, tool
+from xden_builder.capture import Capture
+from xden_builder.capture.space import divide
+from xden_builder.poly.model.frames import Pose, posed
+from xden_builder.registration.around import Around
+from xden_builder.registration.body import Body
+from xden_builder.registration.exact import Judge
+from xden_builder.registration.placement import RigidPlacement
+from xden_builder.registration.search import register
+from xden_builder.registration.shadow import shadow_of
+from xden_builder.registration.steps import settled
+
+BY_HAND = Pose((0.06, -0.04, 0.07), (0.5, -0.8, 0.6))
+"""By which lat is off its word."""
+HERE = RigidPlacement(np.eye(3), np.zeros(3))
+BESIDE = RigidPlacement(Rotation.from_rotvec([0.05, 0.1, -0.04]).as_matrix(), np.full(3, 0.1))
+
+
+def turned_tool(size: int) -> Capture:
+    """Give a tool in its place that was turned by hand before lat, and not quite as told."""
+    scanner = geometries(size)
+    lat = radiograph(tool(), "lat", posed(scanner["lat"], BY_HAND, shifted_rows=False))
+    views = [radiograph(tool(), "pa", scanner["pa"]), replace(lat, geometry=scanner["lat"])]
+    return replace(capture_of(tool(), views), turned=frozenset({"lat"}))
+
+
+@pytest.fixture(scope="module")
+def judge() -> Judge:
+    capture = turned_tool(192)
+    space = divide(capture.parts)
+    shadows = [shadow_of(view, turned=view.name == "lat") for view in capture.fitted_views]
+    return Judge.of(capture, shadows, Body.of(space, np.ones(3)), 80, HERE, sized=True)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_motion_leads_from_where_a_mesh_stood_to_where_it_stands(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    before, after = (
+        RigidPlacement(Rotation.random(random_state=rng).as_matrix(), rng.normal(size=3), scale)
+        for scale in (0.7, 0.7)
+    )
+    points, centre = rng.normal(size=(5, 3)), rng.normal(size=3)
+    moved = after.since(before)
+    assert moved.apply(before.apply(points)) == pytest.approx(after.apply(points))
+    turn, shift = np.split(moved.about(centre), 2)
+    about = Rotation.from_rotvec(turn).apply(before.apply(points) - centre) + centre + shift
+    assert about == pytest.approx(after.apply(points))
+
+
+def test_how_an_object_was_turned_by_hand_is_found_with_its_pose_and_kept(judge: Judge) -> None:
+    there = settled(judge, judge.fixed(BESIDE))
+    found, _ = np.split(there.moves[1].about(np.zeros(3)), 2)
+    assert found == pytest.approx(np.array(BY_HAND.rotation_rad), abs=0.02)
+    assert judge.anew(there).loss < 1.2 * there.loss
+    assert judge.fixed(there.placement).loss > 3 * there.loss
+
+
+def test_another_pose_is_judged_after_the_same_turn_by_hand(judge: Judge) -> None:
+    there = settled(judge, judge.fixed(HERE))
+    slid = RigidPlacement(there.placement.rotation, there.placement.translation_cm + 0.05)
+    beside = judge.anew(there, slid)
+    assert beside.moves == there.moves
+    followed = Around.of(judge, there).fixed(slid)
+    assert followed.loss < 0.2 * beside.loss
+    point = np.array([[0.5, -1.0, 2.0]])
+    moved, kept = (each.moves[1].apply(point)[0] for each in (followed, there))
+    assert moved[1:] == pytest.approx(kept[1:], abs=0.1)  # along the beam hardly anything tells
+
+
+@pytest.mark.slow
+def test_an_object_turned_by_hand_is_found_from_a_frame_of_its_own() -> None:
+    capture = turned_tool(192)
+    away = RigidPlacement(Rotation.from_rotvec([2.0, -1.1, 0.7]).as_matrix(), np.full(3, 6.0))
+    parts = away.of_parts(capture.parts)
+    registration = register(replace(capture, parts=parts, pose="unknown"), divide(parts))
+    turn = Rotation.from_matrix(registration.placement.rotation @ away.rotation)
+    assert np.degrees(turn.magnitude()) < 1
+    assert registration.candidates[0].loss < 0.1
+    assert not registration.flags
