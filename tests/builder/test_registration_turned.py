@@ -18,6 +18,7 @@ from xden_builder.registration.exact import Judge
 from xden_builder.registration.placement import RigidPlacement
 from xden_builder.registration.search import register
 from xden_builder.registration.shadow import shadow_of
+from xden_builder.registration.shortlist import Poses, Search
 from xden_builder.registration.steps import settled
 
 BY_HAND = Pose((0.06, -0.04, 0.07), (0.5, -0.8, 0.6))
@@ -75,6 +76,20 @@ def test_another_pose_is_judged_after_the_same_turn_by_hand(judge: Judge) -> Non
     point = np.array([[0.5, -1.0, 2.0]])
     moved, kept = (each.moves[1].apply(point)[0] for each in (followed, there))
     assert moved[1:] == pytest.approx(kept[1:], abs=0.1)  # along the beam hardly anything tells
+
+
+@pytest.mark.parametrize("turned", [True, False])
+def test_coarse_images_leave_depth_before_a_lone_view_where_both_shadows_put_it(
+    turned: bool,
+) -> None:
+    capture = turned_tool(192)
+    shadows = [shadow_of(each, turned=turned and each.name == "lat") for each in capture.views]
+    body = Body.of(divide(capture.parts), np.ones(3))
+    linear = Rotation.from_rotvec([[0.1, -0.2, 0.1]]).as_matrix()
+    start = Poses(linear, body.middle_cm[None] + [0.5, 3.0, -0.5], np.full(1, np.inf))
+    moved = Search(shadows, body, 16, 16).descended(start, 3, scaled=False).shifts - start.shifts
+    assert (abs(moved[0, 1]) < 0.02 * np.linalg.norm(moved)) == turned
+    assert abs(moved[0, 0]) > 0.1
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from xden1k.values.views import ViewGeometry
 from xden_builder.registration.camera import Rotations, Shifts
 from xden_builder.registration.shadow import Shadow
 
-__all__ = ["led_to", "own_shifts", "scales_to_sizes", "shifts_to_middles"]
+__all__ = ["across_lone_view", "led_to", "own_shifts", "scales_to_sizes", "shifts_to_middles"]
 
 ROUNDS: Final = 2
 WEAKLY: Final = 1e-6
@@ -117,6 +117,19 @@ def own_shifts(
         off_px = shadow.middle_px - middles_px
         more = more + (np.linalg.pinv(slopes) @ off_px[..., None])[..., 0]
     return more
+
+
+def across_lone_view(shadows: Sequence[Shadow]) -> Float64[np.ndarray, "3 3"]:
+    """Take from a shift what leads along the beam of the only view that was not turned.
+
+    Its depth there is told by the size of its shadow alone, too little on coarse images. With two
+    such views nothing is taken.
+    """
+    still = [each for each in shadows if not each.turned]
+    if len(still) > 1:
+        return np.eye(3)
+    _, way = _ray(still[0].geometry, still[0].middle_px)
+    return np.asarray(np.eye(3) - np.outer(way, way))
 
 
 def _between_rays(shadows: Sequence[Shadow]) -> Vec3:

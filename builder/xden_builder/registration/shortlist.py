@@ -22,7 +22,12 @@ from xden_builder.registration.camera import Camera, Features, Rotations, Shifts
 from xden_builder.registration.content import shifts_to_content
 from xden_builder.registration.costs import Explained, explained, explained_in_part
 from xden_builder.registration.likeness import Likeness, unlike
-from xden_builder.registration.middles import own_shifts, scales_to_sizes, shifts_to_middles
+from xden_builder.registration.middles import (
+    across_lone_view,
+    own_shifts,
+    scales_to_sizes,
+    shifts_to_middles,
+)
 from xden_builder.registration.placement import RigidPlacement
 from xden_builder.registration.rotations import spread_rotations
 from xden_builder.registration.shadow import Shadow
@@ -142,7 +147,7 @@ class Search:
         self.shadows, self.rim_cm = shadows, body.rim_cm
         self.cameras = [Camera.of(shadow, wide_px) for shadow in shadows]
         self.cloud, self.radius_cm = body.cloud(cells), body.radius_cm
-        self.seen = seen(self.cameras)
+        self.seen, self.across = seen(self.cameras), across_lone_view(shadows)
         self.step_cm = STEP_PX * min(camera.pixel_cm for camera in self.cameras)
 
     def judged(
@@ -226,7 +231,7 @@ class Search:
         """Turn, shift, and scale where there is a seventh move; turns and scales as the rim's."""
         turns = Rotation.from_rotvec(moves[:, :3] / self.radius_cm).as_matrix()
         growth = np.exp(moves[:, 6:7, None] / self.radius_cm) if moves.shape[1] > 6 else 1.0
-        return growth * (turns @ linear), shifts + moves[:, 3:6]
+        return growth * (turns @ linear), shifts + moves[:, 3:6] @ self.across
 
 
 def _step(
