@@ -15,6 +15,7 @@ from xden_builder.poly.model.frames import Pose, posed
 from xden_builder.registration.around import Around
 from xden_builder.registration.body import Body
 from xden_builder.registration.exact import Judge
+from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.placement import RigidPlacement
 from xden_builder.registration.search import register
 from xden_builder.registration.shadow import shadow_of
@@ -90,6 +91,19 @@ def test_coarse_images_leave_depth_before_a_lone_view_where_both_shadows_put_it(
     moved = Search(shadows, body, 16, 16).descended(start, 3, scaled=False).shifts - start.shifts
     assert (abs(moved[0, 1]) < 0.02 * np.linalg.norm(moved)) == turned
     assert abs(moved[0, 0]) > 0.1
+
+
+def test_poses_that_differ_along_a_lone_beam_alone_are_one(judge: Judge) -> None:
+    body, along = judge.body, np.array([0.0, 1.0, 0.0])
+    here = body.placed(HERE)
+    deeper, aside = (
+        replace(here, translation_cm=here.translation_cm + 2 * way) for way in np.eye(3)[[1, 0]]
+    )
+    told, hardly = Likeness(body), Likeness(body, along)
+    assert [told.apart(here, each, 0.05) for each in (deeper, aside)] == [True, True]
+    assert [hardly.apart(here, each, 0.05) for each in (deeper, aside)] == [False, True]
+    assert hardly.listing.distance_cm(here, deeper) < 1e-6 + told.distance_cm(here, here)
+    assert hardly.apart(here, replace(BESIDE, translation_cm=deeper.translation_cm), 0.05)
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ import trimesh
 from jaxtyping import Bool, Float64
 from scipy.spatial import cKDTree
 
+from xden1k.values.arrays import Vec3
 from xden_builder.registration.body import Body
 from xden_builder.registration.placement import RigidPlacement
 
@@ -39,9 +40,17 @@ class Likeness:
 
     Parts of like attenuation are one kind: an object turned such that each kind of part comes to
     lie on its own kind looks, and weighs, the same.
+
+    Parameters
+    ----------
+    body
+        The object.
+    sight
+        Along which it is hardly told where it is: poses that differ by it alone are alike.
     """
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, body: Body, sight: Vec3 | None = None) -> None:
+        self._sight = sight
         self._far_share, self._own_times = FAR_SHARE, 0.0
         levels = np.round(np.log(body.lac_per_cm), 1)
         self._kinds = [
@@ -88,9 +97,12 @@ class Likeness:
         self, one: RigidPlacement, other: RigidPlacement
     ) -> Iterator[tuple[_Kind, Float64[np.ndarray, "n 3"]]]:
         """Yield each kind with its probes in the other pose, as the one sees them."""
-        back = one.rotation / one.scale
+        back, origin_cm = one.rotation / one.scale, one.translation_cm
+        if self._sight is not None:
+            away_cm = (other.translation_cm - origin_cm) @ self._sight
+            origin_cm = origin_cm + away_cm * self._sight
         for kind in self._kinds:
-            yield kind, (other.apply(kind.probes_cm) - one.translation_cm) @ back
+            yield kind, (other.apply(kind.probes_cm) - origin_cm) @ back
 
 
 class _Kind:

@@ -13,7 +13,7 @@ from xden1k.values.views import ViewGeometry
 from xden_builder.registration.camera import Rotations, Shifts
 from xden_builder.registration.shadow import Shadow
 
-__all__ = ["across_lone_view", "led_to", "own_shifts", "scales_to_sizes", "shifts_to_middles"]
+__all__ = ["led_to", "lone_sight", "own_shifts", "scales_to_sizes", "shifts_to_middles"]
 
 ROUNDS: Final = 2
 WEAKLY: Final = 1e-6
@@ -119,17 +119,17 @@ def own_shifts(
     return more
 
 
-def across_lone_view(shadows: Sequence[Shadow]) -> Float64[np.ndarray, "3 3"]:
-    """Take from a shift what leads along the beam of the only view that was not turned.
+def lone_sight(shadows: Sequence[Shadow]) -> Vec3 | None:
+    """Give the beam through the object in the only view that was not turned; None of two or more.
 
-    Its depth there is told by the size of its shadow alone, too little on coarse images. With two
-    such views nothing is taken.
+    How far along it the object was is told by the size of its shadows alone: not at all on coarse
+    images, and to some millimetres on fine ones.
     """
     still = [each for each in shadows if not each.turned]
     if len(still) > 1:
-        return np.eye(3)
+        return None
     _, way = _ray(still[0].geometry, still[0].middle_px)
-    return np.asarray(np.eye(3) - np.outer(way, way))
+    return way
 
 
 def _between_rays(shadows: Sequence[Shadow]) -> Vec3:

@@ -34,6 +34,7 @@ from xden_builder.registration.kinds import (
     unlike_of,
 )
 from xden_builder.registration.likeness import Likeness
+from xden_builder.registration.middles import lone_sight
 from xden_builder.registration.missing import told_by_edges
 from xden_builder.registration.placement import Found, Registration, RigidPlacement
 from xden_builder.registration.reduced import USUAL_KEV
@@ -131,7 +132,7 @@ def register(capture: Capture, space: Space) -> Registration:
         for view in capture.fitted_views
     ]
     body = Body.of(space, _usual_lac_per_cm(capture))
-    likeness = Likeness(body)
+    likeness = Likeness(body, lone_sight(shadows))
     fine = _searched(capture, shadows, body, likeness)
     doubted = fine.doubted
     told = told_closely(capture, space, fine.found, doubted=doubted)

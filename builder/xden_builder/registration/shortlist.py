@@ -23,7 +23,7 @@ from xden_builder.registration.content import shifts_to_content
 from xden_builder.registration.costs import Explained, explained, explained_in_part
 from xden_builder.registration.likeness import Likeness, unlike
 from xden_builder.registration.middles import (
-    across_lone_view,
+    lone_sight,
     own_shifts,
     scales_to_sizes,
     shifts_to_middles,
@@ -147,7 +147,7 @@ class Search:
         self.shadows, self.rim_cm = shadows, body.rim_cm
         self.cameras = [Camera.of(shadow, wide_px) for shadow in shadows]
         self.cloud, self.radius_cm = body.cloud(cells), body.radius_cm
-        self.seen, self.across = seen(self.cameras), across_lone_view(shadows)
+        self.seen, self.sight = seen(self.cameras), lone_sight(shadows)
         self.step_cm = STEP_PX * min(camera.pixel_cm for camera in self.cameras)
 
     def judged(
@@ -228,10 +228,16 @@ class Search:
     def _moved(
         self, linear: Rotations, shifts: Shifts, moves: Float64[np.ndarray, "b u"]
     ) -> tuple[Rotations, Shifts]:
-        """Turn, shift, and scale where there is a seventh move; turns and scales as the rim's."""
+        """Turn, shift, and scale where there is a seventh move; turns and scales as the rim's.
+
+        Nothing is shifted along a lone view's beam.
+        """
         turns = Rotation.from_rotvec(moves[:, :3] / self.radius_cm).as_matrix()
         growth = np.exp(moves[:, 6:7, None] / self.radius_cm) if moves.shape[1] > 6 else 1.0
-        return growth * (turns @ linear), shifts + moves[:, 3:6] @ self.across
+        along = moves[:, 3:6]
+        if self.sight is not None:
+            along = along - np.outer(along @ self.sight, self.sight)
+        return growth * (turns @ linear), shifts + along
 
 
 def _step(
