@@ -58,7 +58,7 @@ def test_meshes_of_another_frame_and_scale_end_where_they_were(
     near: Capture, unknown: Capture
 ) -> None:
     there = registered(unknown).capture
-    assert (there.pose, there.mesh_scale) == ("near", "known")
+    assert (there.pose, there.mesh_scale) == ("near", "unknown")
     for part, other in zip(near.parts, there.parts, strict=True):
         np.testing.assert_allclose(part.mesh.vertices, other.mesh.vertices, atol=1e-9)
     assert registered(there).capture is there

@@ -10,8 +10,13 @@ from scipy.spatial.transform import Rotation
 
 from tests.builder.poly_scenes import capture_of, geometries, radiograph, tool
 from xden_builder.capture import Capture
+from xden_builder.capture.pose import MeshScale
 from xden_builder.capture.space import divide
 from xden_builder.poly.model.frames import Pose, posed
+from xden_builder.poly.pose import find_pose
+from xden_builder.poly.scene import set_scene
+from xden_builder.poly.settings import PolySettings
+from xden_builder.poly.start import first_guess
 from xden_builder.registration.around import Around
 from xden_builder.registration.body import Body
 from xden_builder.registration.exact import Judge
@@ -104,6 +109,21 @@ def test_poses_that_differ_along_a_lone_beam_alone_are_one(judge: Judge) -> None
     assert [hardly.apart(here, each, 0.05) for each in (deeper, aside)] == [False, True]
     assert hardly.listing.distance_cm(here, deeper) < 1e-6 + told.distance_cm(here, here)
     assert hardly.apart(here, replace(BESIDE, translation_cm=deeper.translation_cm), 0.05)
+
+
+@pytest.mark.parametrize(
+    ("scale", "turned", "sd"),
+    [("unknown", {"lat"}, 0.02 / np.sqrt(2)), ("unknown", set(), 0.0), ("known", {"lat"}, 0.0)],
+)
+def test_a_scale_that_one_tube_told_is_as_unsure_as_the_distance(
+    scale: MeshScale, turned: set[str], sd: float
+) -> None:
+    capture = replace(turned_tool(192), mesh_scale=scale, turned=frozenset(turned))
+    there = HERE.of_capture(replace(capture, pose="unknown"))
+    scene = set_scene(there, divide(there.parts), PolySettings())
+    away_cm = np.linalg.norm(capture.views[0].geometry.source_cm)
+    assert scene.scale_sd == pytest.approx(sd * 100 / away_cm, rel=0.05)
+    assert find_pose(first_guess(scene), PolySettings(pose=False)).size.sd >= scene.scale_sd
 
 
 @pytest.mark.slow

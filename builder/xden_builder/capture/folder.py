@@ -136,7 +136,7 @@ class Capture:
 
     @property
     def scale_sought(self) -> bool:
-        """Whether how large its meshes are is to be found along with their pose."""
+        """Whether how large its meshes are is found along with their pose, or was."""
         return self.mesh_scale == "unknown"
 
     @property
@@ -224,7 +224,7 @@ class CaptureFolder:
                 name: view.at_least for name, view in views.items() if view.at_least is not None
             },
             pose="near" if in_place else row.pose,
-            mesh_scale=_found(row.mesh_scale) if in_place else row.mesh_scale,
+            mesh_scale=row.mesh_scale,
             further_views=tuple(views[name].view for name in scanner.further_names),
             turned=frozenset(name for name, stored in scanner.views.items() if stored.turned),
             mesh_units=row.mesh_units,
@@ -360,11 +360,6 @@ def _object_row(row: CsvRow) -> ObjectRow:
         pose=read_pose(row),
         mesh_scale=read_mesh_scale(row),
     )
-
-
-def _found(mesh_scale: MeshScale) -> MeshScale:
-    """Say what is known of the size of meshes that were put where the scanner saw them."""
-    return "known" if mesh_scale == "unknown" else mesh_scale
 
 
 def _mass_g(row: CsvRow) -> float:

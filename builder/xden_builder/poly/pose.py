@@ -100,8 +100,9 @@ def find_pose(guess: Guess, settings: PolySettings, *, begun_again: bool = True)
     """
     scene = guess.scene
     geometries = [view.geometry for view in scene.views]
+    untold = Size(1.0, float(np.hypot(scene.size_sd, scene.scale_sd)), np.zeros(3))
     if not settings.pose:
-        return Placement(guess, None, Size(1.0, scene.size_sd, np.zeros(3)), tuple(geometries))
+        return Placement(guess, None, untold, tuple(geometries))
     fit = refine_pose(
         scene.views,
         scene.saturated,
@@ -115,7 +116,9 @@ def find_pose(guess: Guess, settings: PolySettings, *, begun_again: bool = True)
         glare=GLARE if settings.stray else NO_STRAY,
         begun_again=begun_again,
     )
-    size = fit.size or Size(1.0, scene.size_sd, np.zeros(3))
+    size = untold
+    if fit.size is not None:
+        size = replace(fit.size, sd=float(np.hypot(fit.size.sd, scene.scale_sd)))
     return Placement(
         replace(
             guess,

@@ -22,6 +22,7 @@ from xden_builder.capture.space import Space
 from xden_builder.physics.groups import GROUPS, EnergyGroups, energy_groups
 from xden_builder.poly.materials.candidates import CandidateTable, candidate_table
 from xden_builder.poly.model.beam import ViewBeam, view_beam
+from xden_builder.poly.model.poses import TURNED_SHIFT_SD_CM
 from xden_builder.poly.model.size import SIZE_SDS
 from xden_builder.poly.settings import PolySettings
 
@@ -76,6 +77,9 @@ class Scene:
         Of each view, behind something opaque.
     size_sd
         Of the logarithm of the object's size over that of its meshes.
+    scale_sd
+        Relative, of their scale where it was found and no two views tell how far away the object
+        was; 0 elsewhere.
     """
 
     views: tuple[XRayView, ...]
@@ -88,6 +92,7 @@ class Scene:
     outlines: Light
     noise_sd: tuple[float, ...]
     size_sd: float
+    scale_sd: float
 
     def moved(self, move: Callable[[trimesh.Trimesh], trimesh.Trimesh]) -> Scene:
         """Give the object another place or size."""
@@ -141,4 +146,20 @@ def set_scene(capture: Capture, space: Space, settings: PolySettings) -> Scene:
         Light(few, few_beams, few_tables),
         tuple(capture.noise_sd.get(view.name, 0.0) for view in views),
         SIZE_SDS[capture.mesh_scale],
+        _scale_sd(capture),
     )
+
+
+def _scale_sd(capture: Capture) -> float:
+    """Relative standard deviation of a scale that each view tells as well as its distance.
+
+    Across the beam of either of two views it shows how far from the other's source the object was,
+    as exactly as it is known to have been put back when it was turned.
+    """
+    views = capture.fitted_views
+    if not capture.scale_sought or len(views) - len(capture.turned) > 1:
+        return 0.0
+    middle = np.mean([part.mesh.bounds.mean(axis=0) for part in capture.parts], axis=0)
+    sources = [view.geometry.source_cm for view in views]
+    away_cm = [np.inf if each is None else float(np.linalg.norm(each - middle)) for each in sources]
+    return float(TURNED_SHIFT_SD_CM / np.linalg.norm(np.array(away_cm)))

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from xden1k.values.arrays import Points, Vec3
 from xden_builder.capture import Capture, CapturePart
-from xden_builder.capture.pose import MeshScale
 from xden_builder.poly.model.frames import Pose
 from xden_builder.poly.model.poses import Poses
 
@@ -68,9 +67,7 @@ class RigidPlacement:
 
     def of_capture(self, capture: Capture) -> Capture:
         """Give a capture whose parts stand there, about."""
-        left: MeshScale = "near" if capture.mesh_scale == "near" else "known"
-        parts = self.of_parts(capture.parts)
-        return replace(capture, parts=parts, pose="near", mesh_scale=left)
+        return replace(capture, parts=self.of_parts(capture.parts), pose="near")
 
     def enlarged(self, factor: float, centre_cm: Vec3) -> RigidPlacement:
         """Where the mesh stands when the object, once there, grows about a point.

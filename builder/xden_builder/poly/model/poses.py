@@ -12,12 +12,13 @@ from xden1k.values.arrays import Vec3
 from xden1k.values.views import ViewGeometry
 from xden_builder.poly.model.frames import Pose, nearer, posed
 
-__all__ = ["RIGID", "Poses"]
+__all__ = ["RIGID", "TURNED_SHIFT_SD_CM", "Poses"]
 
 RIGID: Final = 6
 SHARED_SD: Final = (0.03, 0.03, 0.03, 0.3, 0.3, 0.3)
 """How far meshes and images are expected to disagree: 2 degrees and 3 mm about each axis."""
-TURNED_SD: Final = (0.09, 0.09, 0.09, 2.0, 2.0, 2.0)
+TURNED_SHIFT_SD_CM: Final = 2.0
+TURNED_SD: Final = (0.09, 0.09, 0.09, *[TURNED_SHIFT_SD_CM] * 3)
 """The same where the object was turned by hand: 5 degrees and 2 cm."""
 ROW_SHIFT_SD_CM: Final = 0.05
 """How far the rows of two panels are expected to disagree."""
