@@ -629,7 +629,7 @@ def test_a_pose_of_another_scale_than_a_settled_one_is_judged_where_it_stands(
     judge, right = scaled
     there = settled(judge, judge.fixed(right))
     here = Around.of(judge, there).fixed(there.placement.enlarged(off, np.zeros(3)))
-    points = judge.body.points_cm
+    points = np.concatenate([mesh.vertices for mesh in judge.body.space.meshes])
     assert here.placement.apply(points) == pytest.approx(there.placement.apply(points), abs=0.01)
 
 

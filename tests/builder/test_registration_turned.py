@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from tests.builder.poly_scenes import capture_of, geometries, radiograph, tool
 from xden_builder.capture import Capture
 from xden_builder.capture.pose import MeshScale
-from xden_builder.capture.space import divide
+from xden_builder.capture.space import Space, divide
 from xden_builder.poly.model.frames import Pose, posed
 from xden_builder.poly.pose import find_pose
 from xden_builder.poly.scene import set_scene
@@ -53,8 +54,8 @@ def judge() -> Judge:
 def test_a_motion_leads_from_where_a_mesh_stood_to_where_it_stands(seed: int) -> None:
     rng = np.random.default_rng(seed)
     before, after = (
-        RigidPlacement(Rotation.random(random_state=rng).as_matrix(), rng.normal(size=3), scale)
-        for scale in (0.7, 0.7)
+        RigidPlacement(Rotation.random(random_state=rng).as_matrix(), rng.normal(size=3), 0.7)
+        for _ in range(2)
     )
     points, centre = rng.normal(size=(5, 3)), rng.normal(size=3)
     moved = after.since(before)
@@ -75,8 +76,10 @@ def test_how_an_object_was_turned_by_hand_is_found_with_its_pose_and_kept(judge:
 def test_another_pose_is_judged_after_the_same_turn_by_hand(judge: Judge) -> None:
     there = settled(judge, judge.fixed(HERE))
     slid = RigidPlacement(there.placement.rotation, there.placement.translation_cm + 0.05)
-    beside = judge.anew(there, slid)
+    beside = judge.elsewhere(there, slid)
     assert beside.moves == there.moves
+    wrong = replace(there, moves={1: BESIDE})
+    assert judge.elsewhere(wrong, there.placement).loss < 0.5 * judge.anew(wrong).loss
     followed = Around.of(judge, there).fixed(slid)
     assert followed.loss < 0.2 * beside.loss
     point = np.array([[0.5, -1.0, 2.0]])
@@ -109,6 +112,19 @@ def test_poses_that_differ_along_a_lone_beam_alone_are_one(judge: Judge) -> None
     assert [hardly.apart(here, each, 0.05) for each in (deeper, aside)] == [False, True]
     assert hardly.listing.distance_cm(here, deeper) < 1e-6 + told.distance_cm(here, here)
     assert hardly.apart(here, replace(BESIDE, translation_cm=deeper.translation_cm), 0.05)
+    farther = RigidPlacement(np.eye(3), here.translation_cm + 2 * along, 1.02)
+    assert not hardly.apart(here, farther, 0.05)
+
+
+def test_a_symmetry_before_a_lone_beam_is_one_though_it_moves_the_middle_of_the_box() -> None:
+    prism = trimesh.creation.cylinder(2.0, 3.0, sections=3)
+    body = Body.of(Space.of([prism], [0]), np.ones(1))
+    middle, axes = body.spin
+    about = Rotation.from_rotvec(2 * np.pi / 3 * axes[np.abs(axes @ [0, 0, 1]).argmax()])
+    turned = RigidPlacement(about.as_matrix(), middle - about.apply(middle))
+    assert np.linalg.norm(turned.translation_cm) > 0.5
+    for sight in np.eye(3):
+        assert not Likeness(body, sight).apart(HERE, turned, 0.03)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +139,11 @@ def test_a_scale_that_one_tube_told_is_as_unsure_as_the_distance(
     scene = set_scene(there, divide(there.parts), PolySettings())
     away_cm = np.linalg.norm(capture.views[0].geometry.source_cm)
     assert scene.scale_sd == pytest.approx(sd * 100 / away_cm, rel=0.05)
-    assert find_pose(first_guess(scene), PolySettings(pose=False)).size.sd >= scene.scale_sd
+    sds = [
+        find_pose(first_guess(replace(scene, scale_sd=each)), PolySettings(pose=False)).size.sd
+        for each in (0.0, scene.scale_sd)
+    ]
+    assert sds[1] == pytest.approx(np.hypot(sds[0], scene.scale_sd))
 
 
 @pytest.mark.slow
@@ -134,5 +154,17 @@ def test_an_object_turned_by_hand_is_found_from_a_frame_of_its_own() -> None:
     registration = register(replace(capture, parts=parts, pose="unknown"), divide(parts))
     turn = Rotation.from_matrix(registration.placement.rotation @ away.rotation)
     assert np.degrees(turn.magnitude()) < 1
+    assert registration.candidates[0].loss < 0.1
+    assert not registration.flags
+
+
+@pytest.mark.slow
+def test_a_scale_is_found_before_one_tube_as_well_as_the_distance_is_known() -> None:
+    capture = turned_tool(192)
+    small = RigidPlacement(Rotation.from_rotvec([2.0, -1.1, 0.7]).as_matrix(), np.full(3, 6.0), 0.7)
+    parts = small.of_parts(capture.parts)
+    asked = replace(capture, parts=parts, pose="unknown", mesh_scale="unknown")
+    registration = register(asked, divide(parts))
+    assert registration.placement.scale == pytest.approx(1 / 0.7, rel=0.03)
     assert registration.candidates[0].loss < 0.1
     assert not registration.flags

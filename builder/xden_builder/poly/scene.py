@@ -153,8 +153,8 @@ def set_scene(capture: Capture, space: Space, settings: PolySettings) -> Scene:
 def _scale_sd(capture: Capture) -> float:
     """Relative standard deviation of a scale that each view tells as well as its distance.
 
-    Across the beam of either of two views it shows how far from the other's source the object was,
-    as exactly as it is known to have been put back when it was turned.
+    Of parts in the scanner's frame. Across the beam of either of two views it shows how far from
+    the other's source the object was, as exactly as it was put back when it was turned.
     """
     views = capture.fitted_views
     if not capture.scale_sought or len(views) - len(capture.turned) > 1:

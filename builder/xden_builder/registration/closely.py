@@ -49,8 +49,8 @@ def told_closely(
     found
         Unlike poses, the best first.
     doubted
-        Whether even the best is not believed: then all are refined, and those that differ hardly
-        more than the best are looked around.
+        Whether even the best is not believed: then all are refined. If several differ hardly more
+        than the best, these are looked around, but where a view was turned.
 
     Returns
     -------

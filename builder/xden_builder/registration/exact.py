@@ -195,11 +195,21 @@ class Judge:
         """Find densities, gains and glare in a pose, and what they leave."""
         return self.anew(Found(placement, np.inf, self.density_g_cm3))
 
-    def anew(self, found: Found, placement: RigidPlacement | None = None) -> Found:
-        """Find them in a pose, or in another, of the same size and moves before other views."""
-        placement = placement or found.placement
+    def elsewhere(self, found: Found, placement: RigidPlacement) -> Found:
+        """Find them in another pose, of the same size.
+
+        Turned views are moved as in the pose that was found, or shifted onto their shadows if that
+        leaves less: moves may have made up for what was wrong with that pose.
+        """
+        there = replace(found, placement=placement)
+        laid = [self.anew(replace(there, moves={}))] if found.moves else []
+        return min([self.anew(there), *laid], key=lambda each: each.loss)
+
+    def anew(self, found: Found) -> Found:
+        """Find them once more in a pose that was found, of its size and moves."""
+        placement = found.placement
         level, density = self._level(placement)
-        pose = self._start(level.poses, replace(found, placement=placement))
+        pose = self._start(level.poses, found)
         lengths = [level.seen(number, pose) for number in range(len(level.target.beams))]
         unknowns = level.target.start(density, np.empty(0))
         low, high = level.target.bounds(density, 0, SHARES)

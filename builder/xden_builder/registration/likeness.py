@@ -46,11 +46,12 @@ class Likeness:
     body
         The object.
     sight
-        Along which it is hardly told where it is: poses that differ by it alone are alike.
+        Along which it is hardly told where it is, nor how large: poses that differ by these alone
+        are alike.
     """
 
     def __init__(self, body: Body, sight: Vec3 | None = None) -> None:
-        self._sight = sight
+        self._sight, self._middle_cm = sight, body.spin[0]
         self._far_share, self._own_times = FAR_SHARE, 0.0
         levels = np.round(np.log(body.lac_per_cm), 1)
         self._kinds = [
@@ -97,12 +98,17 @@ class Likeness:
         self, one: RigidPlacement, other: RigidPlacement
     ) -> Iterator[tuple[_Kind, Float64[np.ndarray, "n 3"]]]:
         """Yield each kind with its probes in the other pose, as the one sees them."""
-        back, origin_cm = one.rotation / one.scale, one.translation_cm
-        if self._sight is not None:
-            away_cm = (other.translation_cm - origin_cm) @ self._sight
-            origin_cm = origin_cm + away_cm * self._sight
+        there = other if self._sight is None else self._as_deep(one, other, self._sight)
+        back = one.rotation / one.scale
         for kind in self._kinds:
-            yield kind, (other.apply(kind.probes_cm) - origin_cm) @ back
+            yield kind, (there.apply(kind.probes_cm) - one.translation_cm) @ back
+
+    def _as_deep(self, one: RigidPlacement, other: RigidPlacement, sight: Vec3) -> RigidPlacement:
+        """Put the middle of the volume, which no symmetry moves, as deep as in the one pose."""
+        here, there = (each.apply(self._middle_cm[None])[0] for each in (one, other))
+        middle_cm = there - ((there - here) @ sight) * sight
+        shift = middle_cm - one.scale * other.rotation @ self._middle_cm
+        return RigidPlacement(other.rotation, shift, one.scale)
 
 
 class _Kind:

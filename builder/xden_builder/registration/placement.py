@@ -89,7 +89,7 @@ class RigidPlacement:
         return RigidPlacement(turn @ self.rotation, moved, self.scale)
 
     def since(self, before: RigidPlacement) -> RigidPlacement:
-        """How the scanner's frame moves from where a mesh stood before to here.
+        """How the object was moved from where its mesh, of the same scale, stood before to here.
 
         Examples
         --------
@@ -97,9 +97,8 @@ class RigidPlacement:
         >>> high.since(low).apply(np.array([[5.0, 0.0, 1.0]])).tolist()
         [[5.0, 0.0, 3.0]]
         """
-        turn, scale = self.rotation @ before.rotation.T, self.scale / before.scale
-        shift = self.translation_cm - scale * turn @ before.translation_cm
-        return RigidPlacement(turn, shift, scale)
+        turn = self.rotation @ before.rotation.T
+        return RigidPlacement(turn, self.translation_cm - turn @ before.translation_cm)
 
     def about(self, centre_cm: Vec3) -> Float64[np.ndarray, "6"]:
         """Rotation vector and shift, as of :class:`Pose`, of the same motion about a point."""
@@ -165,7 +164,8 @@ class Found:
         0 where their scale is sought, which takes it.
     moves
         How the object was moved in the scanner's frame before the views that it was turned for, by
-        their number, where that was found along with its pose. It is the same for each pose.
+        their number, where that was found along with its pose. It does not depend on the frame of
+        the meshes, so that it may hold for another pose too. The rebuild finds it anew.
     """
 
     placement: RigidPlacement

@@ -296,7 +296,7 @@ def _coarsely(
     there = [body.of_files(each) for each in poses.placements()]
     tiny = Judge.of(capture, shadows, body, TINY_PX, there[0])
     found = sorted((tiny.refined(tiny.fixed(each), 1) for each in there), key=loss_of)
-    turned = partial(tiny.anew, found[0])
+    turned = partial(tiny.elsewhere, found[0])
     found = [*found, *least_turns(turned, found[0], search, likeness, body, ROUGH_DEG)]
     found = close_to_best(unlike_of(found, likeness, body, SOME), HARDLY_CLOSE)
     found = sorted((tiny.refined(each, DERIVATIVES) for each in found), key=loss_of)

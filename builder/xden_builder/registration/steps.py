@@ -105,5 +105,5 @@ def _least_of_lines(lines: Sequence[Sequence[Found]]) -> list[Found]:
 
 def _either(judge: Judge, around: Around, placement: RigidPlacement) -> Found:
     """Judge a pose with all else following a little, or with densities alone, which may swap."""
-    anew = judge.anew(around.found, placement)
+    anew = judge.elsewhere(around.found, placement)
     return min(around.fixed(placement), anew, key=loss_of)

@@ -218,7 +218,7 @@ def box_turned(judged: Judged, found: Found, likeness: Likeness, body: Body) -> 
 def slightly_turned(judge: Judge, found: Found, body: Body) -> list[Found]:
     """Turn a pose by a few degrees about each principal axis; the two of least loss first."""
     turns = [
-        judge.anew(found, there)
+        judge.elsewhere(found, there)
         for axis in range(3)
         for there in _turned(found, body, axis, SLIGHT_DEG)
     ]

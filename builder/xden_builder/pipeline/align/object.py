@@ -56,7 +56,8 @@ def align_object(
         return None
     capture = folder.read(object_id)
     if capture.pose == "near":
-        capture = replace(capture, pose="unknown")
+        known = "known" if capture.scale_sought else capture.mesh_scale
+        capture = replace(capture, pose="unknown", mesh_scale=known)
     there = registered(capture)
     assert there.registration is not None
     card = make_align_card(capture, there.registration)
