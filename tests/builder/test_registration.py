@@ -814,7 +814,7 @@ def largest_error_cm(capture: Capture, registration: Registration) -> float:
     return max(
         float(np.abs(moved.vertices - part.mesh.vertices).max())
         for moved, part in zip(
-            registration.moved([each.mesh for each in astray(capture).parts]),
+            [registration.placement.moved(each.mesh) for each in astray(capture).parts],
             capture.parts,
             strict=True,
         )
@@ -1079,7 +1079,7 @@ def like_halves() -> Capture:
 
 
 def light_end_cm(capture: Capture, registration: Registration) -> np.ndarray:
-    return np.asarray(registration.moved([capture.parts[0].mesh])[0].centroid)
+    return np.asarray(registration.placement.moved(capture.parts[0].mesh).centroid)
 
 
 @pytest.mark.slow

@@ -60,6 +60,7 @@ def test_a_motion_leads_from_where_a_mesh_stood_to_where_it_stands(seed: int) ->
     points, centre = rng.normal(size=(5, 3)), rng.normal(size=3)
     moved = after.since(before)
     assert moved.apply(before.apply(points)) == pytest.approx(after.apply(points))
+    assert before.carried(moved).apply(points) == pytest.approx(after.apply(points))
     turn, shift = np.split(moved.about(centre), 2)
     about = Rotation.from_rotvec(turn).apply(before.apply(points) - centre) + centre + shift
     assert about == pytest.approx(after.apply(points))
@@ -69,6 +70,10 @@ def test_how_an_object_was_turned_by_hand_is_found_with_its_pose_and_kept(judge:
     there = settled(judge, judge.fixed(BESIDE))
     found, _ = np.split(there.moves[1].about(np.zeros(3)), 2)
     assert found == pytest.approx(np.array(BY_HAND.rotation_rad), abs=0.02)
+    points = judge.body.space.meshes[0].vertices
+    in_lat = Rotation.from_rotvec(BY_HAND.rotation_rad).apply(points) + BY_HAND.shift_cm
+    assert there.before(1).apply(points)[:, 1:] == pytest.approx(in_lat[:, 1:], abs=0.05)
+    assert there.before(0) is there.placement
     assert judge.anew(there).loss < 1.2 * there.loss
     assert judge.fixed(there.placement).loss > 3 * there.loss
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -100,6 +100,11 @@ class RigidPlacement:
         turn = self.rotation @ before.rotation.T
         return RigidPlacement(turn, self.translation_cm - turn @ before.translation_cm)
 
+    def carried(self, moved: RigidPlacement) -> RigidPlacement:
+        """Where the mesh stands once the object was moved: undoes :meth:`since`."""
+        shift = moved.apply(self.translation_cm[None])[0]
+        return RigidPlacement(moved.rotation @ self.rotation, shift, self.scale)
+
     def about(self, centre_cm: Vec3) -> Float64[np.ndarray, "6"]:
         """Rotation vector and shift, as of :class:`Pose`, of the same motion about a point."""
         shift = self.apply(centre_cm[None])[0] - centre_cm
@@ -193,6 +198,11 @@ class Found:
         moves = {number: there.since(here) for number, (turned, there) in pairs if turned}
         return replace(self, placement=here, moves=moves)
 
+    def before(self, view: int) -> RigidPlacement:
+        """Where the mesh stands before a view of a number: elsewhere if it was turned by hand."""
+        moved = self.moves.get(view)
+        return self.placement if moved is None else self.placement.carried(moved)
+
     def rescaled(self, centre_cm: Vec3) -> Found:
         """Take the object's size for that of its meshes, enlarged about a point.
 
@@ -265,18 +275,19 @@ class Registration:
     @property
     def placement(self) -> RigidPlacement:
         """The pose that is used."""
-        return self.candidates[self.chosen].placement
+        return self.used.placement
 
-    def moved(self, meshes: Sequence[trimesh.Trimesh]) -> list[trimesh.Trimesh]:
-        """Put meshes where they stand before the scanner."""
-        return [self.placement.moved(mesh) for mesh in meshes]
+    @property
+    def used(self) -> Found:
+        """The same, and what was found along with it."""
+        return self.candidates[self.chosen]
 
     def density_spread(self) -> Float[np.ndarray, "k"]:
         """Shape (K,): largest difference, as a share, to the densities of a pose as good as this.
 
         Zero where the pose is not ambiguous.
         """
-        best = self.candidates[self.chosen].density_g_cm3
+        best = self.used.density_g_cm3
         if "pose_ambiguous" not in self.flags:
             return np.zeros(len(best))
         as_good = [each for each in self.candidates if each.as_good_as(self.candidates[0])]

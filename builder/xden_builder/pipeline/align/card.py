@@ -155,7 +155,12 @@ def make_align_card(capture: Capture, registration: Registration) -> AlignCard:
         Where they were found to be.
     """
     meshes = [part.mesh for part in capture.parts]
-    sheets = [_Sheets.of(capture, view, registration, meshes) for view in capture.fitted_views]
+    there = [
+        _moved(registration.used.before(number), meshes)
+        for number in range(len(capture.fitted_views))
+    ]
+    pairs = zip(capture.fitted_views, there, strict=True)
+    sheets = [_Sheets.of(capture, view, meshes, posed) for view, posed in pairs]
     return AlignCard(
         capture.object_id,
         capture.category,
@@ -163,7 +168,10 @@ def make_align_card(capture: Capture, registration: Registration) -> AlignCard:
         registration.equal_poses,
         registration.chosen + 1,
         tuple(_candidates(registration, sheets, meshes)),
-        tuple(each.card(registration, meshes) for each in sheets),
+        tuple(
+            each.card(registration, meshes, posed)
+            for each, posed in zip(sheets, there, strict=True)
+        ),
     )
 
 
@@ -190,12 +198,10 @@ class _Sheets:
     small: Sheet
 
     @classmethod
-    def of(
-        cls, capture: Capture, taken: XRayView, registration: Registration, meshes: Meshes
-    ) -> _Sheets:
+    def of(cls, capture: Capture, taken: XRayView, meshes: Meshes, there: Meshes) -> _Sheets:
         view, _ = completed(taken, capture.at_least.get(taken.name))
         shadow: Shadow = shadow_of(view)
-        box = window_around(shadow, registration.moved(meshes))
+        box = window_around(shadow, there)
         return cls(
             view.name,
             Sheet.of(view, shadow, window_around(shadow, meshes), VIEW_PX),
@@ -203,9 +209,9 @@ class _Sheets:
             Sheet.of(view, shadow, box, CANDIDATE_PX),
         )
 
-    def card(self, registration: Registration, meshes: Meshes) -> AlignedView:
+    def card(self, registration: Registration, meshes: Meshes, there: Meshes) -> AlignedView:
         shares: Mapping[str, float] = registration.outline_share
-        there, differ = registration.moved(meshes), DISAGREEING & {*registration.flags}
+        differ = DISAGREEING & {*registration.flags}
         return AlignedView(
             self.name,
             shares[self.name],
@@ -219,7 +225,10 @@ def _candidates(
     registration: Registration, sheets: Sequence[_Sheets], meshes: Meshes
 ) -> Iterator[CandidateCard]:
     for number, each in enumerate(registration.candidates, start=1):
-        there = [each.placement.moved(mesh) for mesh in meshes]
+        pictures = [
+            (one.name, one.small.outlined(one.name, _moved(each.before(view), meshes), FOUND))
+            for view, one in enumerate(sheets)
+        ]
         yield CandidateCard(
             number,
             each.loss,
@@ -230,8 +239,12 @@ def _candidates(
             _turned_deg(registration.placement, each),
             each.placement.scale,
             pose_text(each.placement),
-            tuple((one.name, one.small.outlined(one.name, there, FOUND)) for one in sheets),
+            tuple(pictures),
         )
+
+
+def _moved(there: RigidPlacement, meshes: Meshes) -> Meshes:
+    return [there.moved(mesh) for mesh in meshes]
 
 
 def _turned_deg(used: RigidPlacement, other: Found) -> float:
