@@ -1104,8 +1104,8 @@ def test_a_coarse_pose_is_taken(hammer: Capture) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scale", [0.6, 1.7])
-def test_an_unknown_scale_is_found_to_a_percent(hammer: Capture, scale: float) -> None:
-    assert found(astray(hammer, scale)).placement.scale == pytest.approx(scale, rel=0.003)
+def test_an_unknown_scale_is_found_to_half_a_per_cent(hammer: Capture, scale: float) -> None:
+    assert found(astray(hammer, scale)).placement.scale == pytest.approx(scale, rel=0.005)
 
 
 @pytest.mark.slow
