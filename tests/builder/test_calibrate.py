@@ -162,6 +162,40 @@ def test_the_centre_of_a_shadow_is_found_to_a_hundredth_of_a_pixel(place):
     assert found == pytest.approx(place, abs=0.01)
 
 
+def dead(row, column, side=64):
+    valid = np.ones((side, side), dtype=np.bool_)
+    valid[row, column] = False
+    return valid
+
+
+@pytest.mark.parametrize(
+    ("valid", "within_px"),
+    [
+        (dead(33, 27), 0.02),
+        (dead(slice(None), 31), 0.02),
+        (dead(slice(None), slice(32, 34)), 0.05),
+        (dead(slice(None), 27), 0.1),
+    ],
+    ids=["pixel", "column", "two columns", "column along the rim"],
+)
+def test_dead_pixels_and_lines_hardly_move_the_centre_of_a_shadow(valid, within_px):
+    """Taken for air a pixel moves it by 0.07 pixels, a rim by 0.3, and a line cuts it in two."""
+    place = (30.37, 33.81)
+    image = np.where(valid, disc(*place, radius=4.3), np.float32(np.nan))
+    (found,) = shadow_centres(XRayView("pa", image, valid, geometry(side=64)), 8.6)
+    assert found == pytest.approx(place, abs=within_px)
+
+
+def test_air_that_is_saturated_is_not_filled_with_shadow():
+    place = (30.37, 33.81)
+    image = disc(*place, radius=4.3)
+    rows, columns = np.indices(image.shape)
+    valid = np.hypot(rows - place[1], columns - place[0]) < 12
+    image = np.where(valid, image, np.float32(np.nan))
+    (found,) = shadow_centres(XRayView("pa", image, valid, geometry(side=64)), 8.6)
+    assert found == pytest.approx(place, abs=0.01)
+
+
 def test_shadows_too_small_to_be_measured_are_refused():
     blank = np.ones((8, 8), dtype=np.float32)
     view = XRayView("pa", blank, blank > 0, geometry(side=8))
