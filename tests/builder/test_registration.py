@@ -353,6 +353,29 @@ def test_a_masked_table_is_no_shadow() -> None:
     assert (masked.box_px == shadow_of(view).box_px).all()
 
 
+def test_dead_lines_do_not_cut_a_thin_shadow() -> None:
+    depth = np.zeros((64, 64))
+    depth[10:54, 30:34] = 0.5
+    valid = np.ones(depth.shape, dtype=np.bool_)
+    valid[:, 31:33] = False
+    valid[20] = False
+    image = np.exp(-depth).astype(np.float32)
+    whole = shadow_of(XRayView("pa", image, valid | True, panel(0, 64)))
+    dead = np.where(valid, image, np.float32(np.nan))
+    shadow = shadow_of(XRayView("pa", dead, valid, panel(0, 64)))
+    assert shadow.box_px == pytest.approx(whole.box_px, abs=1)
+    assert shadow.typical_depth > 0.8 * whole.typical_depth
+
+
+def test_a_shadow_most_of_which_is_hidden_has_a_depth() -> None:
+    depth = np.zeros((64, 64))
+    depth[10:54, 28:36] = 0.5
+    valid = np.ones(depth.shape, dtype=np.bool_)
+    valid[:, 29:35] = False
+    image = np.where(valid, np.exp(-depth), np.nan).astype(np.float32)
+    assert shadow_of(XRayView("pa", image, valid, panel(0, 64))).typical_depth > 0
+
+
 def test_flat_meshes_are_refused() -> None:
     with pytest.raises(DataError, match="all parts together are flat"):
         body_of([trimesh.creation.box((1, 1, 1e-5))])

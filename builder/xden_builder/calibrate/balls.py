@@ -6,18 +6,11 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.ndimage import (
-    binary_dilation,
-    center_of_mass,
-    find_objects,
-    label,
-    median_filter,
-    uniform_filter,
-)
-from scipy.sparse.linalg import LaplacianNd, spsolve
+from scipy.ndimage import center_of_mass, find_objects, label, median_filter
 
 from xden1k.errors import DataError
 from xden1k.values.views import XRayView
+from xden_builder.capture.gaps import without_gaps
 
 __all__ = ["shadow_centres"]
 
@@ -34,9 +27,6 @@ MARGIN: Final = 0.35
 LEAST_SHARE: Final = 0.4
 """Of a ball's area that a shadow covers at least: less is dust."""
 LEAST_DIAMETER_PX: Final = 4.0
-GAP_PX, GAP_SHARE = 5, 0.5
-"""A pixel that is not valid is filled in where more than such a share of a square around it is:
-lines two pixels wide are, and what a mask or saturation leaves out is not."""
 
 
 def shadow_centres(view: XRayView, diameter_px: float) -> Float64[np.ndarray, "balls 2"]:
@@ -61,7 +51,7 @@ def shadow_centres(view: XRayView, diameter_px: float) -> Float64[np.ndarray, "b
             f"view {view.name}: shadows of balls are {diameter_px:.1f} pixels wide, expected "
             f"{LEAST_DIAMETER_PX:g} or more: larger balls, or a finer image"
         )
-    image = _mended(view)
+    image = np.nan_to_num(without_gaps(view), nan=1.0)
     around = _light_around(image, diameter_px)
     blobs, _ = label(image < DARK * around)
     margin = max(round(MARGIN * diameter_px), 2)
@@ -72,24 +62,6 @@ def shadow_centres(view: XRayView, diameter_px: float) -> Float64[np.ndarray, "b
         if (blobs[blob] == number).sum() >= least and _is_round(blob)
     ]
     return np.array(centres).reshape(-1, 2)
-
-
-def _mended(view: XRayView) -> Light:
-    """Put into dead pixels and lines what makes the image smoothest, by its Laplacian's squares.
-
-    One that is taken for air moves the centre of a shadow by a twentieth of a pixel. Where more is
-    not valid, such as air that is saturated, the image is as bright as air.
-    """
-    image = np.where(view.valid, view.transmission, 1.0).astype(np.float64)
-    gaps = ~view.valid & (uniform_filter(view.valid.astype(np.float64), GAP_PX) > GAP_SHARE)
-    if not gaps.any():
-        return image
-    image[gaps] = 0.0
-    laplacian = LaplacianNd(image.shape, boundary_conditions="neumann", dtype=np.float64)
-    rows = laplacian.tosparse().tocsr()[binary_dilation(gaps).ravel()]
-    unknown = rows[:, gaps.ravel()]
-    image[gaps] = spsolve((unknown.T @ unknown).tocsc(), -unknown.T @ (rows @ image.ravel()))
-    return image
 
 
 def _light_around(image: Light, diameter_px: float) -> Light:

@@ -12,6 +12,7 @@ from scipy.ndimage import find_objects, gaussian_filter, label
 from xden1k.errors import DataError
 from xden1k.values.arrays import Mask
 from xden1k.values.views import ViewGeometry, XRayView
+from xden_builder.capture.gaps import without_gaps
 
 __all__ = ["Shadow", "shadow_of"]
 
@@ -80,11 +81,11 @@ class Shadow:
     def _middle_depth(self, share: float) -> float:
         opacity = self.opacity[self.mask]
         dark = opacity[opacity >= share * np.quantile(opacity, DARKEST)]
-        return float(-np.log1p(-np.median(dark)))
+        return max(float(-np.log1p(-np.median(dark))), FAINTEST[0])
 
 
 def shadow_of(view: XRayView, *, turned: bool = False) -> Shadow:
-    """Find the shadow; what is not valid in an image, such as a masked table, is air.
+    """Find the shadow; more than dead pixels and lines that is not valid, as a table, is air.
 
     Parameters
     ----------
@@ -98,8 +99,7 @@ def shadow_of(view: XRayView, *, turned: bool = False) -> Shadow:
     DataError
         If there is none, or the image's edge cuts it.
     """
-    image = np.where(view.valid, view.transmission.astype(np.float64), np.nan)
-    depth = -np.log(image.clip(min=OPAQUE))
+    depth = -np.log(without_gaps(view).clip(min=OPAQUE))
     rim = np.ones(depth.shape, dtype=np.bool_)
     rim[RIM_PX:-RIM_PX, RIM_PX:-RIM_PX] = False
     depth = np.nan_to_num(depth - np.nanmedian(depth[rim]) if view.valid[rim].any() else depth)
