@@ -307,6 +307,18 @@ def test_dead_pixels_are_dead_in_every_image_and_not_valid() -> None:
     assert (scanner._panel(1, "pa", 16).dead != dead).any()
 
 
+def test_dead_lines_are_whole_rows_and_columns_and_leave_other_pixels_as_they_are() -> None:
+    plain = replace(Scanner.realistic(64), dead_share=0.0)
+    scanner = replace(plain, dead_lines=2)
+    view, before = (each.corrected(block(3, 3, 3), "pa") for each in (scanner, plain))
+    rows, columns = (~view.valid.any(axis=axis) for axis in (1, 0))
+    assert (rows.sum(), columns.sum()) == (2, 2)
+    np.testing.assert_array_equal(~view.valid, rows[:, None] | columns)
+    close = np.abs(view.transmission - before.transmission)[view.valid]
+    assert close.mean() < 0.005
+    assert "dead_lines" not in plain.settings()
+
+
 def test_flat_shows_the_heel_and_correction_removes_it() -> None:
     scanner, phantom = Scanner.realistic(96), block(6.0, 1.0, 6.0)
     panel = scanner.calibration(0, "pa")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -63,6 +65,24 @@ def test_surface_that_would_be_no_solid_is_not_simplified(monkeypatch: pytest.Mo
     moved = MeshError((0.0, 0.0, 5.0), (0.1, 0.0, 0.0), 1.01, 0.01).applied(whole)
     assert float(moved.volume) == pytest.approx(6.1 * 1.01**3)
     np.testing.assert_allclose(moved.bounds[:, 2], [-1.01, 1.01])
+
+
+def test_a_warp_moves_all_parts_alike_by_what_is_asked_for_and_leaves_them_solid() -> None:
+    scanner = replace(Scanner(), mesh_warp_cm=0.02)
+    error = scanner.mesh_error(Plan(0, 0, 0))
+    shell, core = (trimesh.creation.box((size, size, size)) for size in (4.0, 3.0))
+    warped = [error.applied(mesh) for mesh in (shell, core)]
+    assert all(mesh.is_volume for mesh in warped)
+    off = trimesh.proximity.signed_distance(shell, warped[0].vertices)
+    assert 0.01 < off.std() < 0.03
+    # the core goes with the shell: what lies half a centimetre below its faces stays there
+    gap = trimesh.proximity.signed_distance(warped[0], warped[1].vertices)
+    assert np.abs(gap - 0.5).max() < 0.04
+    at = np.random.default_rng(0).uniform(-50, 50, (4000, 3))
+    np.testing.assert_allclose(error.warp(at).std(axis=0), 0.02, rtol=0.15)
+    near = error.warp(at + np.array([0.01, 0.0, 0.0])) - error.warp(at)
+    assert np.abs(near).max() < 1e-3  # smooth
+    assert (scanner.mesh_error(Plan(0, 0, 1)).warp(at) != error.warp(at)).all()
 
 
 def test_without_mesh_error_the_mesh_stays_itself() -> None:

@@ -1,19 +1,29 @@
-"""Part meshes as maintainers hand them over: moved, scaled and simplified a little."""
+"""Part meshes as maintainers hand them over: moved, scaled, simplified and warped a little."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import trimesh
 from jaxtyping import Float
+from manifold3d import Manifold, Mesh64
 from scipy.spatial.transform import Rotation
 
 from xden1k.errors import DataError
+from xden1k.values.arrays import Points
 from xden_builder.capture.solids import closed_mesh, simplified
+from xden_builder.phantoms.shapes import to_mesh
 
 __all__ = ["MeshError", "draw_mesh_error"]
+
+WARP_LENGTH_CM: Final = 2.0
+"""Of the Gaussian correlation between what a warp does to one point and to another."""
+WAVES: Final = 200
+"""Of random direction, length and phase, that a warp is added up of."""
+FINER: Final = 4
+"""Edges are so many times shorter than that length before they are warped."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,12 +42,17 @@ class MeshError:
         1 is right.
     tolerance_cm
         How far a simplified surface may leave the true one; 0: not simplified.
+    warp_cm, warp_seed
+        Standard deviation, along each axis, of a smooth random motion that all points then make,
+        the same for all parts; and what it is drawn by.
     """
 
     rotation_deg: tuple[float, float, float]
     shift_cm: tuple[float, float, float]
     scale: float
     tolerance_cm: float
+    warp_cm: float = 0.0
+    warp_seed: int = 0
 
     @property
     def matrix(self) -> Float[np.ndarray, "4 4"]:
@@ -50,7 +65,8 @@ class MeshError:
     @property
     def is_none(self) -> bool:
         """Whether meshes stay as they are."""
-        return self.tolerance_cm == 0 and bool((self.matrix == np.eye(4)).all())
+        still = bool((self.matrix == np.eye(4)).all())
+        return still and self.tolerance_cm == 0 and self.warp_cm == 0
 
     def applied(self, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
         """Hand over a mesh; the same one where there is no error.
@@ -61,14 +77,33 @@ class MeshError:
         if self.is_none:
             return mesh
         simple, whole = (
-            each.copy().apply_transform(self.matrix)
+            self._warped(each.copy().apply_transform(self.matrix))
             for each in (simplified(mesh, self.tolerance_cm), mesh)
         )
         return simple if _is_solid(simple) else whole
 
+    def _warped(self, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+        if self.warp_cm == 0:
+            return mesh
+        vertices, faces = (np.ascontiguousarray(each) for each in (mesh.vertices, mesh.faces))
+        solid = Manifold(Mesh64(vertices, faces.astype(np.uint64)))
+        fine = solid.refine_to_length(WARP_LENGTH_CM / FINER)
+        return to_mesh(fine.warp_batch(lambda points: points + self.warp(np.asarray(points))))
+
+    def warp(self, points_cm: Points) -> Points:
+        """By how much points, as they are handed over, are moved."""
+        rng = np.random.default_rng(self.warp_seed)
+        waves = rng.normal(0.0, 1 / WARP_LENGTH_CM, (3, WAVES))
+        phases = rng.uniform(0.0, 2 * np.pi, WAVES)
+        ways = rng.normal(0.0, self.warp_cm * np.sqrt(2 / WAVES), (WAVES, 3))
+        return np.asarray(np.cos(points_cm @ waves + phases) @ ways)
+
     def as_dict(self) -> dict[str, Any]:
-        """Give all of it in JSON's types."""
-        return {**asdict(self), "matrix": self.matrix.tolist()}
+        """Give all of it in JSON's types; no warp goes without saying."""
+        values = {**asdict(self), "matrix": self.matrix.tolist()}
+        if self.warp_cm == 0:
+            del values["warp_cm"], values["warp_seed"]
+        return values
 
 
 def _is_solid(mesh: trimesh.Trimesh) -> bool:
@@ -86,6 +121,7 @@ def draw_mesh_error(
     shift_cm: float,
     scale: float,
     tolerance_cm: float,
+    warp_cm: float = 0.0,
 ) -> MeshError:
     """Draw an error.
 
@@ -97,9 +133,10 @@ def draw_mesh_error(
         Root mean square of the angle, and of the length of the shift.
     scale
         Standard deviation.
-    tolerance_cm
+    tolerance_cm, warp_cm
         As of :class:`MeshError`.
     """
     turn, way = (rng.normal(0.0, rms / np.sqrt(3), 3).tolist() for rms in (rotation_deg, shift_cm))
     factor = 1.0 + float(rng.normal(0.0, scale))
-    return MeshError(tuple(turn), tuple(way), factor, tolerance_cm)
+    warp_seed = int(rng.integers(2**32)) if warp_cm else 0
+    return MeshError(tuple(turn), tuple(way), factor, tolerance_cm, warp_cm, warp_seed)

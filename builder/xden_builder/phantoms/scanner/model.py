@@ -38,6 +38,8 @@ __all__ = ["VIEWS", "Raw", "Scanner"]
 VIEWS = ("pa", "lat")
 AIR_BESIDE = 0.01
 """Least open field on each side of an object, as a share of the panel's side."""
+_LATER = ("exposure_ratio", "one_tube", "dead_lines", "mesh_warp_cm")
+"""Settings that files of before do not have."""
 _TWICE_AS_LARGE = (
     "panel_cm",
     "source_object_cm",
@@ -97,8 +99,8 @@ class Scanner:
         Whether detected photons follow Poisson's law.
     readout_sd_counts
         Standard deviation of the electronic noise of a pixel.
-    dead_share
-        Share of pixels that see no light.
+    dead_share, dead_lines
+        Share of pixels that see no light; and how many rows, and as many columns, see none.
     exposure_ratio, exposure_sd
         Mean exposure of a view against that of its flat, and its relative standard deviation. What
         the converter does not hold is saturated.
@@ -107,7 +109,7 @@ class Scanner:
     bits
         Of the converter; None stores transmission as floating-point numbers instead of counts,
         without noise.
-    mesh_rotation_deg, mesh_shift_cm, mesh_scale_sd, mesh_tolerance_cm
+    mesh_rotation_deg, mesh_shift_cm, mesh_scale_sd, mesh_tolerance_cm, mesh_warp_cm
         Errors of the part meshes written: see :func:`draw_mesh_error`. The truth keeps the true
         ones.
     one_tube
@@ -146,6 +148,7 @@ class Scanner:
     quantum_noise: bool = True
     readout_sd_counts: float = 5.0
     dead_share: float = 0.0
+    dead_lines: int = 0
     exposure_ratio: float = 1.0
     exposure_sd: float = 0.03
     flat_frames: int = 64
@@ -154,6 +157,7 @@ class Scanner:
     mesh_shift_cm: float = 0.0
     mesh_scale_sd: float = 0.0
     mesh_tolerance_cm: float = 0.0
+    mesh_warp_cm: float = 0.0
     one_tube: bool = False
 
     def __post_init__(self) -> None:
@@ -208,6 +212,7 @@ class Scanner:
             quantum_noise=False,
             readout_sd_counts=0.0,
             dead_share=0.0,
+            dead_lines=0,
             exposure_ratio=1.0,
             exposure_sd=0.0,
             bits=None,
@@ -215,6 +220,7 @@ class Scanner:
             mesh_shift_cm=0.0,
             mesh_scale_sd=0.0,
             mesh_tolerance_cm=0.0,
+            mesh_warp_cm=0.0,
         )
 
     def large(self) -> Scanner:
@@ -407,6 +413,7 @@ class Scanner:
             self.mesh_shift_cm,
             self.mesh_scale_sd,
             self.mesh_tolerance_cm,
+            self.mesh_warp_cm,
         )
 
     def exposure(self, plan: Identity, view: str) -> float:
@@ -451,6 +458,11 @@ class Scanner:
     def _panel(self, seed: int, view: str, bits: int) -> Panel:
         shape = (self.size_px, self.size_px)
         dead = self._panel_rng(seed, view, "dead").random(shape) < self.dead_share
+        if self.dead_lines:
+            places = self._panel_rng(seed, view, "dead lines").integers(
+                self.size_px, size=(2, self.dead_lines)
+            )
+            dead[places[0]] = dead[:, places[1]] = True
         taken_up = self.beam.kev_per_cm2
         return Panel(
             open_counts=self.open_counts,
@@ -481,12 +493,12 @@ class Scanner:
     def settings(self) -> dict[str, Any]:
         """Give every effect and its size, in JSON's types.
 
-        The usual exposure and two tubes go without saying, as they did before there was another
-        way.
+        What came later goes without saying where it is as it was before: so do the usual exposure,
+        two tubes, no dead lines and meshes that are not warped.
         """
         values = asdict(self)
-        if self.exposure_ratio == 1.0:
-            del values["exposure_ratio"]
-        if not self.one_tube:
-            del values["one_tube"]
+        usual = Scanner()
+        for name in _LATER:
+            if values[name] == getattr(usual, name):
+                del values[name]
         return values
