@@ -186,7 +186,7 @@ def test_dead_pixels_and_lines_hardly_move_the_centre_of_a_shadow(valid, within_
     assert found == pytest.approx(place, abs=within_px)
 
 
-def test_air_that_is_saturated_is_not_filled_with_shadow():
+def test_a_ball_before_air_that_is_saturated_is_found():
     place = (30.37, 33.81)
     image = disc(*place, radius=4.3)
     rows, columns = np.indices(image.shape)

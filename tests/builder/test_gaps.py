@@ -39,9 +39,10 @@ def dead(*places):
         dead((slice(None), 9)),
         dead((slice(None), slice(9, 11)), (12, slice(None))),
         dead((slice(0, 2), slice(3, 5)), (23, 31)),
+        dead((slice(None), slice(9, 12)), (slice(14, 17), slice(None))),
         dead(tuple(np.random.default_rng(0).integers((24, 32), size=(30, 2)).T)),
     ],
-    ids=["pixel", "column", "crossing lines", "at the rims", "many"],
+    ids=["pixel", "column", "crossing lines", "at the rims", "wide lines", "many"],
 )
 def test_what_is_dead_goes_on_as_its_neighbours_do(valid):
     filled = without_gaps(seen(slanted(), valid))
@@ -51,8 +52,22 @@ def test_what_is_dead_goes_on_as_its_neighbours_do(valid):
     assert (filled[valid] == slanted().astype(np.float32)[valid]).all()
 
 
-def test_what_a_mask_leaves_out_is_not_filled_in():
-    valid = dead((slice(14, None), slice(None)), (5, 7))
+def test_what_a_mask_leaves_out_is_not_filled_in_not_even_at_its_corners():
+    valid = dead((slice(8, 20), slice(10, 24)), (5, 7))
     filled = without_gaps(seen(slanted(), valid))
-    assert np.isnan(filled[16:]).all()
+    assert np.isnan(filled[8:20, 10:24]).all()
     assert filled[5, 7] == pytest.approx(slanted()[5, 7], abs=1e-3)
+
+
+def test_a_line_that_runs_into_a_mask_goes_on_as_what_is_beside_it():
+    valid = dead((slice(8, 20), slice(10, 24)), (14, slice(None)))
+    filled = without_gaps(seen(np.full((24, 32), 1.4), valid))
+    assert filled[14, 1:10] == pytest.approx(1.4, abs=1e-6)
+
+
+def test_an_image_without_gaps_or_with_far_too_many_stays_as_it_is(monkeypatch):
+    whole = dead()
+    assert (without_gaps(seen(slanted(), whole)) == slanted().astype(np.float32)).all()
+    monkeypatch.setattr("xden_builder.capture.gaps.MOST", 3)
+    valid = dead((slice(None), 9))
+    assert np.isnan(without_gaps(seen(slanted(), valid))[:, 9]).all()

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.builder.scanner_scenes import BARE, TUBE, WATER, block, middle
+from xden1k.errors import DataError
 from xden1k.values.materials import load_materials
 from xden_builder.phantoms import (
     Phantom,
@@ -308,15 +309,30 @@ def test_dead_pixels_are_dead_in_every_image_and_not_valid() -> None:
 
 
 def test_dead_lines_are_whole_rows_and_columns_and_leave_other_pixels_as_they_are() -> None:
-    plain = replace(Scanner.realistic(64), dead_share=0.0)
+    plain = replace(Scanner.realistic(64), dead_share=0.0, quantum_noise=False)
+    plain = replace(plain, readout_sd_counts=0.0)
     scanner = replace(plain, dead_lines=2)
     view, before = (each.corrected(block(3, 3, 3), "pa") for each in (scanner, plain))
     rows, columns = (~view.valid.any(axis=axis) for axis in (1, 0))
     assert (rows.sum(), columns.sum()) == (2, 2)
     np.testing.assert_array_equal(~view.valid, rows[:, None] | columns)
-    close = np.abs(view.transmission - before.transmission)[view.valid]
-    assert close.mean() < 0.005
-    assert "dead_lines" not in plain.settings()
+    np.testing.assert_array_equal(view.transmission[view.valid], before.transmission[view.valid])
+
+
+def test_settings_that_came_later_go_without_saying_where_they_are_as_before() -> None:
+    later = {"exposure_ratio", "one_tube", "dead_lines", "mesh_warp_cm"}
+    usual = Scanner.realistic()
+    assert not later & usual.settings().keys()
+    assert "warp_cm" not in usual.mesh_error(Plan(0, 0, 0)).as_dict()
+    other = replace(usual, exposure_ratio=1.1, one_tube=True, dead_lines=1, mesh_warp_cm=0.01)
+    assert later < other.settings().keys()
+    assert other.mesh_error(Plan(0, 0, 0)).as_dict()["warp_cm"] == 0.01
+    assert other.mesh_error(Plan(0, 0, 0)).scale == usual.mesh_error(Plan(0, 0, 0)).scale
+
+
+def test_more_dead_lines_than_a_panel_has_are_refused() -> None:
+    with pytest.raises(DataError, match="65 dead lines of 64"):
+        Scanner(size_px=64, dead_lines=65)
 
 
 def test_flat_shows_the_heel_and_correction_removes_it() -> None:

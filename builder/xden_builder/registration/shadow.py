@@ -85,7 +85,9 @@ class Shadow:
 
 
 def shadow_of(view: XRayView, *, turned: bool = False) -> Shadow:
-    """Find the shadow; more than dead pixels and lines that is not valid, as a table, is air.
+    """Find the shadow.
+
+    Dead pixels and lines are filled in; what else is not valid, such as a masked table, is air.
 
     Parameters
     ----------

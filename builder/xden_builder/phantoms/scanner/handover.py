@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 import trimesh
 from jaxtyping import Float
-from manifold3d import Manifold, Mesh64
+from manifold3d import Error, Manifold, Mesh64
 from scipy.spatial.transform import Rotation
 
 from xden1k.errors import DataError
@@ -22,6 +22,8 @@ WARP_LENGTH_CM: Final = 2.0
 """Of the Gaussian correlation between what a warp does to one point and to another."""
 WAVES: Final = 200
 """Of random direction, length and phase, that a warp is added up of."""
+AT_ONCE: Final = 20_000
+"""Points that are moved, for the memory that it takes."""
 FINER: Final = 4
 """Edges are so many times shorter than that length before they are warped."""
 
@@ -76,17 +78,19 @@ class MeshError:
         """
         if self.is_none:
             return mesh
-        simple, whole = (
-            self._warped(each.copy().apply_transform(self.matrix))
-            for each in (simplified(mesh, self.tolerance_cm), mesh)
-        )
-        return simple if _is_solid(simple) else whole
+        simple = self._moved(simplified(mesh, self.tolerance_cm))
+        return simple if _is_solid(simple) else self._moved(mesh)
+
+    def _moved(self, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+        return self._warped(mesh.copy().apply_transform(self.matrix))
 
     def _warped(self, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
         if self.warp_cm == 0:
             return mesh
         vertices, faces = (np.ascontiguousarray(each) for each in (mesh.vertices, mesh.faces))
         solid = Manifold(Mesh64(vertices, faces.astype(np.uint64)))
+        if solid.status() != Error.NoError:
+            raise DataError(f"a part that is warped must be a solid, got {solid.status().name}")
         fine = solid.refine_to_length(WARP_LENGTH_CM / FINER)
         return to_mesh(fine.warp_batch(lambda points: points + self.warp(np.asarray(points))))
 
@@ -96,7 +100,8 @@ class MeshError:
         waves = rng.normal(0.0, 1 / WARP_LENGTH_CM, (3, WAVES))
         phases = rng.uniform(0.0, 2 * np.pi, WAVES)
         ways = rng.normal(0.0, self.warp_cm * np.sqrt(2 / WAVES), (WAVES, 3))
-        return np.asarray(np.cos(points_cm @ waves + phases) @ ways)
+        some = np.array_split(points_cm, len(points_cm) // AT_ONCE + 1)
+        return np.concatenate([np.cos(points @ waves + phases) @ ways for points in some])
 
     def as_dict(self) -> dict[str, Any]:
         """Give all of it in JSON's types; no warp goes without saying."""

@@ -39,7 +39,7 @@ VIEWS = ("pa", "lat")
 AIR_BESIDE = 0.01
 """Least open field on each side of an object, as a share of the panel's side."""
 _LATER = ("exposure_ratio", "one_tube", "dead_lines", "mesh_warp_cm")
-"""Settings that files of before do not have."""
+"""Settings that earlier files lack."""
 _TWICE_AS_LARGE = (
     "panel_cm",
     "source_object_cm",
@@ -120,8 +120,9 @@ class Scanner:
     Raises
     ------
     DataError
-        If the panel has no pixel, is not behind the object, the open field does not fit the
-        converter, a size is negative, or a heel is wanted of one photon energy.
+        If the panel has no pixel or more dead lines than it has, is not behind the object, the
+        open field does not fit the converter, a size is negative, or a heel is wanted of one
+        photon energy.
     """
 
     size_px: int = 512
@@ -170,6 +171,8 @@ class Scanner:
             )
         if self.bits is not None and not self.open_counts + self.dark_counts < 2**self.bits - 1:
             raise DataError(f"{self.open_counts:g} counts do not fit a {self.bits}-bit converter")
+        if self.dead_lines > self.size_px:
+            raise DataError(f"{self.dead_lines} dead lines of {self.size_px}: expected no more")
         if self.heel and self.energy_kev is not None:
             raise DataError("the heel effect needs a tube: no energy_kev")
         numbers = {name: value for name, value in asdict(self).items() if is_number(value)}
@@ -459,10 +462,9 @@ class Scanner:
         shape = (self.size_px, self.size_px)
         dead = self._panel_rng(seed, view, "dead").random(shape) < self.dead_share
         if self.dead_lines:
-            places = self._panel_rng(seed, view, "dead lines").integers(
-                self.size_px, size=(2, self.dead_lines)
-            )
-            dead[places[0]] = dead[:, places[1]] = True
+            rng = self._panel_rng(seed, view, "dead lines")
+            rows, columns = (rng.choice(self.size_px, self.dead_lines, False) for _ in range(2))
+            dead[rows] = dead[:, columns] = True
         taken_up = self.beam.kev_per_cm2
         return Panel(
             open_counts=self.open_counts,
