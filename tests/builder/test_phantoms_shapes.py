@@ -14,6 +14,7 @@ from manifold3d import Manifold
 from xden1k.errors import DataError
 from xden_builder.phantoms import shapes, skins
 from xden_builder.phantoms.pieces import Piece, disjoint, moved
+from xden_builder.phantoms.scanner.handover import draw_mesh_error
 
 RADII = st.floats(0.02, 15.0)
 
@@ -136,14 +137,27 @@ def test_turning_over_maps_the_axes_as_said() -> None:
     assert shapes.upright_across(plate, 2.0).bounding_box() == pytest.approx((-1, 0, 0, 1, 3, 1))
 
 
-@pytest.mark.parametrize("crumb_cm", [(0.01, 0.01, 0.01), (3.0, 0.03, 0.02)])
-def test_mesh_keeps_cavities_and_drops_crumbs(crumb_cm: tuple[float, float, float]) -> None:
+def test_mesh_keeps_cavities_and_drops_crumbs() -> None:
     hollow = shapes.box((3.0, 3.0, 3.0)) - shapes.box((1.0, 1.0, 1.0))
-    crumb = shapes.box(crumb_cm, (5.0, 0.0, 0.0))
+    crumb = shapes.box((0.01, 0.01, 0.01), (5.0, 0.0, 0.0))
     mesh = shapes.to_mesh(hollow + crumb)
     assert mesh.is_volume
     assert float(mesh.volume) == pytest.approx(26.0)
     assert mesh.bounds[1][0] == pytest.approx(1.5)
+
+
+def test_splinters_are_the_solids_and_left_out_of_what_is_handed_over() -> None:
+    hollow = shapes.box((3.0, 3.0, 3.0)) - shapes.box((1.0, 1.0, 1.0))
+    splinter = shapes.box((3.0, 0.03, 0.02), (5.0, 0.0, 0.0))
+    mesh = shapes.to_mesh(hollow + splinter)
+    assert mesh.bounds[1][0] == pytest.approx(6.5)
+    whole = shapes.without_splinters(mesh)
+    assert whole.is_volume
+    assert float(whole.volume) == pytest.approx(26.0)
+    assert whole.bounds[1][0] == pytest.approx(1.5)
+    assert shapes.without_splinters(whole) is whole
+    moved = draw_mesh_error(np.random.default_rng(0), 1.0, 0.1, 0.0, 0.0).applied(mesh)
+    assert float(moved.volume) == pytest.approx(26.0)
 
 
 def test_earlier_pieces_own_what_they_share() -> None:

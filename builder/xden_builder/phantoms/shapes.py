@@ -10,6 +10,7 @@ from math import ceil, pi, sqrt
 
 import numpy as np
 import trimesh
+from jaxtyping import Float, Int
 from manifold3d import CrossSection, JoinType, Manifold, Mesh64
 
 __all__ = [
@@ -38,14 +39,18 @@ __all__ = [
     "union",
     "upright",
     "upright_across",
+    "without_splinters",
 ]
 
 CHORD_TOLERANCE_CM = 0.004
 """A circle's polygon strays from it by at most this much: a tenth of a detector pixel."""
 
-CRUMB_CM3, CRUMB_SHARE = 1e-5, 1e-4
-"""Bodies and cavities smaller than this, a hundredth of a cubic millimetre, or than this share of
-the solid's largest body are no part of an object, but splinters that a long cut has left."""
+CRUMB_CM3 = 1e-5
+"""Bodies and cavities smaller than this are no part of an object: a hundredth of a cubic
+millimetre."""
+
+SPLINTER_SHARE = 1e-4
+"""Of a solid's largest body: smaller bodies and cavities are splinters that a long cut has left."""
 
 OUTLINE_TOLERANCE_CM = 0.002
 """Corners of rounded outlines that matter less are left out."""
@@ -257,11 +262,31 @@ def to_mesh(solid: Manifold) -> trimesh.Trimesh:
     mesh = solid.to_mesh64()
     vertices = np.ascontiguousarray(mesh.vert_properties[:, :3])
     faces = mesh.tri_verts.astype(np.int64)
-    body_of_vertex = _connected(faces, len(vertices))
-    volumes = np.bincount(body_of_vertex[faces[:, 0]], np.linalg.det(vertices[faces]) / 6)
-    least_cm3 = max(CRUMB_CM3, CRUMB_SHARE * float(np.abs(volumes).max(initial=0.0)))
-    kept = faces[np.abs(volumes[body_of_vertex[faces[:, 0]]]) > least_cm3]
-    whole = trimesh.Trimesh(vertices, kept, process=False)
+    return _of_faces(vertices, faces[_body_cm3(vertices, faces) > CRUMB_CM3])
+
+
+def without_splinters(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Leave out bodies and cavities below a ten-thousandth of the largest, as who meshes does.
+
+    The same mesh where there is none. A solid keeps them, so that objects of published datasets
+    stay what they are.
+    """
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    body_cm3 = _body_cm3(vertices, faces)
+    kept = body_cm3 > SPLINTER_SHARE * body_cm3.max()
+    return mesh if kept.all() else _of_faces(vertices, faces[kept])
+
+
+def _body_cm3(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
+) -> Float[np.ndarray, "f"]:
+    """Volume of the body, or cavity, that each face belongs to."""
+    body = _connected(faces, len(vertices))[faces[:, 0]]
+    return np.asarray(np.abs(np.bincount(body, np.linalg.det(vertices[faces]) / 6))[body])
+
+
+def _of_faces(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> trimesh.Trimesh:
+    whole = trimesh.Trimesh(vertices, faces, process=False)
     whole.remove_unreferenced_vertices()
     return whole
 

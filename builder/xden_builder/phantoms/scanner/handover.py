@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from xden1k.errors import DataError
 from xden1k.values.arrays import Points
 from xden_builder.capture.solids import closed_mesh, simplified
-from xden_builder.phantoms.shapes import to_mesh
+from xden_builder.phantoms.shapes import to_mesh, without_splinters
 
 __all__ = ["MeshError", "draw_mesh_error"]
 
@@ -71,11 +71,12 @@ class MeshError:
         return still and self.tolerance_cm == 0 and self.warp_cm == 0
 
     def applied(self, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-        """Hand over a mesh; the same one where there is no error.
+        """Hand over a mesh, without splinters; the same one where there are none, and no error.
 
         It keeps its surface where a simpler one is no solid: where a thin wall lies between two
         surfaces, one may come out of the other.
         """
+        mesh = without_splinters(mesh)
         if self.is_none:
             return mesh
         simple = self._moved(simplified(mesh, self.tolerance_cm))
