@@ -133,6 +133,18 @@ def test_the_command_makes_verifies_and_says_what_came(tmp_path: Path) -> None:
     assert list((tmp_path / "few.work").iterdir()) == [tmp_path / "few.work" / "run.lock"]
 
 
+@pytest.mark.parametrize("place", [271, 1536], ids=["caster-0007", "spirit_level-0006"])
+def test_an_object_with_a_splinter_is_the_published_one_to_the_byte(
+    tmp_path: Path, place: int
+) -> None:
+    """Cuts have left splinters in 14 of the 2,000; whoever drops them makes another dataset."""
+    out = tmp_path / "one"
+    words = ["--out", str(out), "--objects", f"{place}-{place}", "--workers", "1", "--json"]
+    done = CliRunner().invoke(cli, ["dataset", "XDen-P2000", *words])
+    assert done.exit_code == 0, done.stderr
+    assert json.loads(done.stdout)["differences"] == []
+
+
 def test_only_a_whole_dataset_is_published_and_only_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
