@@ -8,13 +8,12 @@ from typing import Any, Final
 import numpy as np
 import trimesh
 from jaxtyping import Float
-from manifold3d import Error, Manifold, Mesh64
 from scipy.spatial.transform import Rotation
 
 from xden1k.errors import DataError
 from xden1k.values.arrays import Points
 from xden_builder.capture.solids import closed_mesh, simplified
-from xden_builder.phantoms.shapes import to_mesh, without_splinters
+from xden_builder.phantoms.shapes import from_mesh, to_mesh, without_splinters
 
 __all__ = ["MeshError", "draw_mesh_error"]
 
@@ -88,10 +87,9 @@ class MeshError:
     def _warped(self, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
         if self.warp_cm == 0:
             return mesh
-        vertices, faces = (np.ascontiguousarray(each) for each in (mesh.vertices, mesh.faces))
-        solid = Manifold(Mesh64(vertices, faces.astype(np.uint64)))
-        if solid.status() != Error.NoError:
-            raise DataError(f"a part that is warped must be a solid, got {solid.status().name}")
+        solid = from_mesh(mesh)
+        if solid.is_empty():
+            raise DataError("a part whose mesh is warped must be a solid")
         fine = solid.refine_to_length(WARP_LENGTH_CM / FINER)
         return to_mesh(fine.warp_batch(lambda points: points + self.warp(np.asarray(points))))
 
