@@ -28,6 +28,7 @@ from xden_builder.calibrate import run as calibration
 from xden_builder.calibrate import spectrum
 from xden_builder.calibrate.balls import shadow_centres
 from xden_builder.calibrate.designs import BALLS, PLATES
+from xden_builder.calibrate.example import draw_scanner
 from xden_builder.calibrate.light import light_up
 from xden_builder.calibrate.readings import read_image_steps
 from xden_builder.calibrate.response import Response
@@ -460,6 +461,14 @@ def test_the_phantoms_are_written_as_they_are_to_be_made(tmp_path):
     assert {path.name for path in out.glob("*.svg")} == {"light.svg", "heavy.svg", "balls.svg"}
     again = CliRunner().invoke(cli, ["calibrate", "--phantoms", str(out)])
     assert (again.exit_code, "nothing is overwritten" in again.output) == (1, True)
+
+
+def test_simulated_scans_let_through_what_the_whole_spectrum_does():
+    beam = draw_scanner(1, 64).beam
+    areal, steel = 7.85 * np.array([0.1, 0.5, 1.0]), (("Fe", 1.0),)
+    simulated = np.exp(-areal[:, None] * beam.mac_cm2_g(steel)) @ beam.row_weights[31:33].mean(axis=0)
+    lac = areal[:, None] * mac_cm2_g(steel, beam.spectrum.energies_kev)
+    assert simulated == pytest.approx(beam.spectrum.transmission(lac), rel=1e-3)
 
 
 @pytest.mark.slow

@@ -65,37 +65,41 @@ class Stair:
         return to_mesh(union(steps))
 
 
-def _stops(name: str, x_cm: float, steps: int, top_z_cm: float, spacing_cm: float) -> Stair:
+def _stops(
+    name: str, x_cm: float, width_cm: float, steps: int, top_z_cm: float, spacing_cm: float
+) -> Stair:
     """Bar of lead along a staircase: beside each step it shows the stray light alone."""
-    return Stair(name, "lead", (0.3,) * steps, x_cm, top_z_cm, spacing_cm, spacing_cm, 1.5)
+    return Stair(name, "lead", (0.3,) * steps, x_cm, top_z_cm, spacing_cm, spacing_cm, width_cm)
 
 
 PLATES: Final[Mapping[str, Sequence[Stair]]] = {
     "light": (
-        _stops("stops_left", -3.25, 10, 9.0, 2.0),
+        _stops("stops_left", -3.25, 1.5, 10, 9.0, 2.0),
         Stair(
             *("aluminium", "aluminium"),
             (0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 1.6, 2.4, 3.2, 4.0),
             *(-1.25, 9.0, 2.0, 2.0, 2.5),
         ),
-        _stops("stops", 0.75, 10, 9.0, 2.0),
+        _stops("stops", 0.75, 1.5, 10, 9.0, 2.0),
         Stair("pmma", "pmma", (1.0, 2.0, 4.0, 6.0, 8.0), 2.75, 8.0, 4.0, 4.0, 2.5),
     ),
     "heavy": (
-        _stops("stops_left", -3.25, 8, 8.4, 2.4),
+        _stops("stops_left", -2.35, 1.0, 8, 8.4, 2.4),
         Stair(
             *("steel", "steel"),
             (0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0),
-            *(-1.25, 8.4, 2.4, 2.4, 2.5),
+            *(-1.25, 8.4, 2.4, 2.4, 1.2),
         ),
-        _stops("stops", 0.75, 8, 8.4, 2.4),
-        Stair("copper", "copper", (0.01, 0.02, 0.05, 0.1, 0.2, 0.3), 2.75, 7.5, 3.0, 3.0, 2.5),
+        _stops("stops", -0.15, 1.0, 8, 8.4, 2.4),
+        Stair("copper", "copper", (0.01, 0.02, 0.05, 0.1, 0.2, 0.3), 1.6, 7.5, 3.0, 3.0, 2.5),
     ),
 }
 """Two plates, scanned one at a time: what aluminium and plastic scatter would outshine steel.
 
 Staircases stand between bars of lead that touch them. No air shines in beside a step then, and what
-arrives behind the lead on both sides arrives behind the step as well.
+arrives behind the lead on both sides arrives behind the step as well. Steel and the lead beside it
+are narrow: the light behind thick steel is little more than what scatters nearby, and wide steel
+shines on itself and not on the lead.
 """
 
 

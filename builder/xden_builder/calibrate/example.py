@@ -34,6 +34,9 @@ DATE: Final = "2026-03-14"
 PLACED_CM: Final = 0.02
 PLACED_DEG: Final = 0.05
 """Standard deviations of where a pin holds the balls, along each axis and about it."""
+ENERGY_GROUPS: Final = 96
+"""Of the simulated beam: the 24 of other scans let 1 % less through 10 mm of steel than the whole
+spectrum does, with 96 it is less than a tenth of that."""
 QUARTER: Final = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """From how a plate stands for ``pa`` to how it stands for ``lat``."""
 
@@ -43,7 +46,10 @@ def draw_scanner(seed: int, size_px: int) -> Scanner:
     rng = random_numbers(seed, "calibrate/tube")
     filters = {"Al": round(rng.uniform(0.25, 0.35), 3), "Cu": round(rng.uniform(0.0, 0.03), 4)}
     return replace(
-        Scanner.realistic(size_px), kv=round(rng.uniform(96.0, 104.0), 1), filtration_cm=filters
+        Scanner.realistic(size_px),
+        kv=round(rng.uniform(96.0, 104.0), 1),
+        filtration_cm=filters,
+        energy_groups=ENERGY_GROUPS,
     )
 
 
