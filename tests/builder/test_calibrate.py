@@ -466,7 +466,8 @@ def test_the_phantoms_are_written_as_they_are_to_be_made(tmp_path):
 def test_simulated_scans_let_through_what_the_whole_spectrum_does():
     beam = draw_scanner(1, 64).beam
     areal, steel = 7.85 * np.array([0.1, 0.5, 1.0]), (("Fe", 1.0),)
-    simulated = np.exp(-areal[:, None] * beam.mac_cm2_g(steel)) @ beam.row_weights[31:33].mean(axis=0)
+    central = beam.row_weights[31:33].mean(axis=0)
+    simulated = np.exp(-areal[:, None] * beam.mac_cm2_g(steel)) @ central
     lac = areal[:, None] * mac_cm2_g(steel, beam.spectrum.energies_kev)
     assert simulated == pytest.approx(beam.spectrum.transmission(lac), rel=1e-3)
 
