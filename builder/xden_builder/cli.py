@@ -16,6 +16,7 @@ from xden_builder.commands.datasheet import datasheet
 from xden_builder.commands.evaluate import evaluate
 from xden_builder.commands.import_release import import_release
 from xden_builder.commands.init import init
+from xden_builder.commands.mend import mend
 from xden_builder.commands.partnext import partnext
 from xden_builder.commands.phantoms import gallery, phantoms
 from xden_builder.commands.push import push
@@ -35,7 +36,7 @@ def cli() -> None:
 
 
 _COMMANDS = (
-    *(init, calibrate, check, phantoms, partnext, align, run, import_release, report, audit),
+    *(init, calibrate, check, mend, phantoms, partnext, align, run, import_release, report, audit),
     *(datasheet, push, evaluate, bench_scanner, gallery, twin, speed),
 )
 for _command in _COMMANDS:

@@ -15,7 +15,7 @@ from xden1k.errors import DataError
 from xden1k.values.arrays import Faces, Vec3
 from xden1k.values.closed import edge_faults
 
-__all__ = ["closed_mesh", "simplified"]
+__all__ = ["bare", "closed_mesh", "simplified"]
 
 FLATTEST = 1e-9
 """A smaller volume, as a share of the bounding box, is rounding."""
@@ -55,7 +55,7 @@ def closed_mesh(
         neighbouring triangles are wound against each other, it has no volume, or one of several
         pieces is wound against its place.
     """
-    solid = _merged(mesh, cm_per_unit, where)
+    solid = bare(mesh, cm_per_unit, where)
     _check_closed(np.asarray(solid.faces), where)
     volume = _volume(_triangles(solid))
     if not abs(volume) > FLATTEST * float(np.prod(solid.extents)):
@@ -66,7 +66,7 @@ def closed_mesh(
     return solid, volume < 0
 
 
-def _merged(mesh: trimesh.Trimesh, cm_per_unit: float, where: str) -> trimesh.Trimesh:
+def bare(mesh: trimesh.Trimesh, cm_per_unit: float, where: str) -> trimesh.Trimesh:
     """Return bare triangles in cm, vertices of one place merged, faces of two corners dropped."""
     faces = np.asarray(mesh.faces)
     if faces.size and not 0 <= faces.min() <= faces.max() < len(mesh.vertices):
@@ -87,11 +87,14 @@ def _check_closed(faces: Faces, where: str) -> None:
     """Refuse open edges, and neighbours wound against each other."""
     faults = edge_faults(faces)
     if faults.open:
-        raise DataError(f"{where}: the mesh is not closed: {faults.open} open edges")
+        raise DataError(
+            f"{where}: the mesh is not closed: {faults.open} open edges; `xden-build mend` closes "
+            "holes that are narrow or flat"
+        )
     if faults.twisted:
         raise DataError(
             f"{where}: triangles are wound against each other at {faults.twisted} edges: expected "
-            "all counter-clockwise seen from outside"
+            "all counter-clockwise seen from outside; `xden-build mend` turns the fewer over"
         )
 
 

@@ -7,13 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
+import trimesh
 
 from xden1k.values.plain import plain
-from xden1k.values.ply import CM_PER_UNIT, write_ply
 from xden_builder.capture import CaptureFolder, CapturePart
 from xden_builder.capture.folder import REGISTRATION_NAME
-from xden_builder.capture.writing import write_json
+from xden_builder.capture.writing import write_json, write_parts
 from xden_builder.pipeline.align.card import AlignCard, make_align_card
 from xden_builder.registration.capture import registered
 
@@ -52,7 +51,7 @@ def align_object(
     row = folder.rows[object_id]
     if row.pose == "near" and not near_too:
         parts, _ = folder.parts(object_id)
-        _write_parts(out / object_id, parts, row.mesh_units)
+        write_parts(out / object_id, _meshes(parts), row.mesh_units)
         return None
     capture = folder.read(object_id)
     if capture.pose == "near":
@@ -61,7 +60,7 @@ def align_object(
     there = registered(capture)
     assert there.registration is not None
     card = make_align_card(capture, there.registration)
-    _write_parts(out / object_id, there.capture.parts, row.mesh_units)
+    write_parts(out / object_id, _meshes(there.capture.parts), row.mesh_units)
     values: dict[str, Any] = plain(there.registration.to_dict())
     flags = list(there.registration.flags)
     write_json(
@@ -71,10 +70,5 @@ def align_object(
     return card
 
 
-def _write_parts(folder: Path, parts: Sequence[CapturePart], units: str) -> None:
-    (folder / "parts").mkdir(parents=True)
-    for part in parts:
-        scale = np.eye(4)
-        scale[:3, :3] /= CM_PER_UNIT[units]
-        mesh = part.mesh.copy().apply_transform(scale)
-        write_ply(folder / "parts" / f"{part.name}.ply", mesh, units)
+def _meshes(parts: Sequence[CapturePart]) -> dict[str, trimesh.Trimesh]:
+    return {part.name: part.mesh for part in parts}
