@@ -17,7 +17,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
-__all__ = ["exclusive", "publish", "staging"]
+from xden1k.errors import DataError
+
+__all__ = ["exclusive", "new_folder", "publish", "staging"]
 
 LOCK_NAME = "writer.lock"
 OLD_NAME = "old"
@@ -48,6 +50,30 @@ def staging(out: Path) -> Iterator[Path]:
         with exclusive(unnamed):
             unnamed.rename(Path(beside) / LOCK_NAME)
             yield Path(beside)
+
+
+@contextmanager
+def new_folder(out: Path) -> Iterator[Path]:
+    """Make a folder that comes to its place complete, or not at all where making it fails.
+
+    Yields
+    ------
+    Path
+        An empty folder to write into.
+
+    Raises
+    ------
+    DataError
+        If there is something in its place.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise DataError(f"{out}: expected a folder that is empty or does not exist")
+    out.absolute().parent.mkdir(parents=True, exist_ok=True)
+    with staging(out.absolute()) as beside:
+        made = beside / "made"
+        made.mkdir()
+        yield made
+        publish(made, out)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from xden1k.errors import DataError
-from xden1k.folder.place import publish, staging
+from xden1k.folder.place import new_folder
 from xden1k.values.ply import CM_PER_UNIT
 from xden_builder.capture import CaptureFolder
 from xden_builder.capture.mending import mended
@@ -107,12 +107,7 @@ def mend_folder(
         could be mended; then nothing is written.
     """
     folder = CaptureFolder(captures.absolute())
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise DataError(f"{out}: expected a folder that is empty or does not exist")
-    out.absolute().parent.mkdir(parents=True, exist_ok=True)
-    with staging(out.absolute()) as beside:
-        made = beside / "mended"
-        made.mkdir()
+    with new_folder(out) as made:
         task = partial(_mend_object, folder, made)
         objects, failures = gather(task, folder.object_ids, workers, on_done)
         if not objects:
@@ -125,7 +120,6 @@ def mend_folder(
             shutil.rmtree(made / object_id, ignore_errors=True)
         mending = Mending(objects, tuple(failures))
         write_table(made / TABLE_NAME, COLUMNS, [_row(*each) for each in mending.parts])
-        publish(made, out)
     return mending
 
 

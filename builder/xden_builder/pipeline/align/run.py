@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from xden1k.errors import DataError, MissingObjectError, require
-from xden1k.folder.place import publish, staging
+from xden1k.folder.place import new_folder
 from xden_builder.capture import CaptureFolder
 from xden_builder.capture.writing import write_table
 from xden_builder.pipeline.align.card import AlignCard
@@ -106,18 +106,12 @@ def align_folder(
     require("matplotlib", "view")
     require("jinja2", "build")
     folder = _chosen(CaptureFolder(captures.absolute()), object_ids)
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise DataError(f"{out}: expected a folder that is empty or does not exist")
-    on_start(len(folder.rows))
-    out.absolute().parent.mkdir(parents=True, exist_ok=True)
-    with staging(out.absolute()) as beside:
-        made = beside / "aligned"
-        made.mkdir()
+    with new_folder(out) as made:
+        on_start(len(folder.rows))
         alignment = _gather(folder, made, near_too, workers, on_done)
         _refuse_nothing(alignment, captures, out)
         _write_poses(alignment, made / TABLE_NAME)
         render(alignment.aligned, alignment.failures, captures.absolute().name, made / PAGE_NAME)
-        publish(made, out)
     return alignment
 
 
