@@ -248,13 +248,17 @@ def _simple(leaving: dict[int, list[int]], start: int) -> Iterator[Rim]:
 
 def _normal(around: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
     """Give the normal of the plane next to some points."""
-    return np.asarray(np.linalg.svd(around - around.mean(axis=0))[2][2])
+    return np.asarray(_axes(around)[2])
+
+
+def _axes(around: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3 3"]:
+    """Give the directions in which points spread, the farthest first."""
+    return np.asarray(np.linalg.svd(around - around.mean(axis=0), full_matrices=False)[2])
 
 
 def _lid(around: Float64[np.ndarray, "n 3"]) -> Int64[np.ndarray, "_m 3"]:
     """Triangles between the points around a hole, in the plane next to them."""
-    axes = np.linalg.svd(around - around.mean(axis=0))[2][:2]
-    flat = (around - around.mean(axis=0)) @ axes.T
+    flat = (around - around.mean(axis=0)) @ _axes(around)[:2].T
     after = np.roll(flat, -1, axis=0)
     if (flat[:, 0] * after[:, 1] - flat[:, 1] * after[:, 0]).sum() < 0:
         flat[:, 1] *= -1  # seen from the other side: the rim keeps its direction
