@@ -81,6 +81,8 @@ def _mesh_node_names(path: Path) -> list[str]:
         nodes = json.loads(data[20 : 20 + length])["nodes"]
         names = [node.get("name", "") for node in nodes if "mesh" in node]
     for name in names:
+        if name.startswith(".") or set(name) & set("/\\\0"):
+            raise DataError(f"{path}: part {name!r}: expected a name that a file may have")
         if not name or names.count(name) > 1:
             raise DataError(
                 f"{path}: expected a name of its own at each node with a mesh, got {names}"

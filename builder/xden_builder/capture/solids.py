@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import trimesh
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from manifold3d import Manifold, Mesh64
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -15,7 +15,7 @@ from xden1k.errors import DataError
 from xden1k.values.arrays import Faces, Vec3
 from xden1k.values.closed import edge_faults
 
-__all__ = ["bare", "closed_mesh", "simplified"]
+__all__ = ["bare", "closed_mesh", "repeated", "simplified"]
 
 FLATTEST = 1e-9
 """A smaller volume, as a share of the bounding box, is rounding."""
@@ -52,8 +52,8 @@ def closed_mesh(
     ------
     DataError
         If there are no triangles, a vertex is missing or not finite, the mesh is not closed,
-        neighbouring triangles are wound against each other, it has no volume, or one of several
-        pieces is wound against its place.
+        neighbouring triangles are wound against each other, one is there twice, it has no volume,
+        or one of several pieces is wound against its place.
     """
     solid = bare(mesh, cm_per_unit, where)
     _check_closed(np.asarray(solid.faces), where)
@@ -84,7 +84,7 @@ def bare(mesh: trimesh.Trimesh, cm_per_unit: float, where: str) -> trimesh.Trime
 
 
 def _check_closed(faces: Faces, where: str) -> None:
-    """Refuse open edges, and neighbours wound against each other."""
+    """Refuse open edges, neighbours wound against each other, and triangles that count twice."""
     faults = edge_faults(faces)
     if faults.open:
         raise DataError(
@@ -96,6 +96,26 @@ def _check_closed(faces: Faces, where: str) -> None:
             f"{where}: triangles are wound against each other at {faults.twisted} edges: expected "
             "all counter-clockwise seen from outside; `xden-build mend` turns the fewer over"
         )
+    if twice := int(repeated(faces).sum()):
+        raise DataError(
+            f"{where}: {twice} triangles are there twice, wound alike: what they bound would count "
+            "twice; `xden-build mend` leaves one of each"
+        )
+
+
+def repeated(faces: Faces) -> Bool[np.ndarray, "_"]:
+    """Say which triangles have the corners of an earlier one, in the same order.
+
+    Examples
+    --------
+    >>> repeated(np.array([[0, 1, 2], [2, 1, 0], [1, 2, 0]]))
+    array([False, False,  True])
+    """
+    turn = (faces.argmin(axis=1)[:, None] + np.arange(3)) % 3
+    _, first = np.unique(np.take_along_axis(faces, turn, axis=1), axis=0, return_index=True)
+    again = np.ones(len(faces), dtype=np.bool_)
+    again[first] = False
+    return again
 
 
 def _check_pieces(solid: trimesh.Trimesh, where: str) -> None:
@@ -106,14 +126,20 @@ def _check_pieces(solid: trimesh.Trimesh, where: str) -> None:
     pieces = _closed_pieces(solid)
     if len(pieces) == 1:
         return
+    low, high = (np.stack(ends) for ends in zip(*map(_bounds, pieces), strict=True))
     for index, piece in enumerate(pieces):
-        others = pieces[:index] + pieces[index + 1 :]
+        around = ((low <= high[index]) & (high >= low[index])).all(axis=1)
+        others = [pieces[other] for other in np.flatnonzero(around) if other != index]
         if _windings_around(piece, others) != (0 if _volume(piece) > 0 else 1):
             place = np.round(piece[0, 0], 3).tolist()
             raise DataError(
                 f"{where}: one of the mesh's {len(pieces)} closed pieces, at {place} cm, is wound "
                 "wrongly: expected outwards for a solid outside the others, inwards for a cavity"
             )
+
+
+def _bounds(triangles: Triangles) -> tuple[Vec3, Vec3]:
+    return triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
 
 
 def _closed_pieces(solid: trimesh.Trimesh) -> list[Triangles]:

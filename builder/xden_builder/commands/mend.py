@@ -49,8 +49,9 @@ def _echo(mending: Mending, captures: Path, out: Path) -> None:
     for object_id, part in mending.parts:
         look = " (look whether it ended there)" if part.wide else ""
         click.echo(f"{object_id}, {part.name}: {'; '.join(part.deeds)}{look}")
-    whole = len(mending.objects) - len(mending.sound)
+    count = len(mending.objects) - len(mending.sound)
+    objects = "1 object" if count == 1 else f"{count} objects"
     click.echo(
-        f"{out}: {whole} objects mended, {len(mending.sound)} sound, {len(mending.failures)} "
-        f"failed; go on with `xden-build run {captures} --parts {out}`"
+        f"{out}: {objects} mended, {len(mending.sound)} sound, {len(mending.failures)} failed; "
+        f"go on with `xden-build run {captures} --parts {out}`"
     )
