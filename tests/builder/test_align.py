@@ -208,6 +208,17 @@ def test_meshes_told_to_be_near_are_written_as_they_are_unless_all_are_looked_fo
     assert [each["object_id"] for each in json.loads(answer.stdout)["objects"]] == ["eraser-0000"]
 
 
+def test_other_meshes_are_put_in_place_of_those_of_the_captures(
+    captures: Path, pristine: Path, tmp_path: Path
+) -> None:
+    for mesh in captures.glob("*/parts/*"):
+        mesh.write_bytes(b"")
+    assert align(captures, tmp_path / "without").exit_code == 1
+    answer = align(captures, tmp_path / "with", "--parts", str(pristine))
+    assert answer.exit_code == 0, answer.output
+    assert len(list((tmp_path / "with").glob("*/registration.json"))) == len(CATEGORIES)
+
+
 def test_check_says_that_no_pose_goes_with_the_shadows(pristine: Path, search: TrueSearch) -> None:
     search.flags["mug"] = ["pose_not_found"]
     eraser, mug = check_folder(pristine, workers=1).objects

@@ -287,6 +287,8 @@ def test_a_folder_with_a_hole_is_mended_beside_it_and_can_be_rebuilt_from(holed,
     object_id = path.parts[-3]
     assert (row["object_id"], row["part"]) == (object_id, path.stem)
     assert row["done"].startswith("1 hole closed")
+    there = ["check", str(captures), "--parts", str(out), "--workers", "1"]
+    assert "2 objects, 2 sound, 0 refused" in CliRunner().invoke(cli, there).output
     given, found = (
         trimesh.load(each, process=False) for each in (path, out / path.relative_to(captures))
     )

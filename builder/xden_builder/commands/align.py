@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from xden1k.commands import DONE_IN_PART, json_option, print_json
-from xden_builder.commands.shared import FOLDER, progress_bar, workers_option
+from xden_builder.commands.shared import FOLDER, parts_option, progress_bar, workers_option
 
 if TYPE_CHECKING:
     from xden_builder.pipeline.align.run import Alignment
@@ -21,10 +21,17 @@ __all__ = ["align"]
 @click.option("--out", type=FOLDER, required=True, help="New folder to write.")
 @click.option("--objects", default="", help="Only these, separated by commas.")
 @click.option("--all", "near_too", is_flag=True, help="Meshes whose pose is near as well.")
+@parts_option
 @workers_option
 @json_option
 def align(
-    captures: Path, out: Path, objects: str, near_too: bool, workers: int, as_json: bool
+    captures: Path,
+    out: Path,
+    objects: str,
+    near_too: bool,
+    parts: Path | None,
+    workers: int,
+    as_json: bool,
 ) -> None:
     """Find where meshes in any frame stand before the scanner.
 
@@ -41,6 +48,7 @@ def align(
             out,
             object_ids=[each for each in objects.split(",") if each],
             near_too=near_too,
+            parts=parts,
             workers=workers,
             on_start=bar.reset,
             on_done=lambda _: bar.update(),

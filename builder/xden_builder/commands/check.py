@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING
 import click
 
 from xden1k.commands import json_option, print_json
-from xden_builder.commands.shared import FOLDER, echo_calibration, progress_bar, workers_option
+from xden_builder.commands.shared import (
+    FOLDER,
+    echo_calibration,
+    parts_option,
+    progress_bar,
+    workers_option,
+)
 
 if TYPE_CHECKING:
     from xden_builder.pipeline.check.run import FolderCheck
@@ -18,9 +24,10 @@ __all__ = ["check"]
 
 @click.command(epilog="Example: xden-build check captures")
 @click.argument("captures", type=FOLDER)
+@parts_option
 @workers_option
 @json_option
-def check(captures: Path, workers: int, as_json: bool) -> None:
+def check(captures: Path, parts: Path | None, workers: int, as_json: bool) -> None:
     """Say what a rebuild would refuse, and what cannot all be true.
 
     Reads every capture as a rebuild does, and compares outlines with shadows, pictures with each
@@ -32,7 +39,9 @@ def check(captures: Path, workers: int, as_json: bool) -> None:
     from xden_builder.pipeline.check.run import check_folder
 
     with progress_bar(len(CaptureFolder(captures).object_ids)) as bar:
-        report = check_folder(captures, workers=workers, on_done=lambda _: bar.update())
+        report = check_folder(
+            captures, parts=parts, workers=workers, on_done=lambda _: bar.update()
+        )
     echo_calibration(str(captures))
     if as_json:
         print_json(report.to_dict())

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-__all__ = ["FOLDER", "echo_calibration", "progress_bar", "workers_option"]
+__all__ = ["FOLDER", "echo_calibration", "parts_option", "progress_bar", "workers_option"]
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 
@@ -20,6 +20,12 @@ workers_option = click.option(
     default=lambda: len(os.sched_getaffinity(0)),
     show_default="one per core",
     help="Processes.",
+)
+
+parts_option = click.option(
+    "--parts",
+    type=click.Path(path_type=Path, file_okay=False, exists=True),
+    help="Other part meshes in place of the annotated ones.",
 )
 
 

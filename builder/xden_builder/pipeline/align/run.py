@@ -69,6 +69,7 @@ def align_folder(
     *,
     object_ids: Sequence[str] = (),
     near_too: bool = False,
+    parts: Path | None = None,
     workers: int,
     on_start: Callable[[int], None] = lambda _: None,
     on_done: Callable[[str], None] = lambda _: None,
@@ -86,6 +87,8 @@ def align_folder(
     near_too
         Whether meshes that are said to be near their place are looked for as well; else they are
         written as they are.
+    parts
+        Other part meshes in place of the annotated ones.
     workers
         Number of processes.
     on_start
@@ -105,7 +108,7 @@ def align_folder(
     """
     require("matplotlib", "view")
     require("jinja2", "build")
-    folder = _chosen(CaptureFolder(captures.absolute()), object_ids)
+    folder = _chosen(CaptureFolder(captures.absolute(), parts and parts.absolute()), object_ids)
     with new_folder(out) as made:
         on_start(len(folder.rows))
         alignment = _gather(folder, made, near_too, workers, on_done)
@@ -121,7 +124,7 @@ def _chosen(folder: CaptureFolder, object_ids: Sequence[str]) -> CaptureFolder:
         if object_id not in folder.rows:
             raise MissingObjectError(f"{folder.root / 'objects.csv'}: no object {object_id!r}")
     wanted = object_ids or folder.object_ids
-    return CaptureFolder(folder.root, None, {key: folder.rows[key] for key in wanted})
+    return CaptureFolder(folder.root, folder.parts_root, {key: folder.rows[key] for key in wanted})
 
 
 def _gather(

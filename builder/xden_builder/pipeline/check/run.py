@@ -48,7 +48,11 @@ class FolderCheck:
 
 
 def check_folder(
-    captures: Path, *, workers: int, on_done: Callable[[str], None] = lambda _: None
+    captures: Path,
+    *,
+    parts: Path | None = None,
+    workers: int,
+    on_done: Callable[[str], None] = lambda _: None,
 ) -> FolderCheck:
     """Check every object of a capture folder.
 
@@ -56,6 +60,8 @@ def check_folder(
     ----------
     captures
         The folder.
+    parts
+        Other part meshes in place of the annotated ones.
     workers
         Number of processes.
     on_done
@@ -66,7 +72,7 @@ def check_folder(
     DataError
         If ``objects.csv`` is missing or wrong.
     """
-    folder = CaptureFolder(captures)
+    folder = CaptureFolder(captures, parts)
     found = []
     for object_id, answer in _answers(folder, workers):
         found.append(_check(object_id, answer))
