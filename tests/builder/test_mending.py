@@ -184,6 +184,11 @@ def test_a_single_sheet_is_no_solid():
         mended(sheet, 1.0, "part")
 
 
+def test_a_needle_beside_a_solid_is_no_piece_of_it():
+    needle = soup([[9, 9, 9], [9, 9, 10], [9, 9, 11]], [[0, 1, 2]])
+    assert solid(beside(BALL, needle), BALL.volume).deeds == ("1 loose triangle left out",)
+
+
 def spoiled_by_a_fin(mesh):
     fin = [[*mesh.faces[0, :2], len(mesh.vertices)]]
     return soup(np.concatenate([mesh.vertices, [[9.0] * 3]]), np.concatenate([mesh.faces, fin]))

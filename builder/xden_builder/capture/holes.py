@@ -97,7 +97,7 @@ def _hole(
         lid=rim[lid],
         piece=piece,
         area_cm2=lid_cm2,
-        share=lid_cm2 / float(area[piece]),
+        share=lid_cm2 / max(float(area[piece]), np.finfo(float).tiny),
         width_cm=float(extents[:2].max()),
         thickness_cm=float(extents[2]) if len(rim) > 3 else 0.0,
         middle_cm=middle,
