@@ -32,10 +32,8 @@ class Hole:
         Shape (m, 3): triangles between the vertices around it, in the plane next to them.
     piece
         Of the surface, that it is in.
-    area_cm2
-        Of the lid.
     share
-        Of the area of that piece.
+        Area of the lid over that of the piece.
     width_cm
         The farther of its two extents in that plane.
     thickness_cm
@@ -46,7 +44,6 @@ class Hole:
 
     lid: Int64[np.ndarray, "m 3"]
     piece: int
-    area_cm2: float
     share: float
     width_cm: float
     thickness_cm: float
@@ -96,7 +93,6 @@ def _hole(
     return Hole(
         lid=rim[lid],
         piece=piece,
-        area_cm2=lid_cm2,
         share=lid_cm2 / max(float(area[piece]), np.finfo(float).tiny),
         width_cm=float(extents[:2].max()),
         thickness_cm=float(extents[2]) if len(rim) > 3 else 0.0,

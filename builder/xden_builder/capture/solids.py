@@ -8,12 +8,11 @@ import numpy as np
 import trimesh
 from jaxtyping import Bool, Float
 from manifold3d import Manifold, Mesh64
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from xden1k.errors import DataError
 from xden1k.values.arrays import Faces, Vec3
 from xden1k.values.closed import edge_faults
+from xden_builder.capture.sides import Sides
 
 __all__ = ["bare", "closed_mesh", "repeated", "simplified"]
 
@@ -112,9 +111,10 @@ def repeated(faces: Faces) -> Bool[np.ndarray, "_"]:
     array([False, False,  True])
     """
     turn = (faces.argmin(axis=1)[:, None] + np.arange(3)) % 3
-    _, first = np.unique(np.take_along_axis(faces, turn, axis=1), axis=0, return_index=True)
-    again = np.ones(len(faces), dtype=np.bool_)
-    again[first] = False
+    corners = np.take_along_axis(faces, turn, axis=1)
+    order = np.lexsort(corners.T)  # stable: of alike ones the first stays first
+    again = np.zeros(len(faces), dtype=np.bool_)
+    again[order[1:]] = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)
     return again
 
 
@@ -144,10 +144,7 @@ def _bounds(triangles: Triangles) -> tuple[Vec3, Vec3]:
 
 def _closed_pieces(solid: trimesh.Trimesh) -> list[Triangles]:
     """Return the triangles of each set of faces that hang together."""
-    count, faces = len(solid.vertices), solid.faces
-    ends = faces[:, [0, 1, 1, 2]].reshape(-1, 2).T
-    links = coo_array((np.ones(ends.shape[1], dtype=np.bool_), tuple(ends)), shape=(count, count))
-    piece = connected_components(links, directed=False)[1][faces[:, 0]]
+    piece = Sides(np.asarray(solid.faces)).piece
     order = np.argsort(piece, kind="stable")
     starts = np.flatnonzero(np.diff(piece[order], prepend=-1, append=-1))
     triangles = _triangles(solid)[order]

@@ -25,10 +25,10 @@ def mend(captures: Path, out: Path, workers: int, as_json: bool) -> None:
     """Close part meshes that bound no solid.
 
     Vertices of nearly one place are joined, triangles that are there twice or loose left out, those
-    wound against their neighbours turned over, and holes closed if they are narrow (2 % of the
-    part) or flat. Writes the meshes of all objects (OBJECT_ID/parts, for `xden-build run --parts`)
-    and a table of what was done (mended.csv); the captures stay as they are. Exits with 3 if an
-    object could not be mended.
+    wound against their neighbours turned over, and holes closed if they are flat, or less than
+    0.04 % of the surface. Writes the meshes of all objects (OBJECT_ID/parts, for `xden-build run
+    --parts`) and a table of what was done (mended.csv); the captures stay as they are. Exits with 3
+    if an object could not be mended.
     """
     from xden_builder.capture import CaptureFolder
     from xden_builder.pipeline.mend import mend_folder
