@@ -24,7 +24,8 @@ from xden_builder.poly.model.pixels import (
     ViewPixels,
     choose_pixels,
 )
-from xden_builder.poly.posterior.trust import USUAL_SCATTER, sample_sd
+from xden_builder.poly.model.stray import StrayShapes
+from xden_builder.poly.posterior.trust import USUAL_VEIL, Veil, sample_sd
 from xden_builder.poly.settings import PolySettings
 
 GROUPS = energy_groups(TUBE, Detector("CsI"))
@@ -133,8 +134,8 @@ def trusted(view, samples, noise_sd=0.0, stray=0.0, scatter=None, **choices):
         ViewBeam(GROUPS, view.geometry, Heel()),
         taken.mac_cm2_g,
         taken.mean_g_cm3,
-        np.full((len(samples.pixels), 3), stray),
-        USUAL_SCATTER if scatter is None else np.array(scatter),
+        StrayShapes(np.full((len(samples.pixels), 7), stray)),
+        USUAL_VEIL if scatter is None else Veil(np.array(scatter), np.zeros(2)),
         noise_sd,
         PolySettings(**choices),
     )
@@ -152,9 +153,10 @@ def test_bare_air_errs_by_the_floor_and_nothing_by_less(capture):
 def test_much_scatter_errs_by_more_than_is_usual_and_little_by_no_less(capture):
     samples = chosen(capture.views[0])
     air = ~samples.meets.any(axis=1)
+    usual_amplitude = USUAL_VEIL.amplitudes[0]
     none, usual, much = (
         trusted(capture.views[0], samples, stray=0.5, scatter=[amplitude] * 2)[air]
-        for amplitude in (0.0, USUAL_SCATTER[0], 5 * USUAL_SCATTER[0])
+        for amplitude in (0.0, usual_amplitude, 5 * usual_amplitude)
     )
     np.testing.assert_array_equal(none, usual)
     floor = PolySettings().floor

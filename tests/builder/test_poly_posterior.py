@@ -82,8 +82,9 @@ def test_a_gain_or_stray_light_at_the_end_of_its_range_is_told_by_its_view(solut
 
 
 def test_no_stray_light_at_all_is_no_bound(solution):
+    lat = solution.problem.nuisances(1)
     for place in range(NUISANCES - 1):
-        assert ended_at(solution, -1 - place, 0.0).views_at_bound == ()
+        assert ended_at(solution, lat.stop - 1 - place, 0.0).views_at_bound == ()
     without = solved(captured(tool(), size=SIZE), pose=False, stray=False)
     assert judge(without).views_at_bound == ()
 
@@ -118,12 +119,13 @@ def test_curvature_is_positive_everywhere(solution, seed):
     assert np.linalg.eigvalsh(hessian / np.outer(scale, scale)).min() > 1e-6
 
 
-def test_there_is_one_density_a_part_four_unknowns_a_view_and_one_a_batch(solution):
-    problem, count = solution.problem, 3 + 2 * NUISANCES + 3
+def test_there_is_one_density_a_part_four_unknowns_a_view_one_a_batch_and_two_widths(solution):
+    problem, count = solution.problem, 3 + 2 * NUISANCES + 3 + 2
     assert len(solution.minimum.unknowns) == count
     assert problem.parts == 3
     views = np.r_[problem.nuisances(0), problem.nuisances(1)]
-    assert [*range(3), *views, *range(count)[problem.off]] == list(range(count))
+    shared = (*range(count)[problem.off], *range(count)[problem.widths])
+    assert [*range(3), *views, *shared] == list(range(count))
 
 
 def test_the_solution_is_a_minimum_within_bounds(solution):
@@ -137,7 +139,8 @@ def test_the_solution_is_a_minimum_within_bounds(solution):
 
 def test_images_of_the_model_itself_give_its_unknowns_back(solution):
     problem = solution.problem
-    truth = np.array([7.85, 0.905, 1.0, 1.03, 0.06, 0.05, 0.03, 0.97, 0.09, 0.02, 0.03, 0, 0, 0])
+    lights, widths = [1.03, 0.06, 0.05, 0.03, 0.97, 0.09, 0.02, 0.03], [0.2, -0.2]
+    truth = np.array([7.85, 0.905, 1.0, *lights, 0, 0, 0, *widths])
     views = [
         replace(view, measured=problem.image(truth, number)[0])
         for number, view in enumerate(problem.views)
@@ -147,8 +150,8 @@ def test_images_of_the_model_itself_give_its_unknowns_back(solution):
     assert found[[3, 7]] == pytest.approx(truth[[3, 7]], rel=0.002)
     for number, strays in enumerate(problem.strays):  # near and far scatter are alike
         amplitudes = slice(4 + 4 * number, 7 + 4 * number)
-        veil_off = strays @ (found[amplitudes] - truth[amplitudes])
-        assert np.abs(veil_off).max() < PolySettings().floor
+        veils = [strays.at(each[problem.widths]) @ each[amplitudes] for each in (found, truth)]
+        assert np.abs(veils[0] - veils[1]).max() < PolySettings().floor
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from tests.builder.poly_scenes import (
     TUBE,
@@ -25,8 +26,11 @@ from xden_builder.physics.source import Detector
 from xden_builder.poly.model.beam import Heel, ViewBeam
 from xden_builder.poly.model.frames import coarse
 from xden_builder.poly.model.stray import (
+    WIDTHS,
+    StrayShapes,
     coarse_binning,
     glare_of,
+    scatter_reaches_cm,
     stray_image,
     stray_light,
 )
@@ -44,8 +48,17 @@ def coefficients() -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def shapes_of(view: XRayView) -> np.ndarray:
-    """Shapes of stray light over the whole panel for the true object."""
+def reaches_of(view: XRayView) -> np.ndarray:
+    """What is assumed of the widths of scatter."""
+    return np.array(scatter_reaches_cm(view.geometry, np.zeros(3)))
+
+
+def shapes_of(view: XRayView, wider: tuple[float, ...] = (1.0, 1.0)) -> np.ndarray:
+    """Shapes of stray light over the whole panel for the true object.
+
+    Scatter is so much wider than assumed: near, then far, each perhaps in several widths.
+    """
+    reaches_cm = np.repeat(reaches_of(view), len(wider) // 2) * wider
     meshes = [solid.mesh for solid in tool()]
     small = coarse(view.geometry, coarse_binning(view.geometry.shape))
     every = np.arange(view.transmission.size)
@@ -57,14 +70,21 @@ def shapes_of(view: XRayView) -> np.ndarray:
         np.array([solid.density_g_cm3 for solid in tool()]),
         every,
         view.transmission.ravel().astype(np.float64),
+        reaches_cm.tolist(),
     )
 
 
-def veiled(capture: Capture, near: float, far: float, glare: float = 0.0) -> Capture:
-    """The capture with stray light of the shapes that the fit knows."""
+def veiled(
+    capture: Capture,
+    near: float,
+    far: float,
+    glare: float = 0.0,
+    wider: tuple[float, float] = (1.0, 1.0),
+) -> Capture:
+    """The capture with stray light of the shapes that the fit knows, or of wider scatter."""
     views = []
     for view in capture.views:
-        veil = shapes_of(view) @ np.array([near, far, glare])
+        veil = shapes_of(view, wider) @ np.array([near, far, glare])
         light = view.transmission + veil.reshape(view.transmission.shape)
         views.append(replace(view, transmission=light.astype(np.float32)))
     return replace(capture, views=(views[0], views[1]))
@@ -95,6 +115,7 @@ def test_there_is_no_stray_light_without_an_object():
         np.ones(3),
         pixels,
         image.flat[pixels].astype(np.float64),
+        [2.0, 6.0],
     )
     assert found.shape == (len(pixels), 3)
     assert np.abs(found).max() < 1e-6, "scatter of air, or glare of an even image"
@@ -112,19 +133,61 @@ def test_the_stray_light_of_a_whole_view_is_that_of_its_pixels(clean):
         np.array([solid.density_g_cm3 for solid in tool()]),
     )
     every = np.arange(view.transmission.size)
-    by_pixel = stray_light(*model, every, view.transmission.ravel().astype(np.float64))
-    whole = stray_image(*model, amplitudes)
+    reaches = [1.5, 7.0]
+    by_pixel = stray_light(*model, every, view.transmission.ravel().astype(np.float64), reaches)
+    whole = stray_image(*model, amplitudes, reaches)
     np.testing.assert_allclose(whole.ravel(), by_pixel @ amplitudes, atol=1e-12)
-    with_glare = stray_image(*model, amplitudes, glare_of(view, small.shape))
+    with_glare = stray_image(*model, amplitudes, reaches, glare_of(view, small.shape))
     np.testing.assert_array_equal(with_glare, whole)
+
+
+def test_scatter_is_spread_as_by_a_gaussian_with_nothing_around(clean):
+    """Against SciPy's filter on the pixels themselves, whose tails end at four deviations."""
+    view = clean.views[0]
+    pixel_cm = float(np.linalg.norm(view.geometry.column_step_cm))
+    assert coarse_binning(view.transmission.shape) == 1
+    pin, near, far = (
+        shapes_of(view, (wider, wider))[:, place].reshape(SIZE, SIZE)
+        for wider, place in ((1e-3, 0), (1.0, 0), (1.0, 1))
+    )
+    for sharp_cm, found in zip(reaches_of(view), (near, far), strict=True):
+        filtered = gaussian_filter(pin, sharp_cm / pixel_cm, mode="constant", truncate=6.0)
+        np.testing.assert_allclose(found, filtered, atol=1e-4 * filtered.max())
+
+
+def test_shapes_between_the_widths_are_those_of_their_widths(clean):
+    view = clean.views[0]
+    shapes = StrayShapes(shapes_of(view, (*np.exp(WIDTHS), *np.exp(WIDTHS))))
+    for widths in ((0.0, 0.0), (0.25, -0.25), (-0.4, 0.4)):
+        wider = float(np.exp(widths[0])), float(np.exp(widths[1]))
+        found, expected = shapes.at(np.array(widths)), shapes_of(view, wider)
+        np.testing.assert_allclose(found, expected, atol=0.03 * expected[:, 0].max())
+        step = 1e-5
+        ahead, behind = (shapes.at(np.array(widths) + off) for off in (step, -step))
+        slopes = (ahead - behind)[:, :2] / (2 * step)
+        np.testing.assert_allclose(shapes.slopes(np.array(widths)), slopes, atol=1e-8)
+
+
+def test_scatter_reaches_as_much_farther_as_the_panel_is_away():
+    near_by, far_away = (
+        replace(geometry, pixel00_cm=geometry.pixel00_cm + np.array([0.0, way_cm, 0.0]))
+        for geometry, way_cm in ((geometries(size=32)["pa"], 0.0), (geometries(size=32)["pa"], 20.0))
+    )
+    (near, far), (nearer, farther) = (
+        scatter_reaches_cm(each, np.zeros(3)) for each in (near_by, far_away)
+    )
+    assert far / near == pytest.approx(3.0)
+    assert (nearer - near, farther - far) == pytest.approx((2.0, 6.0))
+    on_the_panel = scatter_reaches_cm(near_by, near_by.pixel00_cm)
+    assert on_the_panel == pytest.approx((0.5, 1.5)), "no shape without a width"
 
 
 def test_scatter_is_smooth_and_fades_away_from_the_object(clean):
     near, far, glare = shapes_of(clean.views[0]).T.reshape(3, SIZE, SIZE)
     centre, corner = (SIZE // 2, SIZE // 2), (2, 2)
-    for scatter in (near, far):
-        assert scatter.min() >= 0
-        assert scatter[centre] > 3 * scatter[corner]
+    for scatter, contrast in ((near, 3), (far, 1.5)):
+        assert scatter.min() >= -1e-15
+        assert scatter[centre] > contrast * scatter[corner]
     assert near[centre] > far[centre]
     assert near[corner] < far[corner] * near[centre] / far[centre]
     dark = clean.views[0].transmission < 0.4
@@ -147,6 +210,18 @@ def test_strength_of_a_veil_is_recovered(clean, near, far):
         expected = float((shapes @ np.array([near, far])).mean())
         fitted_veil = float((shapes @ found.nuisances(number)[1:3]).mean())
         assert fitted_veil == pytest.approx(expected, abs=0.0035)
+
+
+def test_a_veil_of_another_width_is_found_and_moves_no_density(clean):
+    """In the units of what is assumed; with the widths held it pulls the liquid aside."""
+    wider = 0.75, 1.2
+    capture = relabelled(veiled(clean, 0.3, 0.2, wider=wider), grip="polymer")
+    found = solved(capture, pose=False)
+    for number, view in enumerate(clean.views):
+        shares = np.array(found.reaches_cm(number)) / reaches_of(view)
+        assert shares[0] == pytest.approx(wider[0], rel=0.1)
+    density = dict(zip((part.name for part in capture.parts), found.density_g_cm3, strict=True))
+    assert density["grip"] == pytest.approx(0.91, rel=0.01)
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float64
@@ -20,10 +20,13 @@ from xden_builder.physics.source import Detector, Tube
 from xden_builder.poly.materials.stand_ins import coefficients
 from xden_builder.poly.model.beam import Heel, ViewBeam, view_beam
 from xden_builder.poly.model.frames import coarse
-from xden_builder.poly.model.radiograph import TERMS, model_image
+from xden_builder.poly.model.radiograph import TERMS, WIDTH_TERMS, model_image
 from xden_builder.poly.model.stray import coarse_binning
 
 __all__ = ["replayed", "stored_model"]
+
+WIDTHS_BEFORE_CM: Final = (2.0, 6.0)
+"""Of near and far scatter, where a dataset does not tell them."""
 
 
 def replayed(
@@ -65,14 +68,14 @@ def replayed(
         )
     fit: Mapping[str, Any] = obj.meta["poly"]
     groups = energy_groups(_filtered(capture.tube, obj), capture.detector)
-    known = np.array([[values[term] for term in TERMS] for values in fit["views"].values()])
+    known = np.array([_known(values) for values in fit["views"].values()])
     names = list(fit["views"])
     fitted = view.name in names
-    nuisances = known[names.index(view.name)] if fitted else [1.0, *known.mean(axis=0)[1:]]
+    mine = known[names.index(view.name)] if fitted else [1.0, *known.mean(axis=0)[1:]]
     beam = view_beam(capture, view, groups)
-    image = _image(obj, view, geometry, beam, lengths, np.array(nuisances))
+    image = _image(obj, view, geometry, beam, lengths, np.array(mine))
     if fitted or not beside.any():
-        return image, float(nuisances[0])
+        return image, float(mine[0])
     gain = float(np.median(view.transmission[beside]) / np.median(image[beside]))
     return np.asarray(gain * image), gain
 
@@ -103,8 +106,17 @@ def stored_model(obj: DensityObject, view: XRayView, subrays: int = SUBRAYS) -> 
     beam = ViewBeam(energy_groups(_filtered(tube, obj), detector), view.geometry, Heel())
     meshes = [part.mesh for part in obj.parts]
     lengths = path_lengths(meshes, range(len(meshes)), view.geometry, subrays)
-    nuisances = np.array([obj.meta["poly"]["views"][view.name][term] for term in TERMS])
-    return _image(obj, view, view.geometry, beam, lengths, nuisances)
+    known = np.array(_known(obj.meta["poly"]["views"][view.name]))
+    return _image(obj, view, view.geometry, beam, lengths, known)
+
+
+def _known(values: Mapping[str, float]) -> list[float]:
+    """Return gain and stray light of a fitted view, and how wide its scatter is.
+
+    Builders before widths were sought had those of :data:`WIDTHS_BEFORE_CM`, and did not say so.
+    """
+    widths = zip(WIDTH_TERMS, WIDTHS_BEFORE_CM, strict=True)
+    return [*(values[term] for term in TERMS), *(values.get(*each) for each in widths)]
 
 
 def _image(
@@ -113,7 +125,7 @@ def _image(
     geometry: ViewGeometry,
     beam: ViewBeam,
     lengths: PathLengths,
-    nuisances: Float64[np.ndarray, "4"],
+    known: Float64[np.ndarray, "6"],
 ) -> Image:
     """Compute a radiograph of the stored parts by the materials that stand in for them."""
     stand_ins = [obj.meta["poly"]["stand_ins"][part.name] for part in obj.parts]
@@ -130,7 +142,8 @@ def _image(
         coefficients(stand_ins, beam.groups, scattering=False),
         coefficients(stand_ins, beam.groups, scattering=True),
         _seen_density_g_cm3(obj),
-        nuisances,
+        known[: len(TERMS)],
+        (float(known[-2]), float(known[-1])),
     )
 
 

@@ -16,16 +16,16 @@ from xden_builder.physics.attenuation import mac_cm2_g
 from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.spectrum import panel_signal, tube_fluence
 from xden_builder.poly.model.beam import Heel, ViewBeam, find_heel
-from xden_builder.poly.model.stray import FAR_CM, NEAR_CM, coarse_binning, stray_light
+from xden_builder.poly.model.stray import WIDTHS, coarse_binning, interpolated, stray_light
 
-__all__ = ["NEAR_WIDTHS", "STRAY_TERMS", "LitImage", "StrayShapes", "light_up"]
+__all__ = ["STRAY_TERMS", "LitImage", "StrayShapes", "light_up"]
 
 STRAY_TERMS: Final = ("near_scatter", "far_scatter", "glare", "even")
 """Light that is not the direct beam's: the fit's three shapes, and a constant."""
 
 
-NEAR_WIDTHS: Final = np.array([-0.5, 0.0, 0.5])
-"""Logarithms of the near scatter's width over :data:`NEAR_CM`, between which it is interpolated."""
+NEAR_CM, FAR_CM = 2.0, 6.0
+"""Standard deviations on the panel of near and far scatter: assumed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,25 +35,16 @@ class StrayShapes:
     Parameters
     ----------
     each
-        Near scatter for each of :data:`NEAR_WIDTHS`, then the other terms.
+        Near scatter for each of :data:`xden_builder.poly.model.stray.WIDTHS`, then the other terms.
     """
 
     each: Float64[np.ndarray, "n shapes"]
 
     def at(self, width: float) -> Float64[np.ndarray, "n terms"]:
         """Shapes by :data:`STRAY_TERMS` where the logarithm of the near scatter's width is this."""
-        count = len(NEAR_WIDTHS)
-        near = self.each[:, :count] @ _lagrange(width)
+        count = len(WIDTHS)
+        near = self.each[:, :count] @ interpolated(width)
         return np.column_stack([near, self.each[:, count:]])
-
-
-def _lagrange(width: float) -> Float64[np.ndarray, "widths"]:
-    """Shares of the shapes at all widths that interpolate between them."""
-    apart = NEAR_WIDTHS[:, None] - NEAR_WIDTHS
-    np.fill_diagonal(apart, 1.0)
-    ways = np.tile(width - NEAR_WIDTHS, (len(NEAR_WIDTHS), 1))
-    np.fill_diagonal(ways, 1.0)
-    return np.asarray((ways / apart).prod(axis=1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,7 +126,7 @@ class LitImage:
             np.array([wedge.density_g_cm3 for wedge in self.image.wedges]),
             np.concatenate(regions),
             np.repeat(self.transmission, sizes),
-            reaches_cm=[*(NEAR_CM * np.exp(NEAR_WIDTHS)), FAR_CM],
+            reaches_cm=[*(NEAR_CM * np.exp(WIDTHS)), FAR_CM],
         )
         starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
         means = np.add.reduceat(found, starts, axis=0) / sizes[:, None]

@@ -13,11 +13,12 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares, nnls
 
 from xden1k.errors import DataError
-from xden_builder.calibrate.light import NEAR_WIDTHS, LitImage, StrayShapes, light_up
+from xden_builder.calibrate.light import LitImage, StrayShapes, light_up
 from xden_builder.calibrate.readings import ImageReadings
 from xden_builder.calibrate.response import PROBES, Response, Term, terms_of
 from xden_builder.physics.spectrum.tables import TABLE_KV
 from xden_builder.poly.model.radiograph import GAIN
+from xden_builder.poly.model.stray import WIDTHS
 
 __all__ = ["SpectrumFit", "StrayLight", "fit_spectrum"]
 
@@ -231,7 +232,7 @@ class _Problem:
     @property
     def bounds(self) -> tuple[Unknowns, Unknowns]:
         """Least and most."""
-        widths = [(NEAR_WIDTHS[0], NEAR_WIDTHS[-1])] * len(self.images)
+        widths = [(WIDTHS[0], WIDTHS[-1])] * len(self.images)
         low, high = np.array([*((term.low, term.high) for term in self.terms), *widths]).T
         return low, high
 

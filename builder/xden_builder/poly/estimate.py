@@ -19,9 +19,9 @@ from xden_builder.poly.materials.candidates import CandidateTable
 from xden_builder.poly.materials.evidence import MaterialPosterior, Radiographs, weigh_materials
 from xden_builder.poly.materials.stand_ins import StandIns, loosened, mixtures
 from xden_builder.poly.model.radiograph import model_image
-from xden_builder.poly.model.stray import stray_light
+from xden_builder.poly.model.stray import WIDTHS, StrayShapes, stray_light
 from xden_builder.poly.posterior.problem import Mass, Problem, solve
-from xden_builder.poly.posterior.trust import USUAL_SCATTER, sample_sd
+from xden_builder.poly.posterior.trust import USUAL_VEIL, Veil, sample_sd
 from xden_builder.poly.samples import Samples, Seen
 from xden_builder.poly.scene import Scene
 from xden_builder.poly.settings import PolySettings
@@ -96,12 +96,19 @@ class Solution:
             stand_ins.scattering_cm2_g,
             self.seen_density_g_cm3,
             self.nuisances(number),
+            self.reaches_cm(number),
             seen.glare,
         )
 
     def nuisances(self, number: int) -> Float64[np.ndarray, "4"]:
         """Gain, near scatter, far scatter and glare of a view."""
         return self.minimum.unknowns[self.problem.nuisances(number)]
+
+    def reaches_cm(self, number: int) -> tuple[float, float]:
+        """Standard deviations of near and far scatter on a view's panel."""
+        wider = np.exp(self.minimum.unknowns[self.problem.widths])
+        near, far = (wider * self.seen[number].reaches_cm).tolist()
+        return near, far
 
 
 def estimate(samples: Samples, mass: Mass | None, settings: PolySettings) -> Solution:
@@ -123,14 +130,14 @@ def estimate(samples: Samples, mass: Mass | None, settings: PolySettings) -> Sol
     parts = len(light.tables)
     best = samples.guess.choice
     now = loosened(samples.guess.stand_ins)
-    problem = problem_of(samples, now, density, [USUAL_SCATTER] * len(samples.seen), mass, settings)
+    problem = problem_of(samples, now, density, [USUAL_VEIL] * len(samples.seen), mass, settings)
     nuisances = problem.prior.mean[parts:]
     for _ in range(SWEEPS):
         minimum = solve(problem, np.concatenate([density, nuisances]))
         nuisances = minimum.unknowns[parts:]
         posteriors, density = _weigh(problem, minimum, light.tables, settings)
         now = mixtures(light.tables, posteriors, settings.evidence_share)
-        problem = problem_of(samples, now, density, _scatter(problem, minimum), mass, settings)
+        problem = problem_of(samples, now, density, _veils(problem, minimum), mass, settings)
         chosen = [int(np.argmax(each.probability)) for each in posteriors]
         if chosen == best:
             break
@@ -139,36 +146,42 @@ def estimate(samples: Samples, mass: Mass | None, settings: PolySettings) -> Sol
     return Solution(samples, posteriors, problem, minimum)
 
 
-def _scatter(problem: Problem, minimum: Minimum) -> list[Float64[np.ndarray, "2"]]:
-    """Amplitudes of near and far scatter of each view."""
-    return [minimum.unknowns[problem.nuisances(n)][1:3] for n in range(len(problem.views))]
+def _veils(problem: Problem, minimum: Minimum) -> list[Veil]:
+    """Near and far scatter of each view."""
+    unknowns = minimum.unknowns
+    widths = unknowns[problem.widths]
+    views = range(len(problem.views))
+    return [Veil(unknowns[problem.nuisances(number)][1:3], widths) for number in views]
 
 
 def problem_of(
     samples: Samples,
     stand_ins: StandIns,
     density: Float64[np.ndarray, "k"],
-    scatter: Sequence[Float64[np.ndarray, "2"]],
+    scatter: Sequence[Veil],
     mass: Mass | None,
     settings: PolySettings,
 ) -> Problem:
-    """Work out stray light and standard deviations at some densities and amplitudes of scatter."""
+    """Work out stray light and standard deviations at some densities and scatter."""
     seen, scene = samples.seen, samples.guess.scene
     count = sum(int((~each.samples.at_least).sum()) for each in seen)
     worth = settings.worth_a_part * len(scene.parts) * len(seen) / 2
     share = min(1.0, worth / max(count, 1))
     density = density.clip(stand_ins.low_g_cm3, stand_ins.high_g_cm3)
     strays = [
-        stray_light(
-            each.view,
-            each.beam,
-            each.smooth,
-            stand_ins.mac_cm2_g,
-            stand_ins.scattering_cm2_g,
-            density,
-            each.samples.pixels,
-            each.samples.measured,
-            each.glare,
+        StrayShapes(
+            stray_light(
+                each.view,
+                each.beam,
+                each.smooth,
+                stand_ins.mac_cm2_g,
+                stand_ins.scattering_cm2_g,
+                density,
+                each.samples.pixels,
+                each.samples.measured,
+                np.outer(each.reaches_cm, np.exp(WIDTHS)).ravel().tolist(),
+                each.glare,
+            )
         )
         for each in seen
     ]
@@ -181,11 +194,11 @@ def problem_of(
             stand_ins.mac_cm2_g,
             density,
             stray,
-            amplitudes,
+            veil,
             each.noise_sd,
             settings,
         )
-        for each, stray, amplitudes in zip(seen, strays, scatter, strict=True)
+        for each, stray, veil in zip(seen, strays, scatter, strict=True)
     ]
     views = [each.samples for each in seen]
     gains = [each.gain for each in seen]
@@ -199,18 +212,15 @@ def _weigh(
     settings: PolySettings,
 ) -> tuple[tuple[MaterialPosterior, ...], Float64[np.ndarray, "k"]]:
     """Weigh the materials part by part, each with the outcome of those before."""
-    nuisances = [minimum.unknowns[problem.nuisances(n)] for n in range(len(problem.views))]
+    unknowns, views = minimum.unknowns, range(len(problem.views))
     scene = Radiographs(
         problem.views,
         problem.sds,
-        [
-            each[0] * (stray @ each[1:])
-            for each, stray in zip(nuisances, problem.strays, strict=True)
-        ],
-        [float(each[0]) for each in nuisances],
+        [problem.stray_light(unknowns, number) for number in views],
+        [float(unknowns[problem.nuisances(number)][0]) for number in views],
         settings.evidence_share * problem.share,
     )
-    seen = minimum.unknowns[: problem.parts] * problem.factors(minimum.unknowns)
+    seen = unknowns[: problem.parts] * problem.factors(unknowns)
     macs = problem.stand_ins.mac_cm2_g.copy()
     found = []
     for part, table in enumerate(tables):

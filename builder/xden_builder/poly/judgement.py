@@ -18,7 +18,7 @@ from xden1k.values.types import DensitySource
 from xden_builder.fit.density import PartDensity
 from xden_builder.poly.diagnosis import Diagnosis, diagnose
 from xden_builder.poly.estimate import Solution
-from xden_builder.poly.model.radiograph import TERMS
+from xden_builder.poly.model.radiograph import TERMS, WIDTH_TERMS
 from xden_builder.poly.model.size import Size
 from xden_builder.poly.pose import PoseFit
 from xden_builder.poly.posterior.problem import NUISANCES
@@ -109,6 +109,7 @@ class PolyFit:
         return {
             "views": {
                 seen.view.name: dict(zip(TERMS, solution.nuisances(number).tolist(), strict=True))
+                | dict(zip(WIDTH_TERMS, solution.reaches_cm(number), strict=True))
                 | {"samples": len(seen.samples.pixels)}
                 for number, seen in enumerate(solution.seen)
             },

@@ -17,7 +17,7 @@ from xden_builder.poly.model.frames import coarse
 from xden_builder.poly.model.pixels import BLOCK_PX, BLOCK_RAYS, ViewPixels, choose_pixels
 from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.size import Size
-from xden_builder.poly.model.stray import coarse_binning, glare_of
+from xden_builder.poly.model.stray import coarse_binning, glare_of, scatter_reaches_cm
 from xden_builder.poly.pose import Placement, PoseFit
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import Guess
@@ -41,6 +41,8 @@ class Seen:
         Of the blocks that outlines are compared in; ``lengths`` where they are not.
     smooth, glare
         Of the coarse panel, for stray light; and the view's light as it spreads there.
+    reaches_cm
+        Assumed standard deviations of near and far scatter on the panel.
     samples
         What is compared.
     noise_sd
@@ -56,6 +58,7 @@ class Seen:
     blocks: PathLengths
     smooth: PathLengths
     glare: Float64[np.ndarray, "coarse_rows coarse_columns"]
+    reaches_cm: tuple[float, float]
     samples: ViewPixels
     noise_sd: float
     gain: tuple[float, float]
@@ -87,6 +90,7 @@ def take_samples(placement: Placement, settings: PolySettings) -> Samples:
     """Render path lengths where the object stands, and choose samples of them."""
     scene = placement.guess.scene
     whole = scene.space.meshes, scene.space.order
+    middle_cm = np.mean([mesh.bounds.mean(axis=0) for mesh in whole[0]], axis=0)
     rng = np.random.default_rng(0)
     seen = []
     for view, saturated, beam, geometry, noise_sd, bounds in zip(
@@ -113,6 +117,7 @@ def take_samples(placement: Placement, settings: PolySettings) -> Samples:
                 blocks,
                 smooth,
                 glare_of(view, smooth.shape),
+                scatter_reaches_cm(geometry, middle_cm),
                 samples,
                 noise_sd,
                 gain_prior(bounds),

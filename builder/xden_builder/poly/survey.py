@@ -26,7 +26,7 @@ from xden_builder.poly.estimate import problem_of
 from xden_builder.poly.line import sampled
 from xden_builder.poly.materials.stand_ins import StandIns, loosened, regrouped
 from xden_builder.poly.posterior.problem import Problem, solve
-from xden_builder.poly.posterior.trust import USUAL_SCATTER
+from xden_builder.poly.posterior.trust import USUAL_VEIL
 from xden_builder.poly.samples import Samples
 from xden_builder.poly.settings import PolySettings
 
@@ -139,7 +139,7 @@ def _fitted(samples: Samples, groups: EnergyGroups, settings: PolySettings) -> _
         weights = beam.weights(each.samples.pixels)
         seen.append(replace(each, beam=beam, samples=replace(each.samples, weights=weights)))
     there = replace(samples, seen=tuple(seen))
-    density, scatter = guess.density_g_cm3, [USUAL_SCATTER] * len(seen)
+    density, scatter = guess.density_g_cm3, [USUAL_VEIL] * len(seen)
     problem = problem_of(there, stand_ins, density, scatter, None, settings)
     start = problem.prior.mean.copy()
     start[: problem.parts] = density

@@ -15,10 +15,12 @@ from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.direct import transmissions
 from xden_builder.poly.model.stray import stray_image
 
-__all__ = ["GAIN", "TERMS", "gain_prior", "model_image"]
+__all__ = ["GAIN", "TERMS", "WIDTH_TERMS", "gain_prior", "model_image"]
 
 TERMS = ("gain", "near_scatter", "far_scatter", "glare")
 """What a view has of its own, in the order of the unknowns."""
+WIDTH_TERMS = ("near_scatter_cm", "far_scatter_cm")
+"""Standard deviations on the panel of what spreads there."""
 GAIN: Final = (1.0, 0.05)
 """Mean and standard deviation of the gain of a view."""
 TOLD_GAIN_SD: Final = 0.003
@@ -50,6 +52,7 @@ def model_image(
     scattering_cm2_g: Float64[np.ndarray, "k groups"],
     density_g_cm3: Float64[np.ndarray, "k"],
     nuisances: Float64[np.ndarray, "4"],
+    reaches_cm: tuple[float, float],
     glare: Float64[np.ndarray, "coarse_rows coarse_columns"] | None = None,
 ) -> Image:
     """Compute direct beam and stray light of a view, with the gain, shape (rows, columns).
@@ -64,12 +67,22 @@ def model_image(
         Of the parts.
     nuisances
         By :data:`TERMS`.
+    reaches_cm
+        Standard deviations of near and far scatter on the panel.
     glare
         Of the view, by :func:`xden_builder.poly.model.stray.glare_of`; None where that was not
         called.
     """
     stray = stray_image(
-        view, beam, smooth, mac_cm2_g, scattering_cm2_g, density_g_cm3, nuisances[1:], glare
+        view,
+        beam,
+        smooth,
+        mac_cm2_g,
+        scattering_cm2_g,
+        density_g_cm3,
+        nuisances[1:],
+        reaches_cm,
+        glare,
     )
     light = (stray + 1.0).ravel()
     weights = beam.weights(lengths.pixels)

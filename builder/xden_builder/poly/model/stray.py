@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.fft import irfft2, next_fast_len, rfft2
+from scipy.ndimage import fourier_gaussian, gaussian_filter, map_coordinates
 
 from xden1k.rays import PathLengths
-from xden1k.values.views import XRayView
+from xden1k.values.arrays import Vec3
+from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.poly.model import kernels
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.frames import binned
 
 __all__ = [
-    "FAR_CM",
     "GLARE",
-    "NEAR_CM",
     "NO_STRAY",
+    "WIDTHS",
+    "StrayShapes",
     "coarse_binning",
     "glare_of",
+    "interpolated",
+    "scatter_reaches_cm",
     "spread_by_glare",
     "stray_image",
     "stray_light",
@@ -29,9 +35,12 @@ __all__ = [
 
 Values = Float64[np.ndarray, "rows columns"]
 
-NEAR_CM: Final = 2.0
-FAR_CM: Final = 6.0
-"""Standard deviations on the panel of the two Gaussians that scatter is made of: assumed."""
+REACHES: Final = (0.1, 0.3)
+"""Standard deviations on the panel of the two Gaussians that scatter is made of, near and far, for
+each centimetre between object and panel: assumed."""
+WIDTHS: Final = np.array([-0.5, 0.0, 0.5])
+"""Logarithms of the widths that shapes are computed for, over those assumed; between them they are
+interpolated."""
 GLARE_CM: Final = 1.0
 """Standard deviation of the light's far spread in the scintillator: assumed."""
 GLARE: Final = (0.03, 0.02, 0.0, 0.1)
@@ -40,6 +49,86 @@ NO_STRAY: Final = (0.0, 1e-6, 0.0, 1e-6)
 """The same of light that is left out."""
 COARSE_PX: Final = 128
 """Stray light is smooth: about so many pixels along a side show all of it."""
+LEAST_GAP_CM: Final = 5.0
+"""What lies on the panel is reckoned to be so far from it."""
+FADED_SDS: Final = 4.0
+"""Standard deviations from which on nothing is left of a Gaussian."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StrayShapes:
+    """Shapes of stray light at some pixels, those of scatter for several widths.
+
+    Parameters
+    ----------
+    each
+        Near scatter for each of :data:`WIDTHS`, far scatter likewise, then glare.
+    """
+
+    each: Float64[np.ndarray, "n 7"]
+
+    def at(self, widths: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, "n 3"]:
+        """Near scatter, far scatter and glare, where these are the logarithms of the widths."""
+        return np.column_stack([self._scatter(map(interpolated, widths)), self.each[:, -1:]])
+
+    def slopes(self, widths: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, "n 2"]:
+        """Derivatives of near and far scatter by those logarithms."""
+        return self._scatter(map(interpolated_slope, widths))
+
+    def _scatter(
+        self, shares: Iterable[Float64[np.ndarray, "widths"]]
+    ) -> Float64[np.ndarray, "n 2"]:
+        kinds = np.split(self.each[:, :-1], len(REACHES), axis=1)
+        return np.column_stack([kind @ each for kind, each in zip(kinds, shares, strict=True)])
+
+
+def interpolated(width: float) -> Float64[np.ndarray, "widths"]:
+    """Shares of the shapes for :data:`WIDTHS` that make one between them, by a parabola.
+
+    Parameters
+    ----------
+    width
+        Logarithm of the width over that assumed.
+
+    Examples
+    --------
+    >>> interpolated(0.5).tolist(), interpolated(0.25).tolist()
+    ([0.0, 0.0, 1.0], [-0.125, 0.75, 0.375])
+    """
+    place = width / WIDTHS[-1]
+    return np.array([place * (place - 1) / 2, 1 - place**2, place * (place + 1) / 2])
+
+
+def interpolated_slope(width: float) -> Float64[np.ndarray, "widths"]:
+    """Derivatives of :func:`interpolated`."""
+    place = width / WIDTHS[-1]
+    return np.array([place - 0.5, -2 * place, place + 0.5]) / WIDTHS[-1]
+
+
+def scatter_reaches_cm(geometry: ViewGeometry, middle_cm: Vec3) -> tuple[float, float]:
+    """Return the assumed standard deviations on the panel of near and far scatter.
+
+    They grow with the gap: what is scattered by an angle t arrives as far away as tan t times it.
+
+    Parameters
+    ----------
+    geometry
+        Of the view.
+    middle_cm
+        Of the object.
+
+    Examples
+    --------
+    >>> panel = ViewGeometry(
+    ...     (8, 8), None, np.array([-4.0, 20, -4]), np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
+    ... )
+    >>> scatter_reaches_cm(panel, np.zeros(3))
+    (2.0, 6.0)
+    """
+    normal = np.cross(geometry.column_step_cm, geometry.row_step_cm)
+    gap_cm = abs(float((middle_cm - geometry.pixel00_cm) @ normal / np.linalg.norm(normal)))
+    near, far = (max(gap_cm, LEAST_GAP_CM) * reach for reach in REACHES)
+    return near, far
 
 
 def coarse_binning(shape: tuple[int, int]) -> int:
@@ -82,13 +171,13 @@ def stray_light(
     density_g_cm3: Float64[np.ndarray, "k"],
     pixels: Int64[np.ndarray, "n"],
     measured: Float64[np.ndarray, "n"],
+    reaches_cm: Sequence[float],
     glare: Values | None = None,
-    reaches_cm: Sequence[float] = (NEAR_CM, FAR_CM),
 ) -> Float64[np.ndarray, "n shapes"]:
-    """Shapes of near scatter, far scatter and glare at some pixels, in shares of the open field.
+    """Shapes of scatter and glare at some pixels, in shares of the open field.
 
     Scatter: the signal that the beam loses by coherent and incoherent scattering and nothing
-    else, spread by two Gaussians (Ohnesorge, Flohr and Klingenbeck-Regn 1999,
+    else, spread by Gaussians (Ohnesorge, Flohr and Klingenbeck-Regn 1999,
     doi:10.1007/s003300050710). Glare: the image spread by a Gaussian, less the image.
 
     Parameters
@@ -107,13 +196,13 @@ def stray_light(
         Flat indices into the radiograph.
     measured
         Transmission there, which glare takes away from.
-    glare
-        Of the view, by :func:`glare_of`; None where that was not called.
     reaches_cm
         Standard deviations of the Gaussians that spread scatter: a shape for each.
+    glare
+        Of the view, by :func:`glare_of`; None where that was not called.
     """
     shapes = _shapes(
-        view, beam, lengths, mac_cm2_g, scattering_cm2_g, density_g_cm3, glare, reaches_cm
+        view, beam, lengths, mac_cm2_g, scattering_cm2_g, density_g_cm3, reaches_cm, glare
     )
     binning = view.transmission.shape[0] // lengths.shape[0]
     index = np.stack(np.divmod(pixels, view.transmission.shape[1]))
@@ -130,18 +219,21 @@ def stray_image(
     scattering_cm2_g: Float64[np.ndarray, "k groups"],
     density_g_cm3: Float64[np.ndarray, "k"],
     amplitudes: Float64[np.ndarray, "3"],
+    reaches_cm: Sequence[float],
     glare: Values | None = None,
 ) -> Float64[np.ndarray, "_rows _columns"]:
     """Stray light of a whole view: the shapes of :func:`stray_light` times their amplitudes.
 
     Parameters
     ----------
-    view, beam, lengths, mac_cm2_g, scattering_cm2_g, density_g_cm3, glare
+    view, beam, lengths, mac_cm2_g, scattering_cm2_g, density_g_cm3, reaches_cm, glare
         As of :func:`stray_light`.
     amplitudes
         Of near scatter, far scatter and glare.
     """
-    shapes = _shapes(view, beam, lengths, mac_cm2_g, scattering_cm2_g, density_g_cm3, glare)
+    shapes = _shapes(
+        view, beam, lengths, mac_cm2_g, scattering_cm2_g, density_g_cm3, reaches_cm, glare
+    )
     whole = sum(share * shape for share, shape in zip(amplitudes.tolist(), shapes, strict=True))
     binning = view.transmission.shape[0] // lengths.shape[0]
     smooth = whole
@@ -157,8 +249,8 @@ def _shapes(
     mac_cm2_g: Float64[np.ndarray, "k groups"],
     scattering_cm2_g: Float64[np.ndarray, "k groups"],
     density_g_cm3: Float64[np.ndarray, "k"],
+    reaches_cm: Sequence[float],
     glare: Values | None,
-    reaches_cm: Sequence[float] = (NEAR_CM, FAR_CM),
 ) -> list[Values]:
     """Shapes of scatter, one for each reach, and of glare, on the coarse panel."""
     binning = view.transmission.shape[0] // lengths.shape[0]
@@ -173,11 +265,17 @@ def _shapes(
     )
     scattered = np.zeros(lengths.shape)
     scattered.flat[lengths.pixels] = source
-    scatter = [
-        gaussian_filter(scattered, reach_cm / _pixel_cm(view, binning), mode="constant")
-        for reach_cm in reaches_cm
-    ]
+    scatter = _spread(scattered, [reach_cm / _pixel_cm(view, binning) for reach_cm in reaches_cm])
     return [*scatter, glare_of(view, lengths.shape) if glare is None else glare]
+
+
+def _spread(values: Values, sds_px: Sequence[float]) -> list[Values]:
+    """Spread an image with nothing around it by several Gaussians, by its Fourier transform."""
+    room = math.ceil(FADED_SDS * max(sds_px))
+    rows, columns = (next_fast_len(size + room, real=True) for size in values.shape)
+    waves = rfft2(values, (rows, columns))
+    kept = tuple(slice(size) for size in values.shape)
+    return [irfft2(fourier_gaussian(waves, sd, columns), (rows, columns))[kept] for sd in sds_px]
 
 
 def _pixel_cm(view: XRayView, binning: int) -> float:

@@ -16,7 +16,7 @@ from xden_builder.fit.levenberg import Minimum, minimise
 from xden_builder.fit.problem import Evaluation
 from xden_builder.poly.materials.stand_ins import StandIns
 from xden_builder.poly.model.pixels import ViewPixels
-from xden_builder.poly.model.stray import GLARE, NO_STRAY
+from xden_builder.poly.model.stray import GLARE, NO_STRAY, StrayShapes
 from xden_builder.poly.settings import PolySettings
 
 __all__ = ["MASS_SD_SHARE", "NUISANCES", "Box", "Mass", "Problem", "solve"]
@@ -25,6 +25,10 @@ GAIN_RANGE: Final = (0.5, MOST_GAIN)
 """Least and most of a view's gain."""
 SCATTER: Final = (0.08, 0.1, 0.0, 0.6)
 """Mean, standard deviation, least and most of the amplitudes of a view's scatter, near and far."""
+WIDTH: Final = (0.0, 0.3, -0.7, 0.7)
+"""Mean, standard deviation, least and most of the logarithm of a width of scatter over the assumed
+one."""
+SCATTERS: Final = 2
 NUISANCES: Final = 4
 FIXED_SD: Final = 1e-6
 OFF: Final = (0.0, 1.0, -3.0, 3.0)
@@ -57,8 +61,9 @@ class Problem:
     """Everything the posterior depends on.
 
     Unknowns: K densities; of each view the gain and three amplitudes of stray light; of each batch
-    of material how far its coefficients are off, in standard deviations. The images tell a density
-    times such a coefficient, the ranges of the materials and a scale tell densities.
+    of material how far its coefficients are off, in standard deviations; and how wide near and far
+    scatter are in all views. The images tell a density times such a coefficient, the ranges of the
+    materials and a scale tell densities.
 
     Parameters
     ----------
@@ -83,7 +88,7 @@ class Problem:
     """
 
     views: Sequence[ViewPixels]
-    strays: Sequence[Float64[np.ndarray, "_n 3"]]
+    strays: Sequence[StrayShapes]
     sds: Sequence[Float64[np.ndarray, "_n"]]
     gains: Sequence[tuple[float, float]]
     share: float
@@ -105,7 +110,9 @@ class Problem:
         parts = self.stand_ins
         densities = (parts.mean_g_cm3, parts.sd_g_cm3, parts.low_g_cm3, parts.high_g_cm3)
         off = np.tile(np.array([OFF]).T, int(self.batches.max()) + 1)
-        together = zip(densities, each, off, strict=True)
+        width = WIDTH if self.settings.stray else (0.0, FIXED_SD, *WIDTH[2:])
+        widths = np.tile(np.array([width]).T, SCATTERS)
+        together = zip(densities, each, off, widths, strict=True)
         return Box(*(np.concatenate(columns) for columns in together))
 
     def _gain(self, mean: float, sd: float) -> tuple[float, float, float, float]:
@@ -119,7 +126,12 @@ class Problem:
     @property
     def off(self) -> slice:
         """Places of the batches' coefficients among the unknowns."""
-        return slice(self.parts + len(self.views) * NUISANCES, None)
+        return slice(self.parts + len(self.views) * NUISANCES, -SCATTERS)
+
+    @property
+    def widths(self) -> slice:
+        """Places of the logarithms of the scatter's widths among the unknowns."""
+        return slice(-SCATTERS, None)
 
     def factors(self, unknowns: Float64[np.ndarray, "u"]) -> Float64[np.ndarray, "k"]:
         """Return what each part's attenuation coefficients are to be multiplied by."""
@@ -133,15 +145,26 @@ class Problem:
         gain, *amplitudes = unknowns[mine]
         density, factors = unknowns[: self.parts], self.factors(unknowns)
         direct, slopes = self.views[number].predict(self.stand_ins.mac_cm2_g, density * factors)
-        light = direct + self.strays[number] @ np.array(amplitudes)
+        shapes = self.strays[number].at(unknowns[self.widths])
+        light = direct + shapes @ np.array(amplitudes)
         jacobian = np.zeros((len(direct), len(unknowns)))
         jacobian[:, : self.parts] = gain * slopes * factors
         by_batch = np.eye(len(unknowns[self.off]))[self.batches]
         jacobian[:, self.off] = (
             gain * slopes @ ((density * self.stand_ins.composition_sd)[:, None] * by_batch)
         )
-        jacobian[:, mine] = np.column_stack([light, gain * self.strays[number]])
+        jacobian[:, mine] = np.column_stack([light, gain * shapes])
+        wider = self.strays[number].slopes(unknowns[self.widths])
+        jacobian[:, self.widths] = gain * wider * amplitudes[:SCATTERS]
         return gain * light, jacobian
+
+    def stray_light(
+        self, unknowns: Float64[np.ndarray, "u"], number: int
+    ) -> Float64[np.ndarray, "_n"]:
+        """Stray light at one view's samples, with the gain."""
+        gain, *amplitudes = unknowns[self.nuisances(number)]
+        shapes = self.strays[number].at(unknowns[self.widths])
+        return np.asarray(gain * (shapes @ np.array(amplitudes)))
 
     def scaled(
         self, unknowns: Float64[np.ndarray, "u"], number: int

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
@@ -12,12 +12,30 @@ from xden_builder.fit.crops import Crop, neighbours
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.direct import transmissions
 from xden_builder.poly.model.pixels import ViewPixels
+from xden_builder.poly.model.stray import StrayShapes
 from xden_builder.poly.settings import PolySettings
 
-__all__ = ["USUAL_SCATTER", "sample_sd"]
+__all__ = ["USUAL_VEIL", "Veil", "sample_sd"]
 
-USUAL_SCATTER: Final = np.full(2, 0.08)
-"""Amplitudes of near and far scatter that their error is reckoned with at least."""
+
+
+class Veil(NamedTuple):
+    """Near and far scatter of a view.
+
+    Parameters
+    ----------
+    amplitudes
+        Of both.
+    widths
+        Logarithms of their widths over those assumed.
+    """
+
+    amplitudes: Float64[np.ndarray, "2"]
+    widths: Float64[np.ndarray, "2"]
+
+
+USUAL_VEIL: Final = Veil(np.full(2, 0.08), np.zeros(2))
+"""Before the fit; the scatter's error is reckoned with these amplitudes at least."""
 CLEAR: Final = 0.1
 """Transmission above which much light comes through: labelled parts that say how far a folder errs
 are hardly seen in anything darker."""
@@ -30,8 +48,8 @@ def sample_sd(
     beam: ViewBeam,
     mac_cm2_g: Float64[np.ndarray, "k groups"],
     density_g_cm3: Float64[np.ndarray, "k"],
-    stray: Float64[np.ndarray, "n 3"],
-    scatter: Float64[np.ndarray, "2"],
+    stray: StrayShapes,
+    scatter: Veil,
     noise_sd: float,
     settings: PolySettings,
 ) -> Float64[np.ndarray, "n"]:
@@ -54,7 +72,7 @@ def sample_sd(
     stray
         Shapes of the stray light, by :func:`xden_builder.poly.model.stray.stray_light`.
     scatter
-        Amplitudes of near and far scatter: its error is in proportion to it.
+        As it is thought to be: its error is in proportion to it.
     noise_sd
         Behind something opaque.
     settings
@@ -77,7 +95,8 @@ def sample_sd(
     reach_cm = pixel_cm * np.where(samples.is_block, width, 1)
     edge = settings.edge_error_cm / reach_cm * step if settings.edge_weights else 0.0
     model = -settings.model_share * transmission * np.log(transmission.clip(min=1e-4))
-    veil = settings.stray_share * (stray[:, :2] @ np.maximum(scatter, USUAL_SCATTER))
+    shapes, amplitudes = stray.at(scatter.widths), scatter.amplitudes
+    veil = settings.stray_share * (shapes[:, :2] @ np.maximum(amplitudes, USUAL_VEIL.amplitudes))
     floor = np.where(transmission > CLEAR, settings.clear_floor, settings.floor)
     return np.asarray(np.sqrt(edge**2 + model**2 + veil**2 + floor**2 + noise_sd**2))
 
