@@ -45,6 +45,9 @@ UNSURE_LABEL_SD: Final = 0.12
 NO_LABEL_SD: Final = 0.3
 """How far pigments, fillers and alloys that a label leaves unsaid change the attenuation, by family
 (assumed): aluminium says more of a beam than plastic does."""
+WORTH: Final = 10.0
+"""Times as much as usual the samples are worth here: without a label that holds densities, what is
+expected of gain and stray light would make everything lighter, by a quarter of a per cent."""
 VOLUME_SD: Final = 0.02
 """Of the meshes' volumes, as a share."""
 
@@ -73,7 +76,7 @@ class Clue:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fit:
-    """Densities by the images alone, and their covariance."""
+    """Densities by the images alone, and their covariance were the samples worth what is usual."""
 
     problem: Problem
     unknowns: Float64[np.ndarray, "u"]
@@ -131,7 +134,7 @@ def _as_labelled(samples: Samples) -> Samples:
 
 def _fitted(samples: Samples, groups: EnergyGroups, settings: PolySettings) -> _Fit:
     """Fit densities that no material's range holds, by a beam of other groups."""
-    guess = samples.guess
+    guess, settings = samples.guess, replace(settings, worth_a_part=WORTH * settings.worth_a_part)
     stand_ins: StandIns = loosened(regrouped(guess.stand_ins, groups))
     seen = []
     for each in samples.seen:
@@ -144,8 +147,9 @@ def _fitted(samples: Samples, groups: EnergyGroups, settings: PolySettings) -> _
     start = problem.prior.mean.copy()
     start[: problem.parts] = density
     minimum = solve(problem, start)
-    covariance = np.linalg.inv(minimum.evaluation.hessian)[: problem.parts, : problem.parts]
-    return _Fit(problem, minimum.unknowns, covariance)
+    usual = replace(problem, share=problem.share / WORTH)
+    covariance = np.linalg.inv(usual.evaluate(minimum.unknowns).hessian)
+    return _Fit(problem, minimum.unknowns, covariance[: problem.parts, : problem.parts])
 
 
 def _by_labels(capture: Capture, fits: Sequence[_Fit]) -> Iterator[Clue]:
