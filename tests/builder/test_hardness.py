@@ -189,13 +189,17 @@ def test_parts_farther_off_than_assumed_are_told_and_leave_errors_as_they_are():
         assert settings.evidence_share == PolySettings().evidence_share
 
 
-@pytest.mark.parametrize(("error_scale", "times"), [(0.1, 10), (0.5, 4), (1.0, 1), (2.0, 1)])
+@pytest.mark.parametrize(
+    ("error_scale", "times", "mixture_times"),
+    [(0.1, 2, 10), (0.5, 2, 4), (0.8, 1 / 0.64, 1 / 0.64), (1.0, 1, 1), (2.0, 1, 1)],
+)
 def test_small_errors_let_images_tell_materials_apart_and_never_by_more_than_they_say(
-    error_scale, times
+    error_scale, times, mixture_times
 ):
     settings = Hardness(0.0, 0.01, 30, 10, None, error_scale).applied(PolySettings())
     assert settings.evidence_share == pytest.approx(times * PolySettings().evidence_share)
-    assert settings.evidence_share <= 1
+    assert settings.mixture_share == pytest.approx(mixture_times * PolySettings().mixture_share)
+    assert max(settings.evidence_share, settings.mixture_share) <= 1
 
 
 def test_few_parts_hardly_move_the_errors():

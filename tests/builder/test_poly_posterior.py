@@ -146,7 +146,7 @@ def test_images_of_the_model_itself_give_its_unknowns_back(solution):
         for number, view in enumerate(problem.views)
     ]
     found = solve(replace(problem, views=views), problem.prior.mean).unknowns
-    assert found[:3] == pytest.approx(truth[:3], rel=0.002)
+    assert found[:3] == pytest.approx(truth[:3], rel=0.006)  # what is expected of steel
     assert found[[3, 7]] == pytest.approx(truth[[3, 7]], rel=0.002)
     for number, strays in enumerate(problem.strays):  # near and far scatter are alike
         amplitudes = slice(4 + 4 * number, 7 + 4 * number)

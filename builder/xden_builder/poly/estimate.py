@@ -136,7 +136,7 @@ def estimate(samples: Samples, mass: Mass | None, settings: PolySettings) -> Sol
         minimum = solve(problem, np.concatenate([density, nuisances]))
         nuisances = minimum.unknowns[parts:]
         posteriors, density = _weigh(problem, minimum, light.tables, settings)
-        now = mixtures(light.tables, posteriors, settings.evidence_share)
+        now = mixtures(light.tables, posteriors, settings.mixture_share)
         problem = problem_of(samples, now, density, _veils(problem, minimum), mass, settings)
         chosen = [int(np.argmax(each.probability)) for each in posteriors]
         if chosen == best:

@@ -80,7 +80,7 @@ class Hardness:
         Errors may become smaller than assumed, not larger: where labels lie farther off, it is the
         labels and what they leave unsaid, and images that counted for less would believe them.
         Materials are told apart by as much more of what the images say as the squares of their
-        errors are smaller.
+        errors are smaller, and so is a density moved between those that remain.
         """
         scale = min(self.error_scale, 1.0)
         return replace(
@@ -92,6 +92,7 @@ class Hardness:
             stray_share=scale * settings.stray_share,
             clear_floor=scale * settings.clear_floor,
             evidence_share=min(settings.evidence_share / scale**2, 1.0),
+            mixture_share=min(settings.mixture_share / scale**2, 1.0),
         )
 
     @property

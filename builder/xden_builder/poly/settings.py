@@ -39,6 +39,9 @@ class PolySettings:
         A further view adds as much as each of the two.
     size
         Whether the size of the object, beside that of its meshes, is sought along with its pose.
+    mixture_share
+        Share of the variance between materials that remain possible within which the images may
+        move a density, once they have told them apart.
     extra_filter_mm_cu, filter_sd_mm_cu
         Copper in the beam beside the told filters, negative where there is less than told, and its
         standard deviation: shared by all objects of a scanner (:mod:`xden_builder.poly.hardness`).
@@ -65,7 +68,8 @@ class PolySettings:
     floor: float = 0.003
     clear_floor: float = 0.003
     worth_a_part: float = 30.0
-    evidence_share: float = 0.1
+    evidence_share: float = 0.5
+    mixture_share: float = 0.1
     extra_filter_mm_cu: float = 0.0
     filter_sd_mm_cu: float = 0.0
 

@@ -101,7 +101,7 @@ def coefficients(
 def mixtures(
     tables: Sequence[CandidateTable],
     posteriors: Sequence[MaterialPosterior],
-    evidence_share: float,
+    mixture_share: float,
 ) -> StandIns:
     """Take each part for all candidates that are still possible, in proportion.
 
@@ -112,15 +112,15 @@ def mixtures(
     ----------
     tables, posteriors
         Of each part: its candidates, and how probable each is.
-    evidence_share
-        Of what the images say, by which materials are told apart. They have been, so that what is
-        left between them leaves a density no more than this share of its variance.
+    mixture_share
+        Of the variance between the materials that remain: the images have told them apart, and may
+        move a density by no more than this.
     """
     pairs = list(zip(tables, posteriors, strict=True))
     shares = [_shares(posterior) for _, posterior in pairs]
     priors = np.stack(
         [
-            _prior(table, share, posterior.density_g_cm3, evidence_share)
+            _prior(table, share, posterior.density_g_cm3, mixture_share)
             for (table, posterior), share in zip(pairs, shares, strict=True)
         ]
     )
@@ -152,7 +152,7 @@ def _prior(
     table: CandidateTable,
     share: Float64[np.ndarray, "c"],
     density_g_cm3: Float64[np.ndarray, "c"],
-    evidence_share: float,
+    mixture_share: float,
 ) -> Float64[np.ndarray, "4"]:
     """Mean, standard deviation, least and most density of a mixture, each material at its best.
 
@@ -161,7 +161,7 @@ def _prior(
     """
     _, sds, lows, highs = table.priors.T
     mean = float(share @ density_g_cm3)
-    sd = float(np.sqrt(share @ (sds**2 + evidence_share * (density_g_cm3 - mean) ** 2)))
+    sd = float(np.sqrt(share @ (sds**2 + mixture_share * (density_g_cm3 - mean) ** 2)))
     names = np.array([each.material for each in table.candidates])
     possible = share > 0
     likely = possible & np.array([share[names == name].sum() > CLEAR for name in names])
