@@ -105,7 +105,7 @@ class Solution:
         return self.minimum.unknowns[self.problem.nuisances(number)]
 
     def reaches_cm(self, number: int) -> tuple[float, float]:
-        """Standard deviations of near and far scatter on a view's panel."""
+        """Return the standard deviations of near and far scatter on a view's panel."""
         wider = np.exp(self.minimum.unknowns[self.problem.widths])
         near, far = (wider * self.seen[number].reaches_cm).tolist()
         return near, far

@@ -72,7 +72,7 @@ class StrayShapes:
         return np.column_stack([self._scatter(map(interpolated, widths)), self.each[:, -1:]])
 
     def slopes(self, widths: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, "n 2"]:
-        """Derivatives of near and far scatter by those logarithms."""
+        """Derive near and far scatter by those logarithms."""
         return self._scatter(map(interpolated_slope, widths))
 
     def _scatter(
@@ -100,9 +100,9 @@ def interpolated(width: float) -> Float64[np.ndarray, "widths"]:
 
 
 def interpolated_slope(width: float) -> Float64[np.ndarray, "widths"]:
-    """Derivatives of :func:`interpolated`."""
+    """Derive :func:`interpolated` by the width."""
     place = width / WIDTHS[-1]
-    return np.array([place - 0.5, -2 * place, place + 0.5]) / WIDTHS[-1]
+    return np.asarray(np.array([place - 0.5, -2 * place, place + 0.5]) / WIDTHS[-1])
 
 
 def scatter_reaches_cm(geometry: ViewGeometry, middle_cm: Vec3) -> tuple[float, float]:

@@ -18,7 +18,6 @@ from xden_builder.poly.settings import PolySettings
 __all__ = ["USUAL_VEIL", "Veil", "sample_sd"]
 
 
-
 class Veil(NamedTuple):
     """Near and far scatter of a view.
 
