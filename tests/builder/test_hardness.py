@@ -86,6 +86,23 @@ def test_two_tubes_in_one_folder_are_told():
     assert found.two_tubes_mm_cu == pytest.approx((0.0, 0.2), abs=0.02)
 
 
+def test_ten_objects_of_forty_eight_of_another_tube_are_told():
+    noise = np.random.default_rng(8).normal(0, 0.015, (2, 48))
+    other = np.arange(48) < 10
+    pairs = [
+        (clue(0.3 * each, off=one), clue(0.3 * each, off=two))
+        for each, one, two in zip(other.tolist(), *noise, strict=True)
+    ]
+    found = join({f"object-{number}": both for number, both in enumerate(pairs)})
+    assert found.two_tubes_mm_cu == pytest.approx((0.0, 0.3), abs=0.05)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_many_objects_of_one_tube_are_never_two(seed):
+    offs = np.random.default_rng(seed).normal(0, 0.03, 200)
+    assert join(folder(*[clue(0.0, off=off) for off in offs])).two_tubes_mm_cu is None
+
+
 def test_a_label_that_is_wrong_by_a_factor_invents_no_second_tube():
     """Lead glass for soda-lime glass: a thicker filter would explain a tenth of it."""
     rest = [clue(0.0) for _ in range(12)]

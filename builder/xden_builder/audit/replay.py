@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -21,7 +21,7 @@ from xden_builder.poly.materials.stand_ins import coefficients
 from xden_builder.poly.model.beam import Heel, ViewBeam, view_beam
 from xden_builder.poly.model.frames import coarse
 from xden_builder.poly.model.radiograph import TERMS, WIDTH_TERMS, model_image
-from xden_builder.poly.model.stray import coarse_binning
+from xden_builder.poly.model.stray import coarse_binning, middle_of, scatter_reaches_cm
 
 __all__ = ["replayed", "stored_model"]
 
@@ -71,7 +71,7 @@ def replayed(
     known = np.array([_known(values) for values in fit["views"].values()])
     names = list(fit["views"])
     fitted = view.name in names
-    mine = known[names.index(view.name)] if fitted else [1.0, *known.mean(axis=0)[1:]]
+    mine = known[names.index(view.name)] if fitted else _expected(obj, known, names, geometry)
     beam = view_beam(capture, view, groups)
     image = _image(obj, view, geometry, beam, lengths, np.array(mine))
     if fitted or not beside.any():
@@ -110,6 +110,26 @@ def stored_model(obj: DensityObject, view: XRayView, subrays: int = SUBRAYS) -> 
     return _image(obj, view, view.geometry, beam, lengths, known)
 
 
+def _expected(
+    obj: DensityObject,
+    known: Float64[np.ndarray, "v 6"],
+    names: Sequence[str],
+    geometry: ViewGeometry,
+) -> Float64[np.ndarray, "6"]:
+    """Return what a view that was not fitted is expected to have, by those that were.
+
+    Scatter is as much wider than assumed as theirs.
+    """
+    middle_cm = middle_of([part.mesh for part in obj.parts])
+    wider = [
+        known[names.index(view.name), len(TERMS) :] / scatter_reaches_cm(view.geometry, middle_cm)
+        for view in obj.views
+        if view.name in names
+    ]
+    widths_cm = np.mean(wider, axis=0) * scatter_reaches_cm(geometry, middle_cm)
+    return np.array([1.0, *known.mean(axis=0)[1 : len(TERMS)], *widths_cm])
+
+
 def _known(values: Mapping[str, float]) -> list[float]:
     """Return gain and stray light of a fitted view, and how wide its scatter is.
 
@@ -143,7 +163,7 @@ def _image(
         coefficients(stand_ins, beam.groups, scattering=True),
         _seen_density_g_cm3(obj),
         known[: len(TERMS)],
-        (float(known[-2]), float(known[-1])),
+        known[len(TERMS) :].tolist(),
     )
 
 

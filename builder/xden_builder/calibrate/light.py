@@ -18,18 +18,19 @@ from xden_builder.physics.spectrum import panel_signal, tube_fluence
 from xden_builder.poly.model.beam import Heel, ViewBeam, find_heel
 from xden_builder.poly.model.stray import WIDTHS, coarse_binning, interpolated, stray_light
 
-__all__ = ["STRAY_TERMS", "LitImage", "StrayShapes", "light_up"]
+__all__ = ["STRAY_TERMS", "LitImage", "PlateStray", "light_up"]
 
 STRAY_TERMS: Final = ("near_scatter", "far_scatter", "glare", "even")
 """Light that is not the direct beam's: the fit's three shapes, and a constant."""
 
 
-NEAR_CM, FAR_CM = 2.0, 6.0
+NEAR_CM: Final = 2.0
+FAR_CM: Final = 6.0
 """Standard deviations on the panel of near and far scatter: assumed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StrayShapes:
+class PlateStray:
     """Shapes of stray light, that of near scatter for several widths.
 
     Parameters
@@ -107,10 +108,10 @@ class LitImage:
         ways = self._areal_g_cm2() @ self._mac_cm2_g(energies_kev)
         return np.asarray((weights[place] * np.exp(-ways)).sum(axis=1))
 
-    def stray(self, response: Response) -> StrayShapes:
+    def stray(self, response: Response) -> PlateStray:
         """Stray light at each reading by :data:`STRAY_TERMS`, in shares of the open field.
 
-        Scatter and glare as the fit of objects has them, so that their amplitudes can be compared.
+        Scatter and glare as the fit of objects has them 20 cm before the panel.
         Means over all pixels that were read: beside air, glare is far from linear.
         """
         regions = [reading.region for reading in self.image.readings]
@@ -130,7 +131,7 @@ class LitImage:
         )
         starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
         means = np.add.reduceat(found, starts, axis=0) / sizes[:, None]
-        return StrayShapes(np.column_stack([means, np.ones(len(means))]))
+        return PlateStray(np.column_stack([means, np.ones(len(means))]))
 
     def _slopes(self) -> Float64[np.ndarray, "n"]:
         rows, columns = (each.astype(float) for each in self._rows_columns())

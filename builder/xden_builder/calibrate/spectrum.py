@@ -13,7 +13,7 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares, nnls
 
 from xden1k.errors import DataError
-from xden_builder.calibrate.light import LitImage, StrayShapes, light_up
+from xden_builder.calibrate.light import LitImage, PlateStray, light_up
 from xden_builder.calibrate.readings import ImageReadings
 from xden_builder.calibrate.response import PROBES, Response, Term, terms_of
 from xden_builder.physics.spectrum.tables import TABLE_KV
@@ -219,7 +219,7 @@ class _Problem:
     images: tuple[LitImage, ...]
     told: Response
     terms: tuple[Term, ...]
-    shapes: tuple[StrayShapes, ...]
+    shapes: tuple[PlateStray, ...]
     errors: tuple[Float64[np.ndarray, "_n _n"], ...]
 
     @property

@@ -177,6 +177,8 @@ def _kept(work: Place) -> Kept | None:
         return None
     try:
         values = json.loads(content)
+        if values["schema"] != SCHEMA:
+            return None
         digests = {name: each["digest"] for name, each in values["objects"].items()}
         tubes = values["hardness"]["two_tubes_mm_cu"]
         pair = None if tubes is None else (tubes[0], tubes[1])

@@ -150,7 +150,7 @@ def _views_apart(
     steps, variances = [], []
     for number in range(len(problem.views)):
         residuals, jacobian, weights = problem.scaled(unknowns, number)
-        jacobian = jacobian[:, : problem.off.start]  # the same batch in all views
+        jacobian = jacobian[:, : problem.off.start]  # batches and widths are the same in all views
         weighted = jacobian * weights[:, None]
         sd = problem.prior.sd[: problem.off.start]
         curvature = weighted.T @ jacobian + PRIOR_OF_ONE_VIEW * np.diag(sd**-2.0)

@@ -19,7 +19,7 @@ from xden_builder.poly.materials.candidates import CandidateTable
 from xden_builder.poly.materials.evidence import MaterialPosterior, Radiographs, weigh_materials
 from xden_builder.poly.materials.stand_ins import StandIns, loosened, mixtures
 from xden_builder.poly.model.radiograph import model_image
-from xden_builder.poly.model.stray import WIDTHS, StrayShapes, stray_light
+from xden_builder.poly.model.stray import SCATTERS, WIDTHS, StrayShapes, stray_light
 from xden_builder.poly.posterior.problem import Mass, Problem, solve
 from xden_builder.poly.posterior.trust import USUAL_VEIL, Veil, sample_sd
 from xden_builder.poly.samples import Samples, Seen
@@ -151,14 +151,14 @@ def _veils(problem: Problem, minimum: Minimum) -> list[Veil]:
     unknowns = minimum.unknowns
     widths = unknowns[problem.widths]
     views = range(len(problem.views))
-    return [Veil(unknowns[problem.nuisances(number)][1:3], widths) for number in views]
+    return [Veil(unknowns[problem.nuisances(number)][1:][:SCATTERS], widths) for number in views]
 
 
 def problem_of(
     samples: Samples,
     stand_ins: StandIns,
     density: Float64[np.ndarray, "k"],
-    scatter: Sequence[Veil],
+    veils: Sequence[Veil],
     mass: Mass | None,
     settings: PolySettings,
 ) -> Problem:
@@ -198,7 +198,7 @@ def problem_of(
             each.noise_sd,
             settings,
         )
-        for each, stray, veil in zip(seen, strays, scatter, strict=True)
+        for each, stray, veil in zip(seen, strays, veils, strict=True)
     ]
     views = [each.samples for each in seen]
     gains = [each.gain for each in seen]

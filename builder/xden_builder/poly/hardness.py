@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -43,6 +42,7 @@ CLEARLY_MM: Final = 0.02
 """A filter is said to be missing if it is this many deviations from none, and this thick."""
 USUAL: Final = (0.7, 1.5)
 """Multiples of the errors assumed that are not worth a word."""
+TUBE_SHARES: Final = np.linspace(0.1, 0.9, 9)
 TWO_TUBES: Final = 12.0
 """Logarithm of how much likelier two filters must make the clues than one."""
 APART_MM: Final = 0.05
@@ -176,7 +176,10 @@ def _cauchy(
 
 
 def _two_tubes(curves: Float64[np.ndarray, "objects filters"]) -> tuple[float, float] | None:
-    """Find two filters of which each object has either, if that explains the clues far better."""
+    """Find two filters of which each object has either, if that explains the clues far better.
+
+    Of all objects any share may have the one.
+    """
     one = float(curves.sum(axis=0).max())
     few = np.arange(0, len(GRID_MM), 5)
     best, found = one + TWO_TUBES, None
@@ -184,7 +187,8 @@ def _two_tubes(curves: Float64[np.ndarray, "objects filters"]) -> tuple[float, f
         for second in few[GRID_MM[few] > GRID_MM[first] + APART_MM]:
             pair = curves[:, [first, second]]
             least = min(np.bincount(pair.argmax(axis=1), minlength=2))
-            both = float(np.logaddexp(*(pair - math.log(2)).T).sum())
+            either = pair[:, :, None] + np.log([TUBE_SHARES, 1 - TUBE_SHARES])
+            both = float(np.logaddexp(either[:, 0], either[:, 1]).sum(axis=0).max())
             if least >= LEAST_OBJECTS and both > best:
                 best, found = both, (float(GRID_MM[first]), float(GRID_MM[second]))
     return found

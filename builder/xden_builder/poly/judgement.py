@@ -36,8 +36,10 @@ DOUBTED: Final = 0.5
 UNSTABLE_SHARE: Final = 0.1
 UNSTABLE_SDS: Final = 2.0
 """Views apart by more, of the density and in standard deviations, are flagged."""
-VIEW_SHARE: Final = 0.5
-"""Of the difference between the views: their standard error, if both are equally good."""
+VIEW_SHARE: Final = 1.0
+"""Of the difference between the views. Their standard error is half of it, if both are equally
+good; but one difference tells it badly (Student's distribution of one degree of freedom: 68 % are
+within 1.8 of it)."""
 LOWERED: Final = 0.99
 """Of the probability before the images: less is not rounding."""
 HELD_SDS: Final = 1.0

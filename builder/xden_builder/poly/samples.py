@@ -17,7 +17,7 @@ from xden_builder.poly.model.frames import coarse
 from xden_builder.poly.model.pixels import BLOCK_PX, BLOCK_RAYS, ViewPixels, choose_pixels
 from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.size import Size
-from xden_builder.poly.model.stray import coarse_binning, glare_of, scatter_reaches_cm
+from xden_builder.poly.model.stray import coarse_binning, glare_of, middle_of, scatter_reaches_cm
 from xden_builder.poly.pose import Placement, PoseFit
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import Guess
@@ -90,7 +90,7 @@ def take_samples(placement: Placement, settings: PolySettings) -> Samples:
     """Render path lengths where the object stands, and choose samples of them."""
     scene = placement.guess.scene
     whole = scene.space.meshes, scene.space.order
-    middle_cm = np.mean([mesh.bounds.mean(axis=0) for mesh in whole[0]], axis=0)
+    middle_cm = middle_of(whole[0])
     rng = np.random.default_rng(0)
     seen = []
     for view, saturated, beam, geometry, noise_sd, bounds in zip(

@@ -134,7 +134,7 @@ def _as_labelled(samples: Samples) -> Samples:
 
 def _fitted(samples: Samples, groups: EnergyGroups, settings: PolySettings) -> _Fit:
     """Fit densities that no material's range holds, by a beam of other groups."""
-    guess, settings = samples.guess, replace(settings, worth_a_part=WORTH * settings.worth_a_part)
+    guess = samples.guess
     stand_ins: StandIns = loosened(regrouped(guess.stand_ins, groups))
     seen = []
     for each in samples.seen:
@@ -142,13 +142,12 @@ def _fitted(samples: Samples, groups: EnergyGroups, settings: PolySettings) -> _
         weights = beam.weights(each.samples.pixels)
         seen.append(replace(each, beam=beam, samples=replace(each.samples, weights=weights)))
     there = replace(samples, seen=tuple(seen))
-    density, scatter = guess.density_g_cm3, [USUAL_VEIL] * len(seen)
-    problem = problem_of(there, stand_ins, density, scatter, None, settings)
+    density, veils = guess.density_g_cm3, [USUAL_VEIL] * len(seen)
+    problem = problem_of(there, stand_ins, density, veils, None, settings)
     start = problem.prior.mean.copy()
     start[: problem.parts] = density
-    minimum = solve(problem, start)
-    usual = replace(problem, share=problem.share / WORTH)
-    covariance = np.linalg.inv(usual.evaluate(minimum.unknowns).hessian)
+    minimum = solve(replace(problem, share=min(1.0, WORTH * problem.share)), start)
+    covariance = np.linalg.inv(problem.evaluate(minimum.unknowns).hessian)
     return _Fit(problem, minimum.unknowns, covariance[: problem.parts, : problem.parts])
 
 

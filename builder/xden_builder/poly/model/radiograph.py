@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -52,7 +53,7 @@ def model_image(
     scattering_cm2_g: Float64[np.ndarray, "k groups"],
     density_g_cm3: Float64[np.ndarray, "k"],
     nuisances: Float64[np.ndarray, "4"],
-    reaches_cm: tuple[float, float],
+    reaches_cm: Sequence[float],
     glare: Float64[np.ndarray, "coarse_rows coarse_columns"] | None = None,
 ) -> Image:
     """Compute direct beam and stray light of a view, with the gain, shape (rows, columns).

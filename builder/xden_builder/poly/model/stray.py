@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import trimesh
 from jaxtyping import Float64, Int64
 from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.ndimage import fourier_gaussian, gaussian_filter, map_coordinates
@@ -22,11 +23,13 @@ from xden_builder.poly.model.frames import binned
 __all__ = [
     "GLARE",
     "NO_STRAY",
+    "SCATTERS",
     "WIDTHS",
     "StrayShapes",
     "coarse_binning",
     "glare_of",
     "interpolated",
+    "middle_of",
     "scatter_reaches_cm",
     "spread_by_glare",
     "stray_image",
@@ -38,6 +41,7 @@ Values = Float64[np.ndarray, "rows columns"]
 REACHES: Final = (0.1, 0.3)
 """Standard deviations on the panel of the two Gaussians that scatter is made of, near and far, for
 each centimetre between object and panel: assumed."""
+SCATTERS: Final = len(REACHES)
 WIDTHS: Final = np.array([-0.5, 0.0, 0.5])
 """Logarithms of the widths that shapes are computed for, over those assumed; between them they are
 interpolated."""
@@ -49,8 +53,10 @@ NO_STRAY: Final = (0.0, 1e-6, 0.0, 1e-6)
 """The same of light that is left out."""
 COARSE_PX: Final = 128
 """Stray light is smooth: about so many pixels along a side show all of it."""
-LEAST_GAP_CM: Final = 5.0
-"""What lies on the panel is reckoned to be so far from it."""
+USUAL_GAP_CM: Final = 20.0
+"""Where a parallel beam tells no distance."""
+GAPS_CM: Final = (5.0, 60.0)
+"""What is nearer to the panel or farther away is reckoned to be so far from it."""
 FADED_SDS: Final = 4.0
 """Standard deviations from which on nothing is left of a Gaussian."""
 
@@ -78,7 +84,7 @@ class StrayShapes:
     def _scatter(
         self, shares: Iterable[Float64[np.ndarray, "widths"]]
     ) -> Float64[np.ndarray, "n 2"]:
-        kinds = np.split(self.each[:, :-1], len(REACHES), axis=1)
+        kinds = np.split(self.each[:, :-1], SCATTERS, axis=1)
         return np.column_stack([kind @ each for kind, each in zip(kinds, shares, strict=True)])
 
 
@@ -105,10 +111,18 @@ def interpolated_slope(width: float) -> Float64[np.ndarray, "widths"]:
     return np.asarray(np.array([place - 0.5, -2 * place, place + 0.5]) / WIDTHS[-1])
 
 
+def middle_of(meshes: Sequence[trimesh.Trimesh]) -> Vec3:
+    """Return the middle of the box around an object's meshes."""
+    low = np.min([mesh.bounds[0] for mesh in meshes], axis=0)
+    high = np.max([mesh.bounds[1] for mesh in meshes], axis=0)
+    return np.asarray((low + high) / 2)
+
+
 def scatter_reaches_cm(geometry: ViewGeometry, middle_cm: Vec3) -> tuple[float, float]:
     """Return the assumed standard deviations on the panel of near and far scatter.
 
     They grow with the gap: what is scattered by an angle t arrives as far away as tan t times it.
+    Of a parallel beam only the panel's place across it is told.
 
     Parameters
     ----------
@@ -119,15 +133,18 @@ def scatter_reaches_cm(geometry: ViewGeometry, middle_cm: Vec3) -> tuple[float, 
 
     Examples
     --------
-    >>> panel = ViewGeometry(
-    ...     (8, 8), None, np.array([-4.0, 20, -4]), np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
-    ... )
-    >>> scatter_reaches_cm(panel, np.zeros(3))
-    (2.0, 6.0)
+    >>> steps = np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
+    >>> panel = np.array([-4.0, 30, -4]), *steps, (8, 8)
+    >>> cone = ViewGeometry("cone", *panel, source_cm=np.array([0.0, -90, 0]))
+    >>> [round(reach_cm, 2) for reach_cm in scatter_reaches_cm(cone, np.zeros(3))]
+    [3.0, 9.0]
     """
-    normal = np.cross(geometry.column_step_cm, geometry.row_step_cm)
-    gap_cm = abs(float((middle_cm - geometry.pixel00_cm) @ normal / np.linalg.norm(normal)))
-    near, far = (max(gap_cm, LEAST_GAP_CM) * reach for reach in REACHES)
+    gap_cm = USUAL_GAP_CM
+    if geometry.source_cm is not None:
+        normal = np.cross(geometry.column_step_cm, geometry.row_step_cm)
+        gap_cm = abs(float((middle_cm - geometry.pixel00_cm) @ normal / np.linalg.norm(normal)))
+    least_cm, most_cm = GAPS_CM
+    near, far = (min(max(gap_cm, least_cm), most_cm) * reach for reach in REACHES)
     return near, far
 
 

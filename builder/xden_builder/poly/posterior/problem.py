@@ -16,7 +16,7 @@ from xden_builder.fit.levenberg import Minimum, minimise
 from xden_builder.fit.problem import Evaluation
 from xden_builder.poly.materials.stand_ins import StandIns
 from xden_builder.poly.model.pixels import ViewPixels
-from xden_builder.poly.model.stray import GLARE, NO_STRAY, StrayShapes
+from xden_builder.poly.model.stray import GLARE, NO_STRAY, SCATTERS, WIDTHS, StrayShapes
 from xden_builder.poly.settings import PolySettings
 
 __all__ = ["MASS_SD_SHARE", "NUISANCES", "Box", "Mass", "Problem", "solve"]
@@ -25,10 +25,9 @@ GAIN_RANGE: Final = (0.5, MOST_GAIN)
 """Least and most of a view's gain."""
 SCATTER: Final = (0.08, 0.1, 0.0, 0.6)
 """Mean, standard deviation, least and most of the amplitudes of a view's scatter, near and far."""
-WIDTH: Final = (0.0, 0.3, -0.7, 0.7)
+WIDTH: Final = (0.0, 0.3, float(WIDTHS[0]), float(WIDTHS[-1]))
 """Mean, standard deviation, least and most of the logarithm of a width of scatter over the assumed
 one."""
-SCATTERS: Final = 2
 NUISANCES: Final = 4
 FIXED_SD: Final = 1e-6
 OFF: Final = (0.0, 1.0, -3.0, 3.0)

@@ -12,7 +12,7 @@ from xden_builder.fit.crops import Crop, neighbours
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.direct import transmissions
 from xden_builder.poly.model.pixels import ViewPixels
-from xden_builder.poly.model.stray import StrayShapes
+from xden_builder.poly.model.stray import SCATTERS, StrayShapes
 from xden_builder.poly.settings import PolySettings
 
 __all__ = ["USUAL_VEIL", "Veil", "sample_sd"]
@@ -48,7 +48,7 @@ def sample_sd(
     mac_cm2_g: Float64[np.ndarray, "k groups"],
     density_g_cm3: Float64[np.ndarray, "k"],
     stray: StrayShapes,
-    scatter: Veil,
+    veil: Veil,
     noise_sd: float,
     settings: PolySettings,
 ) -> Float64[np.ndarray, "n"]:
@@ -70,8 +70,8 @@ def sample_sd(
         The model's.
     stray
         Shapes of the stray light, by :func:`xden_builder.poly.model.stray.stray_light`.
-    scatter
-        As it is thought to be: its error is in proportion to it.
+    veil
+        Scatter as it is thought to be: its error is in proportion to it.
     noise_sd
         Behind something opaque.
     settings
@@ -94,10 +94,12 @@ def sample_sd(
     reach_cm = pixel_cm * np.where(samples.is_block, width, 1)
     edge = settings.edge_error_cm / reach_cm * step if settings.edge_weights else 0.0
     model = -settings.model_share * transmission * np.log(transmission.clip(min=1e-4))
-    shapes, amplitudes = stray.at(scatter.widths), scatter.amplitudes
-    veil = settings.stray_share * (shapes[:, :2] @ np.maximum(amplitudes, USUAL_VEIL.amplitudes))
+    scatter = stray.at(veil.widths)[:, :SCATTERS]
+    scatter_sd = settings.stray_share * (
+        scatter @ np.maximum(veil.amplitudes, USUAL_VEIL.amplitudes)
+    )
     floor = np.where(transmission > CLEAR, settings.clear_floor, settings.floor)
-    return np.asarray(np.sqrt(edge**2 + model**2 + veil**2 + floor**2 + noise_sd**2))
+    return np.asarray(np.sqrt(edge**2 + model**2 + scatter_sd**2 + floor**2 + noise_sd**2))
 
 
 def _beside(index: Int64[np.ndarray, "n"], shape: tuple[int, int]) -> Bool[np.ndarray, "pixels"]:
