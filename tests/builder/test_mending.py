@@ -16,6 +16,7 @@ from xden1k.errors import DataError
 from xden1k.values.closed import edge_faults
 from xden_builder.capture import CaptureFolder
 from xden_builder.capture.mending import mended
+from xden_builder.capture.solids import closed_mesh
 from xden_builder.cli import cli
 
 BOX = trimesh.creation.box((3.0, 2.0, 1.0)).subdivide().subdivide()
@@ -345,3 +346,17 @@ def test_a_part_in_a_scene_may_not_be_named_like_a_path(holed, tmp_path, name):
     assert answer.exit_code == 3
     assert f"mesh.glb: part {name!r}" in answer.output
     assert not list(tmp_path.glob("*.ply"))
+
+
+@pytest.mark.parametrize(("level", "taken"), [(6, True), (2, False)])
+def test_a_flap_that_is_there_twice_is_refused_only_where_it_is_of_some_size(level, taken):
+    """One triangle of a ball twice more, and twice the other way round: closed, of no volume."""
+    ball = trimesh.creation.icosphere(level)
+    flap = ball.faces[[0, 0]]
+    flapped = soup(ball.vertices, np.concatenate([ball.faces, flap, flap[:, ::-1]]))
+    if taken:
+        closed, _ = closed_mesh(flapped, 1.0, "part")
+        assert closed.volume == pytest.approx(ball.volume, rel=1e-9)
+    else:
+        with pytest.raises(DataError, match="3 triangles are there twice"):
+            closed_mesh(flapped, 1.0, "part")

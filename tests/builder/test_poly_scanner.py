@@ -11,11 +11,12 @@ from scipy.spatial.transform import Rotation
 from tests.builder.poly_scenes import capture_of, fitted, relabelled, tool, true_mass_g
 from xden1k.rays import disjoint_regions, ownership_order, path_lengths
 from xden1k.values.types import DensityObject
-from xden_builder.audit.replay import replayed, stored_model
+from xden_builder.audit.replay import expected_light, replayed, stored_model
 from xden_builder.audit.view import pixel_sets
 from xden_builder.capture import Capture
 from xden_builder.phantoms import Phantom, PhantomPart, Plan, Scanner
 from xden_builder.poly.model.frames import Pose
+from xden_builder.poly.model.stray import middle_of, scatter_reaches_cm
 from xden_builder.reconstruct.object import reconstruct
 
 SCANNER = replace(Scanner.realistic(256), panel_cm=20.0)
@@ -82,6 +83,44 @@ def test_a_dataset_alone_gives_the_image_of_the_fit_but_for_the_heel(rebuilt, ca
         _, beside = pixel_sets(view, lengths)
         of_fit, _ = replayed(rebuilt, capture, view, view.geometry, lengths, beside)
         assert np.abs(stored_model(rebuilt, view) - of_fit).max() < 0.01
+
+
+def with_widths(obj, **widths_cm):
+    """A dataset's object whose views say other widths of scatter, or none."""
+    poly = obj.meta["poly"]
+    views = {
+        name: {term: value for term, value in values.items() if not term.endswith("_cm")}
+        | widths_cm
+        for name, values in poly["views"].items()
+    }
+    return replace(obj, meta=obj.meta | {"poly": poly | {"views": views}})
+
+
+def test_a_dataset_that_tells_no_widths_of_scatter_had_two_and_six_centimetres(rebuilt):
+    view = rebuilt.views[0]
+    before = with_widths(rebuilt)
+    told = with_widths(rebuilt, near_scatter_cm=2.0, far_scatter_cm=6.0)
+    wider = with_widths(rebuilt, near_scatter_cm=3.0, far_scatter_cm=6.0)
+    images = [stored_model(each, view) for each in (before, told, wider)]
+    np.testing.assert_array_equal(images[0], images[1])
+    assert np.abs(images[2] - images[1]).max() > 1e-3
+
+
+def test_a_view_that_was_not_fitted_has_scatter_as_much_wider_as_the_others(rebuilt, capture):
+    """The panel of such a view, one and a half times as far from the object."""
+    view = rebuilt.views[0]
+    middle_cm = middle_of([part.mesh for part in rebuilt.parts])
+    reaches = np.array(scatter_reaches_cm(view.geometry, middle_cm))
+    near, far = (1.2 * reaches).tolist()
+    names = [each.name for each in rebuilt.views]
+    known = np.array([[1.0, 0.1, 0.1, 0.03, near, far]] * 2)
+    away = replace(view.geometry, pixel00_cm=view.geometry.pixel00_cm + np.array([0.0, 10.0, 0.0]))
+    expected = expected_light(rebuilt, known, names, away)
+    assert expected[:4] == pytest.approx([1.0, 0.1, 0.1, 0.03])
+    gap = np.array(scatter_reaches_cm(away, middle_cm))
+    other = np.array(scatter_reaches_cm(rebuilt.views[1].geometry, middle_cm))
+    share = (1.2 + 1.2 * reaches / other) / 2
+    assert expected[4:] == pytest.approx(share * gap)
 
 
 def test_images_fit_although_nothing_is_ideal(rebuilt):

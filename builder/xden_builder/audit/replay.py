@@ -23,7 +23,7 @@ from xden_builder.poly.model.frames import coarse
 from xden_builder.poly.model.radiograph import TERMS, WIDTH_TERMS, model_image
 from xden_builder.poly.model.stray import coarse_binning, middle_of, scatter_reaches_cm
 
-__all__ = ["replayed", "stored_model"]
+__all__ = ["expected_light", "replayed", "stored_model"]
 
 WIDTHS_BEFORE_CM: Final = (2.0, 6.0)
 """Of near and far scatter, where a dataset does not tell them."""
@@ -71,7 +71,7 @@ def replayed(
     known = np.array([_known(values) for values in fit["views"].values()])
     names = list(fit["views"])
     fitted = view.name in names
-    mine = known[names.index(view.name)] if fitted else _expected(obj, known, names, geometry)
+    mine = known[names.index(view.name)] if fitted else expected_light(obj, known, names, geometry)
     beam = view_beam(capture, view, groups)
     image = _image(obj, view, geometry, beam, lengths, np.array(mine))
     if fitted or not beside.any():
@@ -110,15 +110,24 @@ def stored_model(obj: DensityObject, view: XRayView, subrays: int = SUBRAYS) -> 
     return _image(obj, view, view.geometry, beam, lengths, known)
 
 
-def _expected(
+def expected_light(
     obj: DensityObject,
     known: Float64[np.ndarray, "v 6"],
     names: Sequence[str],
     geometry: ViewGeometry,
 ) -> Float64[np.ndarray, "6"]:
-    """Return what a view that was not fitted is expected to have, by those that were.
+    """Return gain, stray light and widths of scatter that a view is expected to have.
 
-    Scatter is as much wider than assumed as theirs.
+    Scatter is as much wider than assumed as that of the views that were fitted.
+
+    Parameters
+    ----------
+    obj
+        Rebuilt by the polychromatic fit.
+    known, names
+        The same of the views that were fitted, and their names.
+    geometry
+        Of the view, in the frame of the meshes.
     """
     middle_cm = middle_of([part.mesh for part in obj.parts])
     wider = [

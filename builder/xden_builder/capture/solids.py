@@ -18,6 +18,8 @@ __all__ = ["bare", "closed_mesh", "repeated", "simplified"]
 
 FLATTEST = 1e-9
 """A smaller volume, as a share of the bounding box, is rounding."""
+FLAP = 1e-4
+"""Of a surface, that may be there twice: a splinter that a cut has left, of no volume."""
 
 MOST_VOLUME_CHANGE = 0.02
 """A part that leaving out faces would change more, such as a foil, keeps its surface."""
@@ -56,6 +58,7 @@ def closed_mesh(
     """
     solid = bare(mesh, cm_per_unit, where)
     _check_closed(np.asarray(solid.faces), where)
+    _check_counted_once(solid, where)
     volume = _volume(_triangles(solid))
     if not abs(volume) > FLATTEST * float(np.prod(solid.extents)):
         raise DataError(f"{where}: the mesh encloses no volume")
@@ -83,7 +86,7 @@ def bare(mesh: trimesh.Trimesh, cm_per_unit: float, where: str) -> trimesh.Trime
 
 
 def _check_closed(faces: Faces, where: str) -> None:
-    """Refuse open edges, neighbours wound against each other, and triangles that count twice."""
+    """Refuse open edges, and neighbours wound against each other."""
     faults = edge_faults(faces)
     if faults.open:
         raise DataError(
@@ -95,10 +98,15 @@ def _check_closed(faces: Faces, where: str) -> None:
             f"{where}: triangles are wound against each other at {faults.twisted} edges: expected "
             "all counter-clockwise seen from outside; `xden-build mend` turns the fewer over"
         )
-    if twice := int(repeated(faces).sum()):
+
+
+def _check_counted_once(solid: trimesh.Trimesh, where: str) -> None:
+    """Refuse triangles that are there twice, but where they are a flap that bounds nothing."""
+    again = repeated(np.asarray(solid.faces))
+    if again.any() and solid.area_faces[again].sum() > FLAP * solid.area:
         raise DataError(
-            f"{where}: {twice} triangles are there twice, wound alike: what they bound would count "
-            "twice; `xden-build mend` leaves one of each"
+            f"{where}: {again.sum()} triangles are there twice, wound alike: what they bound would "
+            "count twice; `xden-build mend` leaves one of each"
         )
 
 

@@ -219,6 +219,7 @@ def _weigh(
         [problem.stray_light(unknowns, number) for number in views],
         [float(unknowns[problem.nuisances(number)][0]) for number in views],
         settings.evidence_share * problem.share,
+        settings.outline_share * problem.share,
     )
     seen = unknowns[: problem.parts] * problem.factors(unknowns)
     macs = problem.stand_ins.mac_cm2_g.copy()

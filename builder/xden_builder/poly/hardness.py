@@ -92,6 +92,7 @@ class Hardness:
             stray_share=scale * settings.stray_share,
             clear_floor=scale * settings.clear_floor,
             evidence_share=min(settings.evidence_share / scale**2, 1.0),
+            outline_share=min(settings.outline_share / scale**2, 1.0),
             mixture_share=min(settings.mixture_share / scale**2, 1.0),
         )
 

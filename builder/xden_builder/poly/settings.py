@@ -45,9 +45,10 @@ class PolySettings:
     extra_filter_mm_cu, filter_sd_mm_cu
         Copper in the beam beside the told filters, negative where there is less than told, and its
         standard deviation: shared by all objects of a scanner (:mod:`xden_builder.poly.hardness`).
-    evidence_share
-        Share of that by which materials are told apart. What the model leaves out looks like
-        another material, which counts against it more than against a density.
+    evidence_share, outline_share
+        Share of that by which materials are told apart, by pixels within parts and by outlines and
+        thin parts. What the model leaves out looks like another material, which counts against it
+        more than against a density, and most so where a surface is a little off.
 
     Raises
     ------
@@ -69,6 +70,7 @@ class PolySettings:
     clear_floor: float = 0.003
     worth_a_part: float = 30.0
     evidence_share: float = 0.5
+    outline_share: float = 0.1
     mixture_share: float = 0.1
     extra_filter_mm_cu: float = 0.0
     filter_sd_mm_cu: float = 0.0

@@ -60,8 +60,8 @@ class Radiographs:
         Stray light at each sample, gain included.
     gains
         Of each view.
-    share
-        Of an independent observation that a sample is worth.
+    share, outline_share
+        Of an independent observation that a sample is worth, within parts and of outlines.
     """
 
     views: Sequence[ViewPixels]
@@ -69,6 +69,7 @@ class Radiographs:
     strays: Sequence[Float64[np.ndarray, "_n"]]
     gains: Sequence[float]
     share: float
+    outline_share: float
 
 
 class _Rays(NamedTuple):
@@ -170,7 +171,11 @@ def _rays(
         radiographs.views, radiographs.sds, radiographs.strays, radiographs.gains, strict=True
     ):
         meets = view.lengths_cm[:, :, part].any(axis=1)
-        for kind, most in ((~view.is_block, MOST_PIXELS), (view.is_block, MOST_BLOCKS)):
+        outlines = radiographs.outline_share / radiographs.share
+        for kind, most, worth in (
+            (~view.is_block, MOST_PIXELS, 1.0),
+            (view.is_block, MOST_BLOCKS, outlines),
+        ):
             mine = np.flatnonzero(meets & kind)
             if not len(mine):
                 continue
@@ -187,5 +192,5 @@ def _rays(
                 np.full(len(some), count),
                 view.measured[some] - stray[some],
                 view.at_least[some],
-                np.sqrt(len(mine) / len(some)) / sd[some],
+                np.sqrt(worth * len(mine) / len(some)) / sd[some],
             )
