@@ -10,8 +10,7 @@ from typing import Final
 import numpy as np
 import trimesh
 from jaxtyping import Float64, Int64
-from scipy.fft import irfft2, next_fast_len, rfft2
-from scipy.ndimage import fourier_gaussian, gaussian_filter, map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates
 
 from xden1k.rays import PathLengths
 from xden1k.values.arrays import Vec3
@@ -57,7 +56,7 @@ USUAL_GAP_CM: Final = 20.0
 """Where a parallel beam tells no distance."""
 GAPS_CM: Final = (5.0, 60.0)
 """What is nearer to the panel or farther away is reckoned to be so far from it."""
-FADED_SDS: Final = 4.0
+FADED_SDS: Final = 6.0
 """Standard deviations from which on nothing is left of a Gaussian."""
 
 
@@ -287,12 +286,17 @@ def _shapes(
 
 
 def _spread(values: Values, sds_px: Sequence[float]) -> list[Values]:
-    """Spread an image with nothing around it by several Gaussians, by its Fourier transform."""
-    room = math.ceil(FADED_SDS * max(sds_px))
-    rows, columns = (next_fast_len(size + room, real=True) for size in values.shape)
-    waves = rfft2(values, (rows, columns))
-    kept = tuple(slice(size) for size in values.shape)
-    return [irfft2(fourier_gaussian(waves, sd, columns), (rows, columns))[kept] for sd in sds_px]
+    """Spread an image with nothing around it by several Gaussians: along columns, then rows."""
+    rows, columns = values.shape
+    return [_gaussian(rows, sd) @ values @ _gaussian(columns, sd) for sd in sds_px]
+
+
+def _gaussian(size: int, sd_px: float) -> Values:
+    """Weights of pixels in a row by how far they are apart; those of an endless row add up to 1."""
+    reach = max(size, math.ceil(FADED_SDS * sd_px))
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sd_px) ** 2)
+    places = np.arange(size)
+    return np.asarray((weights / weights.sum())[reach + places[:, None] - places])
 
 
 def _pixel_cm(view: XRayView, binning: int) -> float:
