@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
+import trimesh
 
 from tests.builder.poly_scenes import TUBE, captured, tool
 from xden1k.rays import ownership_order, path_lengths
+from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.capture import Capture
 from xden_builder.fit.outline import on_outline
 from xden_builder.physics.groups import energy_groups
@@ -76,6 +79,44 @@ def test_inner_pixels_stand_alone_and_outlines_come_in_blocks(capture):
     assert (samples.rays[samples.is_block] == BLOCK_RAYS**2).all()
     middle = np.divmod(samples.pixels[samples.is_block], 126)
     assert all(((index - 1) % BLOCK_PX == 0).all() for index in middle)
+
+
+def comb(of: Literal["wires", "wedge"]) -> trimesh.Trimesh:
+    """A row of wires, each behind the middle of a column of pixels, or a wedge as wide."""
+    if of == "wedge":
+        corners = [(x, y, z) for x, y in ((-1.5, 0), (1.5, 0), (1.5, 0.1)) for z in (-1.5, 1.5)]
+        return trimesh.convex.convex_hull(corners)
+    wire = trimesh.creation.cylinder(0.045, 3.0, sections=64)
+    places = np.arange(-14.5, 15) / 10
+    return trimesh.util.concatenate([wire.copy().apply_translation((x, 0, 0)) for x in places])
+
+
+@pytest.mark.parametrize(("of", "alone"), [("wires", False), ("wedge", True)])
+def test_a_centre_on_a_wire_finer_than_its_pixel_does_not_stand_for_the_pixel(of, alone):
+    geometry = ViewGeometry.from_dict(
+        {
+            "beam": "parallel",
+            "direction": [0, 1, 0],
+            "pixel00_cm": [-2.95, 0, 2.95],
+            "column_step_cm": [0.1, 0, 0],
+            "row_step_cm": [0, 0, -0.1],
+            "shape": [60, 60],
+        }
+    )
+    light, valid = np.ones((60, 60), dtype=np.float32), np.ones((60, 60), dtype=bool)
+    view = XRayView("pa", light, valid, geometry)
+    mesh = comb(of)
+    samples = choose_pixels(
+        view,
+        ~valid,
+        path_lengths([mesh], [0], geometry),
+        path_lengths([mesh], [0], coarse(geometry, BLOCK_PX), BLOCK_RAYS),
+        ViewBeam(GROUPS, geometry, Heel()),
+        np.random.default_rng(0),
+    )
+    meets = samples.meets[:, 0]
+    assert (meets & ~samples.is_block).any() == alone
+    assert (meets & samples.is_block).sum() >= 50
 
 
 def test_the_model_of_a_sample_is_its_measured_transmission(capture):

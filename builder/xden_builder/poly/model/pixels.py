@@ -29,6 +29,9 @@ LEAST_BLOCKS: Final = 50
 """Compared for each part in each view; most pixels serve several parts."""
 SATURATED: Final = 50
 """Samples known from below alone, of each kind and part in each view."""
+UNEVEN: Final = 0.1
+"""Of a length: rays of a pixel that meet so much more or less of a part in the mean are not for its
+centre's ray to stand for."""
 AIR_PIXELS: Final = 300
 COPPER: Final = (("Cu", 1.0),)
 COPPER_G_CM3: Final = 8.96
@@ -137,14 +140,14 @@ def choose_pixels(
     rng
         Chooses.
     """
-    outline = on_outline(lengths)
+    width = view.transmission.shape[0] // blocks.shape[0]
+    outline = on_outline(lengths) | _uneven(lengths, blocks, width)
     usable = view.valid.ravel()[lengths.pixels] & ~lengths.broken & ~outline
     full = saturated.ravel()[lengths.pixels]
     met = lengths.lengths_cm[:, 0] > 0
     parts = met.shape[1]
     inner = _some_of_each(rng, met & (usable & ~full)[:, None], np.full(parts, PIXELS_A_PART))
     found = met[inner].sum(axis=0)
-    width = view.transmission.shape[0] // blocks.shape[0]
     image, _ = binned(view, width)
     whole = _whole(view.valid, width).ravel()[blocks.pixels] & ~blocks.broken
     partly_full = any_of(saturated, width).ravel()[blocks.pixels]
@@ -182,6 +185,27 @@ def choose_pixels(
         ),
     )
     return _gathered(kinds, beam)
+
+
+def _uneven(lengths: PathLengths, blocks: PathLengths, width: int) -> Bool[np.ndarray, "n"]:
+    """Whether a pixel's centre does not stand for it, shape (n,).
+
+    Of some part its rays meet more or less in the mean. Neighbours do not tell: those of a coil may
+    all meet the middle of its wire. Lengths that grow steadily across a pixel have the centre's as
+    their mean. Pixels beyond the last whole block have their centres alone.
+    """
+    centre = lengths.lengths_cm[:, 0]
+    if width == 1:
+        return np.zeros(len(centre), dtype=np.bool_)
+    rays = round(blocks.lengths_cm.shape[1] ** 0.5) // width
+    fine = blocks.lengths_cm.reshape(-1, width, rays, width, rays, centre.shape[1])
+    rows, columns = np.divmod(lengths.pixels, lengths.shape[1])
+    places = np.full([-(-size // width) for size in lengths.shape], -1)
+    places[np.divmod(blocks.pixels, blocks.shape[1])] = np.arange(len(blocks.pixels))
+    place = places[rows // width, columns // width]
+    mean = fine.mean(axis=(2, 4))[place, rows % width, columns % width]
+    off = (np.abs(mean - centre) > UNEVEN * centre).any(axis=1)
+    return np.asarray(off & (place >= 0))
 
 
 def _gathered(kinds: tuple[_Samples, _Samples, _Samples], beam: ViewBeam) -> ViewPixels:
