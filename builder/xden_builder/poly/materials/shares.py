@@ -109,13 +109,13 @@ def material_shares(label: str) -> Mapping[str, float]:
 def grade_shares() -> Mapping[str, Mapping[str, float]]:
     """Share of each base and its grades in everyday things, by base: ``grade_shares.csv``.
 
-    Each row gives its reason. Shares are cautious, for a base stands for all that no row describes:
-    what the grades leave is its own.
+    Each row gives its reason. A base stands for all that no row describes: what the grades leave is
+    its own.
 
     Examples
     --------
     >>> {name: round(share, 2) for name, share in grade_shares()["brass"].items()}
-    {'brass': 0.85, 'brass_leaded': 0.15}
+    {'brass': 0.65, 'brass_leaded': 0.35}
     >>> grade_shares()["gold"]
     {'gold': 1.0}
     """
