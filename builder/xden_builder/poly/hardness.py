@@ -15,7 +15,7 @@ from xden_builder.poly.survey import FILTERS_MM_CU, Clue
 
 __all__ = ["Hardness", "join", "pilots"]
 
-PILOTS: Final = 48
+PILOTS: Final = 40
 """Objects that are asked, at most: a hundred parts tell a filter to a few thousandths of a
 millimetre."""
 
