@@ -195,7 +195,7 @@ def _uneven(lengths: PathLengths, blocks: PathLengths, width: int) -> Bool[np.nd
     their mean. Pixels beyond the last whole block have their centres alone.
     """
     centre = lengths.lengths_cm[:, 0]
-    if width == 1:
+    if width == 1 or not len(blocks.pixels):
         return np.zeros(len(centre), dtype=np.bool_)
     rays = round(blocks.lengths_cm.shape[1] ** 0.5) // width
     fine = blocks.lengths_cm.reshape(-1, width, rays, width, rays, centre.shape[1])
