@@ -19,6 +19,7 @@ from xden_builder.poly.judgement import judge
 from xden_builder.poly.line import sampled
 from xden_builder.poly.posterior.problem import Mass
 from xden_builder.poly.settings import PolySettings
+from xden_builder.poly.weighed import weighed
 
 TUBE = Tube(kv=100.0, mas=126.0, filtration_cm={"Al": 0.25})
 ANGLES = {"pa": 90.0, "lat": 0.0}
@@ -140,10 +141,11 @@ def true_mass_g(solids):
 
 def solved(capture, **choices):
     """Where the fit ends."""
-    space, settings, mass = divide(capture.parts), PolySettings(**choices), None
-    if capture.weighed_mass_g is not None:
-        mass = Mass(capture.weighed_mass_g, space.volumes_cm3)
-    return estimate(sampled(capture, space, settings), mass, settings)
+    space, settings = divide(capture.parts), PolySettings(**choices)
+    solution = estimate(sampled(capture, space, settings), settings)
+    if capture.weighed_mass_g is None:
+        return solution
+    return weighed(solution, Mass(capture.weighed_mass_g, space.volumes_cm3), settings)
 
 
 def fitted(capture, **choices):

@@ -10,6 +10,7 @@ which takes the value that the one before it made (:func:`xden_builder.poly.line
 :mod:`pose`          ``Placement``       meshes onto their shadows
 :mod:`samples`       ``Samples``         path lengths there, and the pixels that are compared
 :mod:`estimate`      ``Solution``        densities and materials, in turn
+:mod:`weighed`       ``Solution``        the same by a mass, too, if the object was on a scale
 :mod:`judgement`     ``PolyFit``         densities with their uncertainty and flags
 ===================  ==================  ========================================================
 

@@ -80,12 +80,7 @@ def diagnose(solution: Solution) -> Diagnosis:
         by_size_g_cm3=-(every @ _slope_by_size(solution))[:parts],
         told_by_images=(1 - without_scale / prior).clip(0, 1),
         told_by_scale=(1 - variance / without_scale).clip(0, 1),
-        between_g_cm3=np.array(
-            [
-                np.sqrt(np.cov(each.density_g_cm3, aweights=each.probability, ddof=0))
-                for each in solution.posteriors
-            ]
-        ),
+        between_g_cm3=np.array([each.between_g_cm3 for each in solution.posteriors]),
         apart_g_cm3=apart,
         apart_sd_g_cm3=apart_sd,
         outline_share=outline_share,

@@ -1,6 +1,7 @@
 """Stage 5 of the fit: densities and materials, in turn, until the materials stay as they are.
 
-Comes from :mod:`samples`, leads to :mod:`judgement`.
+Comes from :mod:`samples`, leads to :mod:`judgement`; by way of :mod:`weighed`, if the object was on
+a scale.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from xden_builder.poly.samples import Samples, Seen
 from xden_builder.poly.scene import Scene
 from xden_builder.poly.settings import PolySettings
 
-__all__ = ["Solution", "estimate", "problem_of"]
+__all__ = ["Solution", "estimate", "problem_of", "veils_of"]
 
 SWEEPS: Final = 3
 """Rounds of densities and materials, at most."""
@@ -111,7 +112,7 @@ class Solution:
         return near, far
 
 
-def estimate(samples: Samples, mass: Mass | None, settings: PolySettings) -> Solution:
+def estimate(samples: Samples, settings: PolySettings) -> Solution:
     """Fit densities, weigh materials, and again, until no part changes what it most probably is.
 
     At first densities may leave their materials' ranges, so that stray light and gain need not
@@ -121,8 +122,6 @@ def estimate(samples: Samples, mass: Mass | None, settings: PolySettings) -> Sol
     ----------
     samples
         What is fitted to, and where from.
-    mass
-        From a scale, if the object was weighed.
     settings
         What is modelled.
     """
@@ -130,14 +129,14 @@ def estimate(samples: Samples, mass: Mass | None, settings: PolySettings) -> Sol
     parts = len(light.tables)
     best = samples.guess.choice
     now = loosened(samples.guess.stand_ins)
-    problem = problem_of(samples, now, density, [USUAL_VEIL] * len(samples.seen), mass, settings)
+    problem = problem_of(samples, now, density, [USUAL_VEIL] * len(samples.seen), None, settings)
     nuisances = problem.prior.mean[parts:]
     for _ in range(SWEEPS):
         minimum = solve(problem, np.concatenate([density, nuisances]))
         nuisances = minimum.unknowns[parts:]
         posteriors, density = _weigh(problem, minimum, light.tables, settings)
         now = mixtures(light.tables, posteriors, settings.mixture_share)
-        problem = problem_of(samples, now, density, _veils(problem, minimum), mass, settings)
+        problem = problem_of(samples, now, density, veils_of(problem, minimum), None, settings)
         chosen = [int(np.argmax(each.probability)) for each in posteriors]
         if chosen == best:
             break
@@ -146,7 +145,7 @@ def estimate(samples: Samples, mass: Mass | None, settings: PolySettings) -> Sol
     return Solution(samples, posteriors, problem, minimum)
 
 
-def _veils(problem: Problem, minimum: Minimum) -> list[Veil]:
+def veils_of(problem: Problem, minimum: Minimum) -> list[Veil]:
     """Near and far scatter of each view."""
     unknowns = minimum.unknowns
     widths = unknowns[problem.widths]

@@ -16,6 +16,7 @@ from xden_builder.poly.scale import compare
 from xden_builder.poly.scene import set_scene
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import first_guess
+from xden_builder.poly.weighed import weighed
 
 __all__ = ["fit_poly", "fit_samples", "sampled"]
 
@@ -44,12 +45,10 @@ def fit_poly(
         If the source is not known or outside the tables.
     """
     samples = sampled(capture, space, settings)
-    by_images = fit_samples(samples, None, settings)
-    if capture.weighed_mass_g is None:
-        return by_images
-    mass = Mass(capture.weighed_mass_g, samples.size.factor**3 * space.volumes_cm3)
-    known = by_images.solution.density_g_cm3, by_images.covariance
-    return replace(fit_samples(samples, mass, settings), weighing=compare(mass, *known))
+    mass = None
+    if capture.weighed_mass_g is not None:
+        mass = Mass(capture.weighed_mass_g, samples.size.factor**3 * space.volumes_cm3)
+    return fit_samples(samples, mass, settings)
 
 
 def sampled(capture: Capture, space: Space, settings: PolySettings = DEFAULT) -> Samples:
@@ -67,6 +66,10 @@ def sampled(capture: Capture, space: Space, settings: PolySettings = DEFAULT) ->
 
 
 def fit_samples(samples: Samples, mass: Mass | None, settings: PolySettings = DEFAULT) -> PolyFit:
-    """Go through the stages that follow: estimate, judgement."""
-    solution = estimate(samples, mass, settings)
-    return judge(solution)
+    """Go through the stages that follow: estimate, by images and by a mass, and judgement."""
+    solution = estimate(samples, settings)
+    by_images = judge(solution)
+    if mass is None:
+        return by_images
+    weighing = compare(mass, solution.density_g_cm3, by_images.covariance)
+    return replace(judge(weighed(solution, mass, settings)), weighing=weighing)

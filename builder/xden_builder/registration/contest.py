@@ -68,6 +68,6 @@ def _fitted(capture: Capture, space: Space, found: Found) -> Found:
     points = np.concatenate([np.asarray(mesh.vertices) for mesh in there.meshes])
     size = Size(float(np.exp(found.growth)), 0.0, (points.min(axis=0) + points.max(axis=0)) / 2)
     samples = sampled(capture, there.moved(size.enlarged), SETTINGS)
-    solution = estimate(samples, None, SETTINGS)
+    solution = estimate(samples, SETTINGS)
     deviance = solution.problem.evaluate(solution.minimum.unknowns).loss
     return replace(found, density_g_cm3=solution.density_g_cm3, deviance=deviance)

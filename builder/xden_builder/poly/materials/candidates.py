@@ -102,6 +102,12 @@ class CandidateTable:
         share = (sd / self.seen_priors[:, 1]) ** 2
         return np.asarray((mean + share * (seen_g_cm3 - mean)).clip(low, high))
 
+    def density_sds(self, seen_sd_g_cm3: Float64[np.ndarray, "c"]) -> Float64[np.ndarray, "c"]:
+        """Return how sure those are, if what the images see of each is as sure as told."""
+        _, sd, _, _ = self.priors.T
+        share = (sd / self.seen_priors[:, 1]) ** 2
+        return np.asarray(np.sqrt(sd**2 * (1 - share) + (share * seen_sd_g_cm3) ** 2))
+
     @property
     def leading(self) -> Bool[np.ndarray, "c"]:
         """Which candidates are grades of the first one's base, solid or not as it is."""

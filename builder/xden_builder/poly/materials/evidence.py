@@ -45,6 +45,11 @@ class MaterialPosterior:
     seen_g_cm3: Float64[np.ndarray, "c"]
     sd_g_cm3: Float64[np.ndarray, "c"]
 
+    @property
+    def between_g_cm3(self) -> float:
+        """Standard deviation of the best densities."""
+        return float(np.sqrt(np.cov(self.density_g_cm3, aweights=self.probability, ddof=0)))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Radiographs:
