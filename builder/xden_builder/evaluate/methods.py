@@ -19,7 +19,7 @@ from xden_builder.capture.space import Space
 from xden_builder.evaluate.truth import Errors, Truth, errors_of
 from xden_builder.fit import fit_lac_adam
 from xden_builder.poly.judgement import PolyFit
-from xden_builder.poly.line import fit_samples, sampled
+from xden_builder.poly.line import fit_samples, sampled, with_mass
 from xden_builder.poly.materials.candidates import candidates
 from xden_builder.poly.posterior.problem import Mass
 from xden_builder.poly.settings import PolySettings
@@ -143,8 +143,11 @@ def poly(
     """Fit the tube's spectrum, once for each mass that may be known; the pose does not need it."""
     samples = sampled(capture, space, settings)
     volumes = samples.size.factor**3 * space.volumes_cm3
-    weighed = [None if mass is None else Mass(mass, volumes) for mass in masses_g]
-    return [fit_samples(samples, mass, settings) for mass in weighed]
+    by_images = fit_samples(samples, settings)
+    return [
+        by_images if mass_g is None else with_mass(by_images, Mass(mass_g, volumes), settings)
+        for mass_g in masses_g
+    ]
 
 
 def errors_of_fit(fit: PolyFit, space: Space, truth: Truth) -> Errors:

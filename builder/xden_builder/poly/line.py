@@ -18,7 +18,7 @@ from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import first_guess
 from xden_builder.poly.weighed import weighed
 
-__all__ = ["fit_poly", "fit_samples", "sampled"]
+__all__ = ["fit_poly", "fit_samples", "sampled", "with_mass"]
 
 DEFAULT: Final = PolySettings()
 
@@ -45,10 +45,11 @@ def fit_poly(
         If the source is not known or outside the tables.
     """
     samples = sampled(capture, space, settings)
-    mass = None
-    if capture.weighed_mass_g is not None:
-        mass = Mass(capture.weighed_mass_g, samples.size.factor**3 * space.volumes_cm3)
-    return fit_samples(samples, mass, settings)
+    by_images = fit_samples(samples, settings)
+    if capture.weighed_mass_g is None:
+        return by_images
+    mass = Mass(capture.weighed_mass_g, samples.size.factor**3 * space.volumes_cm3)
+    return with_mass(by_images, mass, settings)
 
 
 def sampled(capture: Capture, space: Space, settings: PolySettings = DEFAULT) -> Samples:
@@ -65,11 +66,13 @@ def sampled(capture: Capture, space: Space, settings: PolySettings = DEFAULT) ->
     return take_samples(placement, settings)
 
 
-def fit_samples(samples: Samples, mass: Mass | None, settings: PolySettings = DEFAULT) -> PolyFit:
-    """Go through the stages that follow: estimate, by images and by a mass, and judgement."""
-    solution = estimate(samples, settings)
-    by_images = judge(solution)
-    if mass is None:
-        return by_images
+def fit_samples(samples: Samples, settings: PolySettings = DEFAULT) -> PolyFit:
+    """Go through the stages that follow, by the images alone: estimate, judgement."""
+    return judge(estimate(samples, settings))
+
+
+def with_mass(by_images: PolyFit, mass: Mass, settings: PolySettings = DEFAULT) -> PolyFit:
+    """Go on from a fit by the images alone, with the mass of a scale: weighed, judgement."""
+    solution = by_images.solution
     weighing = compare(mass, solution.density_g_cm3, by_images.covariance)
     return replace(judge(weighed(solution, mass, settings)), weighing=weighing)
