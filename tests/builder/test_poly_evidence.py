@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from tests.builder.poly_scenes import captured, solved, tool
 from xden_builder.poly.materials import evidence
+from xden_builder.poly.materials.stand_ins import mixtures
 
 
 def test_what_is_not_tried_would_not_have_been_probable(monkeypatch):
@@ -20,3 +24,18 @@ def test_what_is_not_tried_would_not_have_been_probable(monkeypatch):
         assert (all_of_them.probability[left_out] < 1e-3 * best).all()
         np.testing.assert_allclose(some.probability, all_of_them.probability, atol=0.02)
         assert np.isfinite(some.density_g_cm3).all()
+
+
+def test_what_images_say_of_a_density_they_do_not_say_twice():
+    """A density within its material's range is expected where the material's is, not where seen."""
+    solution = solved(captured(tool(), size=64), pose=False)
+    tables = solution.scene.light.tables
+    once = mixtures(tables, solution.posteriors, 0.1)
+    denser = [
+        replace(each, density_g_cm3=1.02 * each.density_g_cm3) for each in solution.posteriors
+    ]
+    np.testing.assert_array_equal(mixtures(tables, denser, 0.1).mean_g_cm3, once.mean_g_cm3)
+    for table, posterior, mean in zip(tables, solution.posteriors, once.mean_g_cm3, strict=True):
+        if posterior.probability.max() > 0.99:
+            likeliest = int(posterior.probability.argmax())
+            assert mean == pytest.approx(table.priors[likeliest, 0], rel=0.01)
