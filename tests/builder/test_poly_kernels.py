@@ -112,7 +112,17 @@ def test_the_best_density_balances_what_every_ray_tells_and_the_prior(seed):
     found, priors = np.empty((1, 3)), np.array([[1.0, 0.4, 0.1, 5.0]])
     below, inverse_sd = np.zeros(12, dtype=bool), np.full(12, 100.0)
     kernels.scan(
-        others, ways, ends, measured, below, inverse_sd, 1.0, HUBER, mac[None], priors, found
+        others,
+        ways,
+        ends,
+        measured,
+        below,
+        inverse_sd,
+        np.ones(12),
+        HUBER,
+        mac[None],
+        priors,
+        found,
     )
     density, least, _ = found[0]
     assert least == pytest.approx(cost(density), rel=1e-9)
@@ -125,13 +135,15 @@ def slab(mac, density, transmissions=(0.9, 0.6, 0.3, 0.1)):
     return ways, np.exp(-np.outer(ways * density, mac)) @ OPEN
 
 
-def scanned(ways, measured, macs, priors, *, rays=1, sd=0.003, at_least=False):
+def scanned(ways, measured, macs, priors, *, rays=1, sd=0.003, at_least=False, share=1.0):
     """Densities, costs and curvatures of candidates."""
     others, found = np.repeat(OPEN[:, None], len(ways), axis=1), np.empty((len(macs), 3))
     ends = np.arange(rays, len(ways) + 1, rays)
     inverse_sd = np.full(len(measured), 1 / sd)
-    below = np.full(len(measured), at_least)
-    kernels.scan(others, ways, ends, measured, below, inverse_sd, 1.0, HUBER, macs, priors, found)
+    below, shares = np.full(len(measured), at_least), np.full(len(measured), share)
+    kernels.scan(
+        others, ways, ends, measured, below, inverse_sd, shares, HUBER, macs, priors, found
+    )
     return found.T
 
 
@@ -181,6 +193,18 @@ def test_search_stays_between_the_bounds_and_a_sure_prior_holds():
     bounded, sure = np.array([[7.0, 1.0, 6.5, 7.2]]), np.array([[7.0, 1e-4, 6.5, 9.0]])
     assert scanned(ways, measured, mac[None], bounded)[0] == 7.2
     assert scanned(ways, measured, mac[None], sure)[0] == pytest.approx(7.0, rel=1e-3)
+
+
+def test_a_pixel_worth_two_says_what_two_alike_say_however_far_off_they_are():
+    """What a pixel is worth must not move how many of its deviations count in full."""
+    steel = ALL_MAC[list(LIBRARY).index("steel")]
+    ways, measured = slab(steel, 7.8)
+    measured = measured + 0.003 * np.array([1.5, -3.0, 5.0, 0.5])
+    priors = np.array([[7.8, 0.4, 4.0, 12.0]])
+    twice = scanned(np.repeat(ways, 2), np.repeat(measured, 2), steel[None], priors)
+    np.testing.assert_allclose(
+        scanned(ways, measured, steel[None], priors, share=2.0), twice, rtol=1e-9
+    )
 
 
 def test_one_wild_pixel_does_not_move_the_search_far():

@@ -86,6 +86,7 @@ class _Rays(NamedTuple):
     measured: Float64[np.ndarray, "n"]
     at_least: Bool[np.ndarray, "n"]
     inverse_sd: Float64[np.ndarray, "n"]
+    shares: Float64[np.ndarray, "n"]
 
 
 def weigh_materials(
@@ -115,10 +116,10 @@ def weigh_materials(
         return _posterior(table, np.column_stack([mean, table.log_prior, sd**-2.0]))
     others, *columns = zip(*rays, strict=True)
     seen = _Rays(np.concatenate(others, axis=1), *map(np.concatenate, columns))
-    return _posterior(table, _weighed(seen, radiographs.share, table))
+    return _posterior(table, _weighed(seen, table))
 
 
-def _weighed(seen: _Rays, share: float, table: CandidateTable) -> Float64[np.ndarray, "c 3"]:
+def _weighed(seen: _Rays, table: CandidateTable) -> Float64[np.ndarray, "c 3"]:
     """Best density of each candidate, logarithm of its evidence, and curvature.
 
     Evidence is prior probability times at most 1, so that what cannot come near the best any more
@@ -130,13 +131,13 @@ def _weighed(seen: _Rays, share: float, table: CandidateTable) -> Float64[np.nda
     for _ in range(2):
         possible = table.log_prior > best + math.log(NEGLIGIBLE)
         untried = possible & np.isneginf(found[:, 1])
-        found[untried] = _scanned(seen, share, table, untried)
+        found[untried] = _scanned(seen, table, untried)
         best = found[:, 1].max()
     return found
 
 
 def _scanned(
-    seen: _Rays, share: float, table: CandidateTable, which: Bool[np.ndarray, "c"]
+    seen: _Rays, table: CandidateTable, which: Bool[np.ndarray, "c"]
 ) -> Float64[np.ndarray, "n 3"]:
     """Do so for some of the candidates, by Laplace's approximation."""
     priors, found = table.seen_priors[which], np.empty((int(which.sum()), 3))
@@ -147,7 +148,7 @@ def _scanned(
         seen.measured,
         seen.at_least,
         seen.inverse_sd,
-        share,
+        seen.shares,
         HUBER,
         table.mac_cm2_g[which],
         priors,
@@ -176,10 +177,9 @@ def _rays(
         radiographs.views, radiographs.sds, radiographs.strays, radiographs.gains, strict=True
     ):
         meets = view.lengths_cm[:, :, part].any(axis=1)
-        outlines = radiographs.outline_share / radiographs.share
-        for kind, most, worth in (
-            (~view.is_block, MOST_PIXELS, 1.0),
-            (view.is_block, MOST_BLOCKS, outlines),
+        for kind, most, share in (
+            (~view.is_block, MOST_PIXELS, radiographs.share),
+            (view.is_block, MOST_BLOCKS, radiographs.outline_share),
         ):
             mine = np.flatnonzero(meets & kind)
             if not len(mine):
@@ -197,5 +197,6 @@ def _rays(
                 np.full(len(some), count),
                 view.measured[some] - stray[some],
                 view.at_least[some],
-                np.sqrt(worth * len(mine) / len(some)) / sd[some],
+                1 / sd[some],
+                np.full(len(some), share * len(mine) / len(some)),
             )

@@ -206,7 +206,7 @@ def scan(
     measured: Float64[np.ndarray, "n"],
     at_least: Bool[np.ndarray, "n"],
     inverse_sd: Float64[np.ndarray, "n"],
-    share: float,
+    shares: Float64[np.ndarray, "n"],
     huber: float,
     macs: Float64[np.ndarray, "c b"],
     priors: Float64[np.ndarray, "c 4"],
@@ -225,8 +225,8 @@ def scan(
     measured, at_least, inverse_sd
         Transmission less the other light, whether it is known from below alone, and one over its
         standard deviation.
-    share
-        Of an independent observation that a pixel is worth.
+    shares
+        Of an independent observation that each pixel is worth.
     huber
         Standard deviations beyond which a residual counts linearly.
     macs, priors
@@ -263,7 +263,7 @@ def scan(
                 if at_least[pixel] and residual >= 0:
                     continue
                 slope *= inverse_sd[pixel]
-                size = abs(residual)
+                size, share = abs(residual), shares[pixel]
                 if size <= huber:
                     cost += 0.5 * share * residual**2
                     weight = 1.0
