@@ -31,7 +31,9 @@ from xden_builder.poly.model.stray import (
     coarse_binning,
     glare_of,
     middle_of,
+    pitches_cm,
     scatter_reaches_cm,
+    spread_by_glare,
     stray_image,
     stray_light,
 )
@@ -155,6 +157,28 @@ def test_scatter_is_spread_as_by_a_gaussian_with_nothing_around(clean):
     for sharp_cm, found in zip(reaches_of(view), (near, far), strict=True):
         filtered = gaussian_filter(pin, sharp_cm / pixel_cm, mode="constant", truncate=6.0)
         np.testing.assert_allclose(found, filtered, atol=1e-4 * filtered.max())
+
+
+def test_light_spreads_as_far_across_rows_as_along_them_where_pixels_are_not_square(clean):
+    view = clean.views[0]
+    half = replace(
+        view.geometry, row_step_cm=2 * view.geometry.row_step_cm, shape=(SIZE // 2, SIZE)
+    )
+    pairs = slice(0, SIZE, 2)
+    high = XRayView("pa", view.transmission[pairs], view.valid[pairs], half)
+    assert pitches_cm(high, 1) == pytest.approx(
+        (2 * pitches_cm(view, 1)[0], pitches_cm(view, 1)[1])
+    )
+    pin = np.zeros(half.shape)
+    pin[SIZE // 4, SIZE // 2] = 1.0
+    spread = spread_by_glare(pin, pitches_cm(high, 1))
+    reach_cm = [
+        pitch * np.sqrt((each * (np.arange(len(each)) - each.argmax()) ** 2).sum() / each.sum())
+        for pitch, each in zip(
+            pitches_cm(high, 1), (spread.sum(axis=1), spread.sum(axis=0)), strict=True
+        )
+    ]
+    assert reach_cm[0] == pytest.approx(reach_cm[1], rel=0.1)
 
 
 def test_shapes_between_the_widths_are_those_of_their_widths(clean):

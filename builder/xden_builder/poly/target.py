@@ -18,7 +18,7 @@ from xden1k.values.arrays import Image, Mask
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.frames import any_of, binned, coarse
-from xden_builder.poly.model.stray import GLARE, spread_by_glare
+from xden_builder.poly.model.stray import GLARE, pitches_cm, spread_by_glare
 
 __all__ = ["Averaged", "Bounds", "Target", "Window", "window"]
 
@@ -135,9 +135,8 @@ class Averaged(NamedTuple):
     def of(cls, view: XRayView, saturated: Mask, binning: int) -> Averaged:
         """Average a radiograph."""
         image, known = binned(view, binning)
-        pixel_cm = float(np.linalg.norm(coarse(view.geometry, binning).column_step_cm))
         light = image.astype(np.float64)
-        glare = spread_by_glare(light, pixel_cm) - light
+        glare = spread_by_glare(light, pitches_cm(view, binning)) - light
         return cls(image, known, any_of(saturated, binning), glare)
 
 

@@ -29,6 +29,7 @@ __all__ = [
     "glare_of",
     "interpolated",
     "middle_of",
+    "pitches_cm",
     "scatter_reaches_cm",
     "spread_by_glare",
     "stray_image",
@@ -170,12 +171,22 @@ def glare_of(view: XRayView, shape: tuple[int, int]) -> Values:
     """
     binning = view.transmission.shape[0] // shape[0]
     light = binned(view, binning)[0].astype(np.float64)
-    return spread_by_glare(light, _pixel_cm(view, binning))
+    return spread_by_glare(light, pitches_cm(view, binning))
 
 
-def spread_by_glare(light: Values, pixel_cm: float) -> Values:
-    """Spread an image as light does in the scintillator; beyond its rims it is as at them."""
-    return np.asarray(gaussian_filter(light, GLARE_CM / pixel_cm, mode="nearest"))
+def spread_by_glare(light: Values, pitches_cm: tuple[float, float]) -> Values:
+    """Spread an image as light does in the scintillator; beyond its rims it is as at them.
+
+    Parameters
+    ----------
+    light
+        Of any binning.
+    pitches_cm
+        From row to row, and from column to column.
+    """
+    along_rows, along_columns = pitches_cm
+    sds_px = (GLARE_CM / along_rows, GLARE_CM / along_columns)
+    return np.asarray(gaussian_filter(light, sds_px, mode="nearest"))
 
 
 def stray_light(
@@ -281,14 +292,16 @@ def _shapes(
     )
     scattered = np.zeros(lengths.shape)
     scattered.flat[lengths.pixels] = source
-    scatter = _spread(scattered, [reach_cm / _pixel_cm(view, binning) for reach_cm in reaches_cm])
+    scatter = _spread(scattered, reaches_cm, pitches_cm(view, binning))
     return [*scatter, glare_of(view, lengths.shape) if glare is None else glare]
 
 
-def _spread(values: Values, sds_px: Sequence[float]) -> list[Values]:
+def _spread(
+    values: Values, sds_cm: Sequence[float], pitches_cm: tuple[float, float]
+) -> list[Values]:
     """Spread an image with nothing around it by several Gaussians: along columns, then rows."""
-    rows, columns = values.shape
-    return [_gaussian(rows, sd) @ values @ _gaussian(columns, sd) for sd in sds_px]
+    (rows, columns), (down, along) = values.shape, pitches_cm
+    return [_gaussian(rows, sd / down) @ values @ _gaussian(columns, sd / along) for sd in sds_cm]
 
 
 def _gaussian(size: int, sd_px: float) -> Values:
@@ -299,8 +312,11 @@ def _gaussian(size: int, sd_px: float) -> Values:
     return np.asarray((weights / weights.sum())[reach + places[:, None] - places])
 
 
-def _pixel_cm(view: XRayView, binning: int) -> float:
-    return binning * float(np.linalg.norm(view.geometry.column_step_cm))
+def pitches_cm(view: XRayView, binning: int) -> tuple[float, float]:
+    """Return how far rows, and how far columns, of a binned image are apart on the panel."""
+    steps = view.geometry.row_step_cm, view.geometry.column_step_cm
+    down, along = (binning * float(np.linalg.norm(step)) for step in steps)
+    return down, along
 
 
 def _enlarged(values: Values, binning: int, size: int) -> Float64[np.ndarray, "_size _columns"]:
