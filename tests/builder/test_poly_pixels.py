@@ -224,3 +224,16 @@ def test_edges_are_trusted_less_unless_told_otherwise(capture):
     assert (careful >= blind).all()
     blocks = samples.is_block
     assert np.median((careful / blind)[blocks]) > 2 * np.median((careful / blind)[~blocks])
+
+
+@pytest.mark.parametrize("rows", [4, 5, 8])
+def test_images_whose_rows_are_no_whole_number_of_blocks_are_sampled(capture, rows):
+    """Blocks are as wide as they are, whatever rows they leave over."""
+    view = capture.views[0]
+    first = view.geometry.shape[0] // 2
+    middle = slice(first, first + rows)
+    pixel00_cm = view.geometry.pixel00_cm + first * view.geometry.row_step_cm
+    columns = view.geometry.shape[1]
+    few = replace(view.geometry, pixel00_cm=pixel00_cm, shape=(rows, columns))
+    samples = chosen(XRayView("pa", view.transmission[middle], view.valid[middle], few))
+    assert samples.lengths_cm.shape[2] == len(capture.parts)

@@ -140,7 +140,7 @@ def choose_pixels(
     rng
         Chooses.
     """
-    width = view.transmission.shape[0] // blocks.shape[0]
+    width = 1 if blocks is lengths else BLOCK_PX
     outline = on_outline(lengths) | _uneven(lengths, blocks, width)
     usable = view.valid.ravel()[lengths.pixels] & ~lengths.broken & ~outline
     full = saturated.ravel()[lengths.pixels]
