@@ -71,7 +71,13 @@ def test_labels_that_err_move_the_filter_by_less_than_its_deviation():
 def test_without_a_clue_the_told_filter_is_believed():
     found = join({"object": ()})
     assert (found.filter_mm_cu, found.clues, found.contradicts) == (0.0, 0, False)
-    assert found.sd_mm_cu > 0
+
+
+def test_no_clue_makes_no_surer_of_the_filter_than_one_that_says_nothing():
+    vague = join(folder(clue(0.0, sd=5.0, slope=0.01)))
+    nothing = join({"object": ()})
+    assert nothing.sd_mm_cu == pytest.approx(np.hypot(vague.sd_mm_cu, vague.filter_mm_cu), rel=0.05)
+    assert join({"object": ()}, calibrated=True).sd_mm_cu < 0.2 * nothing.sd_mm_cu
 
 
 def test_a_filter_that_was_measured_is_left_by_clues_that_clearly_tell_another_only():
@@ -84,6 +90,12 @@ def test_a_filter_that_was_measured_is_left_by_clues_that_clearly_tell_another_o
 def test_two_tubes_in_one_folder_are_told():
     found = join(folder(*[clue(0.0)] * 6, *[clue(0.2)] * 6))
     assert found.two_tubes_mm_cu == pytest.approx((0.0, 0.2), abs=0.02)
+
+
+def test_objects_without_a_clue_are_no_voices_for_a_second_tube():
+    alone = folder(*[clue(0.2)] * 8, clue(0.0))
+    assert join(alone).two_tubes_mm_cu is None
+    assert join(alone | {"plain": (), "bare": ()}).two_tubes_mm_cu is None
 
 
 def test_ten_objects_of_forty_eight_of_another_tube_are_told():

@@ -124,18 +124,21 @@ def join(clues: Mapping[str, Sequence[Clue]], *, calibrated: bool = False) -> Ha
     Parameters
     ----------
     clues
-        By object; without any, the told filter is believed, and errors are as assumed.
+        By object; without any, the told filter is believed as far as before any image, and errors
+        are as assumed.
     calibrated
         Whether the told filter was measured, so that none can have been left out.
     """
     count, used = sum(map(len, clues.values())), sum(map(bool, clues.values()))
+    log_prior = _log_prior(TOLD_RIGHT[:1] if calibrated else TOLD_RIGHT)
     if not count:
-        return Hardness(0.0, TOLD_RIGHT[0][1], 0, 0, None, 1.0)
+        sd = float(np.sqrt(_chance(log_prior) @ GRID_MM**2))
+        return Hardness(0.0, round(sd, 4), 0, 0, None, 1.0)
     nothing = np.zeros((len(SCALES), len(GRID_MM)))
     curves = np.array(
-        [np.sum([nothing, *map(_log_likelihood, mine)], axis=0) for mine in clues.values()]
+        [np.sum([nothing, *map(_log_likelihood, mine)], axis=0) for mine in clues.values() if mine]
     )
-    log_posterior = curves.sum(axis=0) + _log_prior(TOLD_RIGHT[:1] if calibrated else TOLD_RIGHT)
+    log_posterior = curves.sum(axis=0) + log_prior
     both = _chance(log_posterior - 0.5 * (np.log(SCALES)[:, None] / SCALE_SD) ** 2)
     scales, filters = both.sum(axis=1), both.sum(axis=0)
     mean = float(filters @ GRID_MM)
