@@ -41,8 +41,9 @@ def test_a_blind_capture_holds_no_material_hollow_part_or_mass(lying: Capture) -
 
 
 def test_the_outer_surface_alone_says_nothing_of_parts(lying: Capture) -> None:
-    (whole,) = as_told(lying, OUTER).parts
-    assert (whole.name, whole.material, whole.hollow) == ("whole", "", True)
+    for settings in (OUTER, replace(OUTER, labels="withheld")):
+        (whole,) = as_told(lying, settings).parts
+        assert (whole.name, whole.material, whole.hollow) == ("whole", "", True)
     outer = outer_surface([part.mesh for part in lying.parts])
     assert float(whole.mesh.volume) == pytest.approx(float(outer.volume))
 

@@ -26,12 +26,10 @@ def as_told(capture: Capture, settings: BuildSettings) -> Capture:
         ``labels="withheld"`` blanks material and ``hollow`` of every part, and the weighed mass:
         all that tells a density apart from the images. ``geometry="outer"`` makes one part of all.
     """
-    if settings.geometry == "outer":
-        capture = as_whole(capture)
-    if settings.labels == "read":
-        return capture
-    parts = tuple(replace(part, material="", hollow=False) for part in capture.parts)
-    return replace(capture, parts=parts, weighed_mass_g=None)
+    if settings.labels == "withheld":
+        parts = tuple(replace(part, material="", hollow=False) for part in capture.parts)
+        capture = replace(capture, parts=parts, weighed_mass_g=None)
+    return as_whole(capture) if settings.geometry == "outer" else capture
 
 
 def as_whole(capture: Capture) -> Capture:
