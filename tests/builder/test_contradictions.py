@@ -146,6 +146,14 @@ def test_air_that_is_misjudged_is_no_shadow_of_meshes_in_other_units() -> None:
     check_size([replace(capture.parts[0], mesh=mesh)], capture.views, [1.2, 1.2])
 
 
+def test_a_part_beyond_the_panel_is_no_sign_of_other_units() -> None:
+    capture = captured(tool(), size=64)
+    mesh = capture.parts[0].mesh
+    for away_cm in (16.0, 18.0, 20.0, 22.0, 25.0):
+        there = CapturePart("beyond", mesh.copy().apply_translation((0, 0, away_cm)), "abs")
+        check_size([*capture.parts, there], capture.views, [1.0, 1.0])
+
+
 @pytest.mark.parametrize("factor", [0.1, *(pytest.param(one, marks=SLOW) for one in (0.01, 2.54))])
 def test_units_are_doubted_whatever_else_fits(factor: float) -> None:
     capture = captured(tool(), size=64)

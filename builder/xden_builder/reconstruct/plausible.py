@@ -118,7 +118,9 @@ def check_size(
         shadow = view.valid & (view.transmission < level - SHADOW_DEPTH)
         if not shadow.any():
             return
-        drawn = float(np.ptp(view.geometry.project(points)[:, :2], axis=0).max())
+        last = np.array(shadow.shape)[::-1] - 0.5
+        places = view.geometry.project(points)[:, :2].clip(-0.5, last)  # as far as the panel goes
+        drawn = float(np.ptp(places, axis=0).max())
         seen = _longest_side(shadow)
         if seen >= WHOLE * max(shadow.shape):
             return
