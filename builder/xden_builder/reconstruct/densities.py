@@ -59,4 +59,7 @@ def _by_fit(explained: Explained) -> Densities:
     size_sd = SIZE_SDS["known"] if explained.size is None else explained.size.sd
     by_size = -size_sd * np.array([part.density_g_cm3 for part in parts])
     alone = np.diag(np.array([part.sd_g_cm3 for part in parts]) ** 2)
-    return Densities(parts, alone + np.outer(by_size, by_size), by_size, size_sd)
+    covariance = alone + np.outer(by_size, by_size)
+    sds = np.sqrt(covariance.diagonal()).tolist()
+    parts = tuple(replace(part, sd_g_cm3=sd) for part, sd in zip(parts, sds, strict=True))
+    return Densities(parts, covariance, by_size, size_sd)
