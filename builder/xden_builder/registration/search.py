@@ -155,7 +155,7 @@ def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness:
         return there
     clouded, best = body.evened(EVENED), there.found[0].placement
     judge = _judge(capture, shadows, body, FINE_PX, best, incomplete=True)
-    told = _told_rotations(capture, body)
+    told = _told_rotations(capture)
     laid = laid_upon_content(shadows, clouded, likeness, LAID, told).placements()
     poses = [*(each.placement for each in there.found), *map(body.of_files, laid)]
     again = told_by_edges(capture, shadows, body, likeness, poses, judge)
@@ -291,7 +291,7 @@ def _coarsely(
 ) -> _Coarse:
     """Find a few poses on coarse images."""
     scaled = capture.scale_sought
-    told = _told_rotations(capture, body)
+    told = _told_rotations(capture)
     poses, search = shortlist(shadows, body, likeness, told, scaled=scaled, breadth=breadth)
     there = [body.of_files(each) for each in poses.placements()]
     tiny = Judge.of(capture, shadows, body, TINY_PX, there[0])
@@ -426,7 +426,7 @@ def _usual_lac_per_cm(capture: Capture) -> Float64[np.ndarray, "k"]:
     return np.array(found)
 
 
-def _told_rotations(capture: Capture, body: Body) -> Rotation | None:
+def _told_rotations(capture: Capture) -> Rotation | None:
     """Rotations around the one a person told; None where all there are must be tried."""
     if not isinstance(capture.pose, CoarsePose):
         return None
