@@ -7,7 +7,7 @@ import pytest
 
 from tests.builder.poly_scenes import box, cylinder
 from xden1k.values.mass import mass_of_meshes
-from xden_builder.reconstruct.rigid import SURFACE_SD_CM, rigid_sd
+from xden_builder.reconstruct.rigid import SURFACE_SD_CM, Weighed, rigid_sd
 
 MESHES = [box((2, 3, 4), (-3, 0, 0)), box((1, 1, 5), (2, 1, 0)), cylinder(0.8, 3, (0, -3, 1))]
 DENSITY = np.array([0.9, 7.8, 1.2])
@@ -79,11 +79,21 @@ def test_a_weighed_mass_bounds_the_deviation_of_the_mass_but_not_of_each_density
     together = by_size(0.005, density)
     covariance += np.outer(together, together)
     free = rigid_sd(boxes, density, covariance, together, 0.005)
-    weighed = rigid_sd(boxes, density, covariance, together, 0.005, weighed_sd_g=0.01)
+    on_scale = Weighed(0.01, np.zeros((2, 2)))
+    weighed = rigid_sd(boxes, density, covariance, together, 0.005, on_scale)
     assert free.mass_g > 0.7
     assert weighed.mass_g == pytest.approx(0.01, rel=0.01)
     # what one box has too much the other lacks: the centre is as free as before
     assert weighed.com_cm[0] == pytest.approx(free.com_cm[0], rel=0.01)
+
+
+def test_what_a_scale_has_narrowed_already_it_does_not_narrow_again():
+    boxes = [box((1, 1, 1), (0, 0, 0)), box((1, 1, 1), (3, 0, 0))]
+    density, volumes, sd_g = np.array([1.0, 1.0]), np.ones(2), 0.02
+    prior = np.diag([0.02**2, 0.03**2])
+    fitted = np.linalg.inv(np.linalg.inv(prior) + np.outer(volumes, volumes) / sd_g**2)
+    found = rigid_sd(boxes, density, fitted, np.zeros(2), 0.0, Weighed(sd_g, fitted))
+    assert found.mass_g == pytest.approx(np.sqrt(volumes @ fitted @ volumes))
 
 
 def test_a_size_moves_the_mass_thrice_where_labels_tell_densities_and_twice_where_x_rays_do():

@@ -31,7 +31,18 @@ __all__ = ["REGISTRATION_NAME", "Capture", "CaptureFolder", "ObjectRow"]
 REGISTRATION_NAME = "registration.json"
 """Beside parts that were put into the scanner's frame: how."""
 _REQUIRED = ("object_id", "category")
-_OPTIONAL = ("mesh_units", "mass_g", "split", "source", "notes", "pose", "mesh_scale")
+_OPTIONAL = (
+    "mesh_units",
+    "mass_g",
+    "split",
+    "source",
+    "notes",
+    "pose",
+    "mesh_scale",
+    "mesh_sd_mm",
+)
+_MOST_MESH_SD_MM = 5.0
+"""Meshes that are farther off are none of the object."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +67,9 @@ class ObjectRow:
         Where its meshes are in the scanner's frame.
     mesh_scale
         What is known of the size of its meshes.
+    mesh_sd_mm
+        How far the surface of a part may lie inside or outside of the mesh's: a standard
+        deviation.
     """
 
     object_id: str
@@ -67,6 +81,7 @@ class ObjectRow:
     notes: str = ""
     pose: PoseTold = "near"
     mesh_scale: MeshScale = "known"
+    mesh_sd_mm: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,6 +121,9 @@ class Capture:
         is told roughly, and its pose is its own.
     mesh_units
         As in ``objects.csv``: of the files that the parts were read from.
+    mesh_sd_cm
+        How far the surface of each part may lie inside or outside of its mesh's: a standard
+        deviation, ``mesh_sd_mm`` of ``objects.csv``.
     """
 
     object_id: str
@@ -128,6 +146,7 @@ class Capture:
     further_views: tuple[XRayView, ...] = ()
     turned: frozenset[str] = frozenset()
     mesh_units: str = "cm"
+    mesh_sd_cm: float = 0.0
 
     @property
     def fitted_views(self) -> tuple[XRayView, ...]:
@@ -228,6 +247,7 @@ class CaptureFolder:
             further_views=tuple(views[name].view for name in scanner.further_names),
             turned=frozenset(name for name, stored in scanner.views.items() if stored.turned),
             mesh_units=row.mesh_units,
+            mesh_sd_cm=row.mesh_sd_mm / 10,
         )
 
     def parts(self, object_id: str) -> tuple[tuple[CapturePart, ...], tuple[str, ...]]:
@@ -359,14 +379,28 @@ def _object_row(row: CsvRow) -> ObjectRow:
         notes=row["notes"],
         pose=read_pose(row),
         mesh_scale=read_mesh_scale(row),
+        mesh_sd_mm=_mesh_sd_mm(row) if row["mesh_sd_mm"] else 0.0,
     )
 
 
 def _mass_g(row: CsvRow) -> float:
-    try:
-        mass_g = float(row["mass_g"])
-    except ValueError:
-        mass_g = math.nan
+    mass_g = _number(row["mass_g"])
     if not 0 < mass_g < math.inf:
         raise row.error("mass_g", f"must be a positive number of grams, got {row['mass_g']!r}")
     return mass_g
+
+
+def _mesh_sd_mm(row: CsvRow) -> float:
+    sd_mm = _number(row["mesh_sd_mm"])
+    if not 0 <= sd_mm <= _MOST_MESH_SD_MM:
+        most, told = f"{_MOST_MESH_SD_MM:g}", row["mesh_sd_mm"]
+        raise row.error("mesh_sd_mm", f"must be a number of mm from 0 to {most}, got {told!r}")
+    return sd_mm
+
+
+def _number(text: str) -> float:
+    """Read a number; what is none is not a number."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan

@@ -21,7 +21,6 @@ from xden_builder.fit import fit_lac_adam
 from xden_builder.poly.judgement import PolyFit
 from xden_builder.poly.line import fit_samples, sampled, with_mass
 from xden_builder.poly.materials.candidates import candidates
-from xden_builder.poly.posterior.problem import Mass
 from xden_builder.poly.settings import PolySettings
 
 __all__ = [
@@ -145,7 +144,7 @@ def poly(
     volumes = samples.size.factor**3 * space.volumes_cm3
     by_images = fit_samples(samples, settings)
     return [
-        by_images if mass_g is None else with_mass(by_images, Mass(mass_g, volumes), settings)
+        by_images if mass_g is None else with_mass(by_images, mass_g, volumes, settings)
         for mass_g in masses_g
     ]
 

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float64
 
 from xden_builder.poly.estimate import Solution
 from xden_builder.poly.model.pixels import hardening_per_mm_cu
-from xden_builder.poly.posterior.problem import MASS_SD_SHARE, Problem
+from xden_builder.poly.posterior.problem import Problem
 
 __all__ = ["Diagnosis", "diagnose", "information_shares"]
 
@@ -19,8 +19,9 @@ DARK: Final = 0.02
 """Transmission of the direct beam below which a sample tells more of stray light than of what
 stands in the beam."""
 POSTERIOR_SCALE: Final = 0.7
-"""Of the posterior's standard deviation: what the samples are worth is a cautious guess, and this
-makes the deviations right on simulated objects (48 of them, which are not in the evaluation)."""
+"""Of the posterior's standard deviation: what the samples are worth is a cautious guess, and so is
+how far densities of a material scatter; this makes the deviations right on simulated objects (48 of
+them, which are not in the evaluation)."""
 PRIOR_OF_ONE_VIEW: Final = 0.02
 """Weight of the priors where a view is asked alone: enough to keep unseen parts in place."""
 
@@ -33,7 +34,8 @@ class Diagnosis:
     ----------
     covariance
         Shape (K, K), in g²/cm⁶: by images, priors and scale, if materials and model are right;
-        smaller than the posterior's by :data:`POSTERIOR_SCALE`, but for what composition leaves.
+        smaller than the posterior's by :data:`POSTERIOR_SCALE`, but for what composition and the
+        scale leave.
     by_filter_g_cm3
         Shape (K,): how far a filter that is one standard deviation off moves each density.
     by_size_g_cm3
@@ -92,10 +94,11 @@ def diagnose(solution: Solution) -> Diagnosis:
 def _covariance(
     problem: Problem, hessian: Float64[np.ndarray, "u u"]
 ) -> Float64[np.ndarray, "k k"]:
-    """Covariance of the densities; how far compositions may be off is no cautious guess."""
+    """Covariance of the densities; how far compositions and scales err is no cautious guess."""
     scaled = hessian / POSTERIOR_SCALE**2
     off = np.arange(len(hessian))[problem.off]
     scaled[off, off] -= (POSTERIOR_SCALE**-2 - 1) * problem.prior.sd[off] ** -2.0
+    scaled -= (POSTERIOR_SCALE**-2 - 1) * _scale(problem)
     return np.linalg.inv(scaled)[: problem.parts, : problem.parts]
 
 
@@ -130,7 +133,7 @@ def _scale(problem: Problem) -> Float64[np.ndarray, "u u"]:
     """Return what a weighed mass adds to the curvature."""
     slope = np.zeros(len(problem.prior.mean))
     if problem.mass is not None:
-        slope[: problem.parts] = problem.mass.volumes_cm3 / (MASS_SD_SHARE * problem.mass.mass_g)
+        slope[: problem.parts] = problem.mass.volumes_cm3 / (problem.mass.sd * problem.mass.mass_g)
     return np.outer(slope, slope)
 
 

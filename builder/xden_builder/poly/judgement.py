@@ -70,8 +70,9 @@ class PolyFit:
         Where it ended.
     parts
         In the order of the capture's.
-    covariance
-        Shape (K, K): of the densities, in g²/cm⁶.
+    covariance, fitted
+        Shape (K, K): of the densities, in g²/cm⁶; and the share of it that images, priors and scale
+        leave together.
     by_size_g_cm3
         Shape (K,): the share of it that comes with the object's size, for one that is one standard
         deviation larger.
@@ -82,6 +83,7 @@ class PolyFit:
     solution: Solution
     parts: tuple[PolyPart, ...]
     covariance: Float64[np.ndarray, "k k"]
+    fitted: Float64[np.ndarray, "k k"]
     by_size_g_cm3: Float64[np.ndarray, "k"]
     weighing: Weighing | None = None
 
@@ -161,7 +163,7 @@ def judge(solution: Solution) -> PolyFit:
                 float(density[number]), float(sd[number]), source, tuple(sorted(flags)), materials
             )
         )
-    return PolyFit(solution, tuple(found), covariance, known.by_size_g_cm3)
+    return PolyFit(solution, tuple(found), covariance, known.covariance, known.by_size_g_cm3)
 
 
 def _raised(

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+from jaxtyping import Float64
+
 from xden_builder.capture import Capture
 from xden_builder.capture.space import Space
 from xden_builder.poly.estimate import estimate
@@ -48,8 +51,8 @@ def fit_poly(
     by_images = fit_samples(samples, settings)
     if capture.weighed_mass_g is None:
         return by_images
-    mass = Mass(capture.weighed_mass_g, samples.size.factor**3 * space.volumes_cm3)
-    return with_mass(by_images, mass, settings)
+    volumes_cm3 = samples.size.factor**3 * space.volumes_cm3
+    return with_mass(by_images, capture.weighed_mass_g, volumes_cm3, settings)
 
 
 def sampled(capture: Capture, space: Space, settings: PolySettings = DEFAULT) -> Samples:
@@ -71,8 +74,27 @@ def fit_samples(samples: Samples, settings: PolySettings = DEFAULT) -> PolyFit:
     return judge(estimate(samples, settings))
 
 
-def with_mass(by_images: PolyFit, mass: Mass, settings: PolySettings = DEFAULT) -> PolyFit:
-    """Go on from a fit by the images alone, with the mass of a scale: weighed, judgement."""
+def with_mass(
+    by_images: PolyFit,
+    mass_g: float,
+    volumes_cm3: Float64[np.ndarray, "k"],
+    settings: PolySettings = DEFAULT,
+) -> PolyFit:
+    """Go on from a fit by the images alone, with the mass of a scale: weighed, judgement.
+
+    Parameters
+    ----------
+    by_images
+        Without it.
+    mass_g
+        On the scale.
+    volumes_cm3
+        Shape (K,): of the parts, at the size that was found.
+    settings
+        What is modelled.
+    """
     solution = by_images.solution
+    volume_sd = solution.scene.walls.mass_sd(volumes_cm3 * solution.density_g_cm3)
+    mass = Mass(mass_g, volumes_cm3, volume_sd)
     weighing = compare(mass, solution.density_g_cm3, by_images.covariance)
     return replace(judge(weighed(solution, mass, settings)), weighing=weighing)

@@ -62,5 +62,6 @@ def compare(
     """
     by_images_g = float(mass.volumes_cm3 @ density_g_cm3)
     variance = float(mass.volumes_cm3 @ covariance @ mass.volumes_cm3)
-    sd_g = float(np.hypot(np.sqrt(variance), COMMON_SHARE * by_images_g))
+    common = np.hypot(COMMON_SHARE, mass.volume_sd)
+    sd_g = float(np.hypot(np.sqrt(variance), common * by_images_g))
     return Weighing(mass.mass_g, by_images_g, sd_g)

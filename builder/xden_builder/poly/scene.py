@@ -24,6 +24,7 @@ from xden_builder.poly.materials.candidates import CandidateTable, candidate_tab
 from xden_builder.poly.model.beam import ViewBeam, view_beam
 from xden_builder.poly.model.poses import TURNED_SHIFT_SD_CM
 from xden_builder.poly.model.size import SIZE_SDS
+from xden_builder.poly.model.walls import Walls
 from xden_builder.poly.settings import PolySettings
 
 __all__ = ["Light", "Scene", "set_scene"]
@@ -80,6 +81,8 @@ class Scene:
     scale_sd
         Relative, of their scale where it was found and no two views tell how far away the object
         was; 0 elsewhere.
+    walls
+        How far ways through the parts may be off.
     """
 
     views: tuple[XRayView, ...]
@@ -93,6 +96,7 @@ class Scene:
     noise_sd: tuple[float, ...]
     size_sd: float
     scale_sd: float
+    walls: Walls
 
     def moved(self, move: Callable[[trimesh.Trimesh], trimesh.Trimesh]) -> Scene:
         """Give the object another place or size."""
@@ -100,7 +104,13 @@ class Scene:
 
     @property
     def batches(self) -> Int64[np.ndarray, "k"]:
-        """Number the parts by label: those of one label are of one batch of material."""
+        """Number the parts by label: those of one label are of one batch of material.
+
+        Where surfaces may be off, each part has its own: what its ways are off is told by nothing
+        else.
+        """
+        if self.walls.way_sd.any():
+            return np.arange(len(self.parts))
         labels = [part.material or f"{number}" for number, part in enumerate(self.parts)]
         return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.int64)
 
@@ -133,6 +143,10 @@ def set_scene(capture: Capture, space: Space, settings: PolySettings) -> Scene:
         tuple(candidate_table(part, groups, settings.composition) for part in capture.parts)
         for groups in (fine, few)
     )
+    walls = Walls.of(space.regions, _standing(capture), capture.mesh_sd_cm)
+    if capture.mesh_sd_cm:
+        pairs = zip(tables, walls.way_sd.tolist(), strict=True)
+        tables = tuple(table.with_ways(way_sd) for table, way_sd in pairs)
     limits = [capture.at_least.get(view.name) for view in views]
     whole = [completed(view, each) for view, each in zip(views, limits, strict=True)]
     return Scene(
@@ -147,7 +161,13 @@ def set_scene(capture: Capture, space: Space, settings: PolySettings) -> Scene:
         tuple(capture.noise_sd.get(view.name, 0.0) for view in views),
         SIZE_SDS[capture.mesh_scale],
         _scale_sd(capture),
+        walls,
     )
+
+
+def _standing(capture: Capture) -> list[XRayView]:
+    """Give the views of the object as it was told to lie, not turned by hand."""
+    return [view for view in capture.fitted_views if view.name not in capture.turned]
 
 
 def _scale_sd(capture: Capture) -> float:

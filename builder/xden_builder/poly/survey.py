@@ -65,7 +65,8 @@ class Clue:
     sd
         Its standard deviation, if coefficients and images err as is assumed.
     own_sd
-        What of it is the material's own, however little these err: its range of densities.
+        What of it is the part's own, however little these err: the material's range of densities,
+        and what the meshes' surfaces may be off.
     """
 
     name: str
@@ -81,6 +82,7 @@ class _Fit:
     problem: Problem
     unknowns: Float64[np.ndarray, "u"]
     covariance: Float64[np.ndarray, "k k"]
+    way_sd: Float64[np.ndarray, "k"]
 
     @property
     def density_g_cm3(self) -> Float64[np.ndarray, "k"]:
@@ -148,7 +150,9 @@ def _fitted(samples: Samples, groups: EnergyGroups, settings: PolySettings) -> _
     start[: problem.parts] = density
     minimum = solve(replace(problem, share=min(1.0, WORTH * problem.share)), start)
     covariance = np.linalg.inv(problem.evaluate(minimum.unknowns).hessian)
-    return _Fit(problem, minimum.unknowns, covariance[: problem.parts, : problem.parts])
+    densities = slice(problem.parts)
+    way_sd = guess.scene.walls.way_sd
+    return _Fit(problem, minimum.unknowns, covariance[densities, densities], way_sd)
 
 
 def _by_labels(capture: Capture, fits: Sequence[_Fit]) -> Iterator[Clue]:
@@ -164,8 +168,10 @@ def _by_labels(capture: Capture, fits: Sequence[_Fit]) -> Iterator[Clue]:
             material = load_materials()[label]
             nominal = material.density_nominal_g_cm3
             log_ratio = np.log(found[:, mine] / nominal).mean(axis=1)
-            own_sd = material.density_sd_g_cm3 / nominal
-            errors = own_sd, _unsaid(label), float(sd[mine].min())
+            surest = mine[int(sd[mine].argmin())]
+            range_sd = material.density_sd_g_cm3 / nominal
+            own_sd = math.hypot(range_sd, float(told.way_sd[surest]))
+            errors = range_sd, _unsaid(label), float(sd[surest])
             yield Clue(label, tuple(log_ratio.tolist()), math.hypot(*errors), own_sd)
 
 

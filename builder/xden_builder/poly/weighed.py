@@ -17,7 +17,7 @@ from scipy.stats import norm
 from xden_builder.poly.estimate import Solution, problem_of, veils_of
 from xden_builder.poly.materials.evidence import MaterialPosterior
 from xden_builder.poly.materials.stand_ins import mixtures
-from xden_builder.poly.posterior.problem import MASS_SD_SHARE, Mass, solve
+from xden_builder.poly.posterior.problem import Mass, solve
 from xden_builder.poly.settings import PolySettings
 
 __all__ = ["by_mass", "weighed"]
@@ -71,7 +71,7 @@ def _probabilities(solution: Solution, mass: Mass) -> Iterator[Float64[np.ndarra
     covariance = covariance + np.diag([each.between_g_cm3**2 for each in posteriors])
     masses_g = volumes * solution.density_g_cm3
     most_g = max(mass.mass_g, float(masses_g.sum()))
-    own = MASS_SD_SHARE**2 + (2 * solution.samples.size.sd) ** 2
+    own = mass.sd**2 + (2 * solution.samples.size.sd) ** 2
     for part, (posterior, table) in enumerate(
         zip(posteriors, solution.scene.light.tables, strict=True)
     ):

@@ -13,10 +13,10 @@ from xden1k.rays import PathLengths
 from xden1k.values.plain import plain
 from xden_builder.capture.calibrated import panel_values
 from xden_builder.physics.source import Detector
-from xden_builder.poly.posterior.problem import MASS_SD_SHARE
+from xden_builder.poly.judgement import PolyFit
 from xden_builder.reconstruct.densities import Densities
 from xden_builder.reconstruct.explained import Explained
-from xden_builder.reconstruct.rigid import rigid_sd
+from xden_builder.reconstruct.rigid import Weighed, rigid_sd
 from xden_builder.reconstruct.settings import BuildSettings
 
 __all__ = ["report"]
@@ -40,10 +40,9 @@ def report(
     """
     capture, poly, registration = explained.capture, explained.poly, explained.registration
     names = [part.name for part in capture.parts]
-    weighed_g = None if poly is None else capture.weighed_mass_g
     return (
         _fits(explained, settings)
-        | _uncertainty(explained.space.regions, densities, weighed_g)
+        | _uncertainty(explained.space.regions, densities, poly)
         | ({} if poly is None else {"poly": plain(poly.report(names))})
         | ({} if registration is None else {"registration": plain(registration.to_dict())})
         | ({} if explained.size is None else {"mesh_size": explained.size.to_dict()})
@@ -102,23 +101,27 @@ def _overlap_share(lengths: PathLengths) -> float:
 def _uncertainty(
     regions: Sequence[trimesh.Trimesh],
     densities: Densities,
-    weighed_mass_g: float | None,
+    poly: PolyFit | None,
 ) -> dict[str, Any]:
     """Give standard deviations of the mass properties, if every density is known.
 
-    The weighed mass is one that the densities were fitted to.
+    What surfaces leave a volume off is as much of a mass off as a density would be.
     """
     known = np.array([density.density_g_cm3 for density in densities.parts])
     if np.isnan(known).any():
         return {}
-    weighed_sd_g = None if weighed_mass_g is None else MASS_SD_SHARE * weighed_mass_g
+    covariance, weighing = densities.covariance, None
+    if poly is not None:
+        covariance = covariance + np.diag((poly.solution.scene.walls.volume_sd * known) ** 2)
+        if (mass := poly.solution.problem.mass) is not None:
+            weighing = Weighed(mass.sd * mass.mass_g, poly.fitted)
     sd = rigid_sd(
         regions,
         known,
-        densities.covariance,
+        covariance,
         densities.by_size_g_cm3,
         densities.size_sd,
-        weighed_sd_g=weighed_sd_g,
+        weighing,
     )
     return {
         "uncertainty": {

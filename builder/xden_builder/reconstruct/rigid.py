@@ -13,7 +13,7 @@ from jaxtyping import Float, Float64
 from xden1k.values.arrays import Vec3
 from xden1k.values.mass import mass_of_meshes
 
-__all__ = ["RigidSD", "rigid_sd"]
+__all__ = ["RigidSD", "Weighed", "rigid_sd"]
 
 SURFACE_SD_CM: Final = 0.005
 """How well meshes know where the middle of the space they enclose is: an assumption."""
@@ -38,13 +38,30 @@ class RigidSD:
     inertia_g_cm2: Float[np.ndarray, "3 3"]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Weighed:
+    """What a scale has narrowed already.
+
+    Parameters
+    ----------
+    sd_g
+        Of the mass on it.
+    fitted
+        Shape (K, K): the share of the densities' covariance that images, priors and scale leave
+        together.
+    """
+
+    sd_g: float
+    fitted: Float64[np.ndarray, "k k"]
+
+
 def rigid_sd(
     meshes: Sequence[trimesh.Trimesh],
     density_g_cm3: Float64[np.ndarray, "k"],
     covariance: Float64[np.ndarray, "k k"],
     by_size_g_cm3: Float64[np.ndarray, "k"],
     size_sd: float,
-    weighed_sd_g: float | None = None,
+    weighing: Weighed | None = None,
 ) -> RigidSD:
     """Carry the uncertainty of the densities over to the body, to first order.
 
@@ -61,9 +78,9 @@ def rigid_sd(
     by_size_g_cm3, size_sd
         Shape (K,): the share of the covariance that comes with the object's size, for one that is
         so much larger (relative, a standard deviation).
-    weighed_sd_g
-        Standard deviation of the mass, if the densities were fitted to a weighed one: whatever
-        else is not known, they are not free to change the mass by more.
+    weighing
+        If the densities were fitted to a weighed mass: what they are off beside that fit is not
+        free to change the mass by more than the scale may be off.
     """
     units = [mass_of_meshes([mesh], [1.0]) for mesh in meshes]
     volumes = np.array([unit.mass_g for unit in units])
@@ -73,9 +90,12 @@ def rigid_sd(
     off = centres - com
     known = _with_size(covariance, by_size_g_cm3, size_sd)
     of_mass = np.append(volumes, 3 * mass)
-    if weighed_sd_g is not None:
-        slope = known @ of_mass
-        known = known - np.outer(slope, slope) / (of_mass @ slope + weighed_sd_g**2)
+    if weighing is not None:
+        fitted = np.pad(weighing.fitted, (0, 1))
+        beside = known - fitted
+        slope = beside @ of_mass
+        beside = beside - np.outer(slope, slope) / (of_mass @ slope + weighing.sd_g**2)
+        known = fitted + beside
     squares = (off**2).sum(axis=1)[:, None, None] * np.eye(3) - off[:, :, None] * off[:, None, :]
     inertias = np.stack([unit.inertia_g_cm2 for unit in units])
     inertias = inertias + volumes[:, None, None] * squares

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Final
 
@@ -74,7 +74,7 @@ class CandidateTable:
     log_prior
         Shape (candidates,).
     composition_sd
-        Shape (candidates,): of the coefficients, as a share of them.
+        Shape (candidates,): of the coefficients times the ways through the part, as a share.
     """
 
     candidates: tuple[Candidate, ...]
@@ -107,6 +107,10 @@ class CandidateTable:
         _, sd, _, _ = self.priors.T
         share = (sd / self.seen_priors[:, 1]) ** 2
         return np.asarray(np.sqrt(sd**2 * (1 - share) + (share * seen_sd_g_cm3) ** 2))
+
+    def with_ways(self, way_sd: float) -> CandidateTable:
+        """Return the same candidates of a part whose ways are off by such a share as well."""
+        return replace(self, composition_sd=np.hypot(self.composition_sd, way_sd))
 
     @property
     def leading(self) -> Bool[np.ndarray, "c"]:

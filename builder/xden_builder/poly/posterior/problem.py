@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -49,10 +50,26 @@ class Box:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mass:
-    """A weighed mass, and the volume of each part."""
+    """A weighed mass, and the volume of each part.
+
+    Parameters
+    ----------
+    mass_g
+        On the scale.
+    volumes_cm3
+        Shape (K,).
+    volume_sd
+        How far these leave a mass off where surfaces may be off, as a share of it.
+    """
 
     mass_g: float
     volumes_cm3: Float64[np.ndarray, "k"]
+    volume_sd: float = 0.0
+
+    @property
+    def sd(self) -> float:
+        """Standard deviation of the mass on the scale over that of the meshes, as a share."""
+        return math.hypot(MASS_SD_SHARE, self.volume_sd)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,8 +210,8 @@ class Problem:
             hessian = hessian + weighted.T @ jacobian
         if self.mass is not None:
             slope = np.zeros(len(unknowns))
-            slope[: self.parts] = self.mass.volumes_cm3 / (MASS_SD_SHARE * self.mass.mass_g)
-            miss = float(slope @ unknowns) - 1 / MASS_SD_SHARE
+            slope[: self.parts] = self.mass.volumes_cm3 / (self.mass.sd * self.mass.mass_g)
+            miss = float(slope @ unknowns) - 1 / self.mass.sd
             loss += miss**2
             gradient, hessian = gradient + miss * slope, hessian + np.outer(slope, slope)
         return Evaluation(loss, gradient, hessian, ())
