@@ -137,6 +137,7 @@ def test_a_mask_that_does_not_fit_is_refused(root: Path, marked: np.ndarray, sai
 
 
 POSED = "object_id,category,pose,mesh_scale\npen,pen,"
+OFF = "object_id,category,mesh_sd_mm\npen,pen,"
 
 
 @pytest.mark.parametrize(
@@ -230,6 +231,9 @@ def test_a_further_view_is_handed_over_for_the_fit_and_must_be_there(root: Path)
         (POSED + "0 0 0 1 0 0 nan,", "row 2, pose: must be near, .*, got '0 0 0 1 0 0 nan'"),
         (POSED + "candidate 0,", "row 2, pose: must be near, .* from 1, got 'candidate 0'"),
         (POSED + "5 0 2 0 0 0 1,", "row 2, pose: the quaternion .* norm 1, got 5.39 in '5 0 2"),
+        (OFF + "-0.1", "row 2, mesh_sd_mm: must be a number of mm from 0 to 5, got '-0.1'"),
+        (OFF + "0.2 mm", "row 2, mesh_sd_mm: must be a number of mm from 0 to 5, got '0.2 mm'"),
+        (OFF + "nan", "row 2, mesh_sd_mm: must be a number of mm from 0 to 5, got 'nan'"),
         (POSED + "unknown,2", "row 2, mesh_scale: must be one of known, near, unknown, got '2'"),
         (POSED + ",unknown", "row 2, mesh_scale: is unknown, but meshes whose pose is near"),
     ],

@@ -131,5 +131,5 @@ def _ways(lengths: PathLengths) -> Float64[np.ndarray, "pixels k"]:
 
 def _surface_over_volume(mesh: trimesh.Trimesh) -> float:
     """In 1/cm; 0 for what has no volume."""
-    volume = float(mesh.volume)
+    volume = float(mesh.volume) if len(mesh.faces) else 0.0
     return float(mesh.area) / volume if volume > 0 else 0.0
