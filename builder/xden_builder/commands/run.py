@@ -187,8 +187,8 @@ def said_of(beam: Hardness) -> str:
     more = "more" if beam.filter_mm_cu > 0 else "less"
     return (
         f"needs you: the told filter does not explain these images: {abs(beam.filter_mm_cu):.2f} ± "
-        f"{beam.sd_mm_cu:.2f} mm Cu {more} would, and was reckoned with (check [tube] filtration "
-        "in scanner.toml)"
+        f"{beam.sd_mm_cu:.2f} mm Cu {more} would, and was reckoned with (check [tube] kv and "
+        "filtration in scanner.toml, and that the images are linear)"
     )
 
 
@@ -196,7 +196,10 @@ def errors_said_of(beam: Hardness) -> str:
     """Say how far labelled parts are off their materials, if it is not as is assumed."""
     if beam.errs_as_assumed:
         return ""
-    so = "; deviations stay as they are: labels err here, or are of substances not in the library"
+    so = (
+        "; deviations stay as they are: labels err here, or are of substances not in the library, "
+        "or scanner.toml is wrong (check filtration, quantity, polarity and bits)"
+    )
     return (
         f"for information: labelled parts lie {beam.error_scale:.2f} times as far off their "
         "materials as is assumed"
