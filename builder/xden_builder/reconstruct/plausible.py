@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from xden1k.errors import DataError
-from xden1k.values.arrays import Mask
+from xden1k.values.arrays import Mask, Points
 from xden1k.values.views import XRayView
 from xden_builder.audit.view import ViewAudit
 from xden_builder.capture import CapturePart
@@ -112,15 +112,15 @@ def check_size(
     DataError
         Naming both sizes in pixels and the factor.
     """
-    points = np.concatenate([np.asarray(part.mesh.vertices) for part in parts])
+    points = [np.asarray(part.mesh.vertices) for part in parts]
     sizes = []
     for view, level in zip(views, air, strict=True):
         shadow = view.valid & (view.transmission < level - SHADOW_DEPTH)
         if not shadow.any():
             return
-        last = np.array(shadow.shape)[::-1] - 0.5
-        places = view.geometry.project(points)[:, :2].clip(-0.5, last)  # as far as the panel goes
-        drawn = float(np.ptp(places, axis=0).max())
+        drawn = _drawn_px(points, view)
+        if not drawn:
+            return
         seen = _longest_side(shadow)
         if seen >= WHOLE * max(shadow.shape):
             return
@@ -134,6 +134,18 @@ def check_size(
                     f"{drawn:.1f} that the meshes give: check mesh_units in objects.csv, and "
                     "whether parts are missing"
                 )
+
+
+def _drawn_px(points_cm: Sequence[Points], view: XRayView) -> float:
+    """How long the parts are on a panel, those left out that lie wholly beyond it; 0 for none."""
+    end = np.array(view.geometry.shape)[::-1] - 0.5
+    places = [view.geometry.project(each)[:, :2] for each in points_cm]
+    seen = [
+        each
+        for each in places
+        if (each.max(axis=0) > -0.5).all() and (each.min(axis=0) < end).all()
+    ]
+    return float(np.ptp(np.concatenate(seen), axis=0).max()) if seen else 0.0
 
 
 def _longest_side(mask: Bool[np.ndarray, "rows columns"]) -> int:
