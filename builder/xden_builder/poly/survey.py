@@ -25,6 +25,7 @@ from xden_builder.poly.diagnosis import information_shares
 from xden_builder.poly.estimate import problem_of
 from xden_builder.poly.line import sampled
 from xden_builder.poly.materials.stand_ins import StandIns, loosened, regrouped
+from xden_builder.poly.model.walls import Walls
 from xden_builder.poly.posterior.problem import Problem, solve
 from xden_builder.poly.posterior.trust import USUAL_VEIL
 from xden_builder.poly.samples import Samples
@@ -82,7 +83,6 @@ class _Fit:
     problem: Problem
     unknowns: Float64[np.ndarray, "u"]
     covariance: Float64[np.ndarray, "k k"]
-    way_sd: Float64[np.ndarray, "k"]
 
     @property
     def density_g_cm3(self) -> Float64[np.ndarray, "k"]:
@@ -118,7 +118,7 @@ def survey(
         )
         for mm in FILTERS_MM_CU
     ]
-    clues = list(_by_labels(capture, fits))
+    clues = list(_by_labels(capture, samples.guess.scene.walls, fits))
     if capture.weighed_mass_g is not None:
         clues += _by_mass(capture, samples.size.factor**3 * space.volumes_cm3, fits)
     return tuple(clues)
@@ -150,12 +150,10 @@ def _fitted(samples: Samples, groups: EnergyGroups, settings: PolySettings) -> _
     start[: problem.parts] = density
     minimum = solve(replace(problem, share=min(1.0, WORTH * problem.share)), start)
     covariance = np.linalg.inv(problem.evaluate(minimum.unknowns).hessian)
-    densities = slice(problem.parts)
-    way_sd = guess.scene.walls.way_sd
-    return _Fit(problem, minimum.unknowns, covariance[densities, densities], way_sd)
+    return _Fit(problem, minimum.unknowns, covariance[: problem.parts, : problem.parts])
 
 
-def _by_labels(capture: Capture, fits: Sequence[_Fit]) -> Iterator[Clue]:
+def _by_labels(capture: Capture, walls: Walls, fits: Sequence[_Fit]) -> Iterator[Clue]:
     """Yield a clue for each material whose parts the images tell well."""
     told = fits[FILTERS_MM_CU.index(0.0)]
     found = np.stack([fit.density_g_cm3 for fit in fits])
@@ -170,7 +168,7 @@ def _by_labels(capture: Capture, fits: Sequence[_Fit]) -> Iterator[Clue]:
             log_ratio = np.log(found[:, mine] / nominal).mean(axis=1)
             surest = mine[int(sd[mine].argmin())]
             range_sd = material.density_sd_g_cm3 / nominal
-            own_sd = math.hypot(range_sd, float(told.way_sd[surest]))
+            own_sd = math.hypot(range_sd, float(walls.way_sd[surest]))
             errors = range_sd, _unsaid(label), float(sd[surest])
             yield Clue(label, tuple(log_ratio.tolist()), math.hypot(*errors), own_sd)
 

@@ -18,7 +18,14 @@ from xden_builder.poly.model import kernels
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.frames import any_of, binned
 
-__all__ = ["BLOCK_PX", "BLOCK_RAYS", "ViewPixels", "choose_pixels", "hardening_per_mm_cu"]
+__all__ = [
+    "BLOCK_PX",
+    "BLOCK_RAYS",
+    "ViewPixels",
+    "block_width",
+    "choose_pixels",
+    "hardening_per_mm_cu",
+]
 
 BLOCK_PX: Final = 3
 """A block is so many pixels wide: a surface that is off by a fraction of one moves little of it."""
@@ -112,6 +119,14 @@ class _Samples(NamedTuple):
     at_least: Bool[np.ndarray, "n"]
 
 
+def block_width(lengths: PathLengths, blocks: PathLengths) -> int:
+    """Pixels along a side of what outlines are compared in: 1 where that is pixels, too.
+
+    Rows of the images do not tell it: those that fill no block are left over.
+    """
+    return 1 if blocks is lengths else BLOCK_PX
+
+
 def choose_pixels(
     view: XRayView,
     saturated: Mask,
@@ -140,7 +155,7 @@ def choose_pixels(
     rng
         Chooses.
     """
-    width = 1 if blocks is lengths else BLOCK_PX
+    width = block_width(lengths, blocks)
     outline = on_outline(lengths) | _uneven(lengths, blocks, width)
     usable = view.valid.ravel()[lengths.pixels] & ~lengths.broken & ~outline
     full = saturated.ravel()[lengths.pixels]

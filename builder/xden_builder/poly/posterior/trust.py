@@ -11,7 +11,7 @@ from xden1k.rays import PathLengths
 from xden_builder.fit.crops import Crop, neighbours
 from xden_builder.poly.model.beam import ViewBeam
 from xden_builder.poly.model.direct import transmissions
-from xden_builder.poly.model.pixels import BLOCK_PX, ViewPixels
+from xden_builder.poly.model.pixels import ViewPixels, block_width
 from xden_builder.poly.model.stray import SCATTERS, StrayShapes
 from xden_builder.poly.settings import PolySettings
 
@@ -78,7 +78,7 @@ def sample_sd(
         Sizes of the errors.
     """
     transmission, step = np.ones(len(samples.pixels)), np.zeros(len(samples.pixels))
-    width = 1 if blocks is lengths else BLOCK_PX
+    width = block_width(lengths, blocks)
     for source, binning, mine in (
         (lengths, 1, ~samples.is_block),
         (blocks, width, samples.is_block),
