@@ -39,3 +39,25 @@ def test_what_images_say_of_a_density_they_do_not_say_twice():
         if posterior.probability.max() > 0.99:
             likeliest = int(posterior.probability.argmax())
             assert mean == pytest.approx(table.priors[likeliest, 0], rel=0.01)
+
+
+def test_a_body_with_pores_is_expected_where_images_put_it():
+    """The middle of its wide range says nothing, and would pull solids mixed with it."""
+    solution = solved(captured(tool(), size=64), pose=False)
+    tables = solution.scene.light.tables
+    index, table = next(
+        (index, table)
+        for index, table in enumerate(tables)
+        if any(not each.solid for each in table.candidates)
+    )
+    porous = next(k for k, each in enumerate(table.candidates) if not each.solid)
+    posterior = solution.posteriors[index]
+    probability = np.zeros_like(posterior.probability)
+    probability[porous] = 1.0
+    low, high = table.priors[porous, 2:]
+    for seen in (0.7 * low + 0.3 * high, 0.4 * low + 0.6 * high):
+        density = posterior.density_g_cm3.copy()
+        density[porous] = seen
+        told = replace(posterior, probability=probability, density_g_cm3=density)
+        mixed = mixtures([table], [told], 0.1)
+        assert mixed.mean_g_cm3[0] == pytest.approx(seen)

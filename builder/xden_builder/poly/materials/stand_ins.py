@@ -120,8 +120,8 @@ def mixtures(
     shares = [_shares(posterior) for _, posterior in pairs]
     priors = np.stack(
         [
-            _prior(table, share, mixture_share)
-            for (table, _), share in zip(pairs, shares, strict=True)
+            _prior(table, share, posterior.density_g_cm3, mixture_share)
+            for (table, posterior), share in zip(pairs, shares, strict=True)
         ]
     )
     weights = [
@@ -151,19 +151,23 @@ def _shares(posterior: MaterialPosterior) -> Float64[np.ndarray, "c"]:
 def _prior(
     table: CandidateTable,
     share: Float64[np.ndarray, "c"],
+    by_images_g_cm3: Float64[np.ndarray, "c"],
     mixture_share: float,
 ) -> Float64[np.ndarray, "4"]:
     """Mean, standard deviation, least and most density of a mixture.
 
-    Each material is expected to be as dense as it usually is: what the images say of that they will
-    say when densities are fitted, and must not say twice.
+    A solid is expected to be as dense as it usually is: what the images say of that they will say
+    when densities are fitted, and must not say twice. A body with pores or a cavity has no usual
+    density (the middle of its wide range says nothing), and is expected where the images put it.
 
     A material that is likelier than all others together keeps it within its range: that of the
     solid, or of a body with pores too where that is possible.
     """
     usual, sds, lows, highs = table.priors.T
-    mean = float(share @ usual)
-    sd = float(np.sqrt(share @ (sds**2 + mixture_share * (usual - mean) ** 2)))
+    solid = np.array([each.solid for each in table.candidates])
+    expected = np.where(solid, usual, by_images_g_cm3)
+    mean = float(share @ expected)
+    sd = float(np.sqrt(share @ (sds**2 + mixture_share * (expected - mean) ** 2)))
     names = np.array([each.material for each in table.candidates])
     possible = share > 0
     likely = possible & np.array([share[names == name].sum() > CLEAR for name in names])
