@@ -1,5 +1,6 @@
 """From stored values to transmission: identities, dead and saturated pixels, wrong calibrations."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from xden_builder.capture.scanner import Polarity, ViewFile
 from xden_builder.physics.source import Detector
 
 SHAPE = (10, 12)
+LARGE = (60, 60)
 GEOMETRY = ViewGeometry.from_dict(
     {
         "beam": "parallel",
@@ -39,6 +41,7 @@ def from_counts(
     dark: np.ndarray | float | None = DARK,
     polarity: Polarity = "linear",
     bits: int | None = None,
+    shape: tuple[int, int] = SHAPE,
 ) -> CalibratedView:
     np.save(folder / "pa.npy", counts)
     names: dict[str, str | float | None] = {"flat": None, "dark": None}
@@ -47,7 +50,7 @@ def from_counts(
         if isinstance(level, np.ndarray):
             np.save(folder / f"{name}.npy", level)
             names[name] = f"{name}.npy"
-    stored = ViewFile("pa.npy", "counts", GEOMETRY, polarity, **names)
+    stored = ViewFile("pa.npy", "counts", replace(GEOMETRY, shape=shape), polarity, **names)
     return calibrate("pa", stored, folder, folder, Detector(bits=bits))
 
 
@@ -157,6 +160,41 @@ def test_saturated_pixels_are_known_from_below_and_flagged(
     np.testing.assert_allclose(read.at_least[expected], (top - 100) / 2900, rtol=1e-6)
     assert np.isnan(read.at_least[~expected]).all()
     assert from_counts(tmp_path, counts, flat, dark, polarity).view.valid.all()
+
+
+@pytest.mark.parametrize("bits", [None, 16])
+@pytest.mark.parametrize("up", [1, 16])
+def test_a_converter_that_ends_below_what_is_told_is_seen_by_what_piles_up(
+    tmp_path: Path, bits: int | None, up: int
+) -> None:
+    """A panel of 12 bits in files of 16, air overexposed: not one pixel reaches 65535."""
+    noise = np.random.default_rng(3).normal(0, 60, LARGE)
+    light = np.linspace(3000, 5000, 60) + noise
+    counts = (up * np.minimum(np.rint(light), 4095)).astype("u2")
+    flat = np.full(LARGE, up * 4000.0)
+    clipped = from_counts(tmp_path, counts, flat, 0.0, bits=bits, shape=LARGE)
+    assert clipped.flags == ("pa:saturated",)
+    np.testing.assert_array_equal(~clipped.view.valid, light >= 4094.5)
+    below = from_counts(tmp_path, counts - np.uint16(5 * up), flat, 0.0, bits=bits, shape=LARGE)
+    assert below.view.valid.all()
+
+
+def test_air_that_happens_to_end_where_a_converter_would_is_not_saturated(tmp_path: Path) -> None:
+    light = np.random.default_rng(3).normal(3900, 60, LARGE)
+    light[0, 0] = 4095
+    counts = np.minimum(np.rint(light), 4095).astype("u2")
+    assert from_counts(tmp_path, counts, np.full(LARGE, 3900.0), 0.0, shape=LARGE).view.valid.all()
+
+
+def test_a_dark_image_brighter_than_what_lies_behind_lead_is_told(tmp_path: Path) -> None:
+    counts, flat = np.full(LARGE, 20000.0), np.full(LARGE, 30000.0)
+    readout = np.random.default_rng(4).normal(0, 8, (2, *LARGE))
+    dark = 300.0 + readout[0]
+    counts[20:40, 20:40] = (300.0 + readout[1])[20:40, 20:40]
+    assert from_counts(tmp_path, counts, flat, dark, shape=LARGE).flags == ()
+    assert from_counts(tmp_path, counts, flat, dark + 500, shape=LARGE).flags == (
+        "pa:dark_too_bright",
+    )
 
 
 def test_an_image_is_read_however_much_of_it_is_saturated_but_not_all(tmp_path: Path) -> None:

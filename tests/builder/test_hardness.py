@@ -132,6 +132,15 @@ def test_a_filter_is_not_called_missing_within_three_deviations():
     assert not Hardness(0.015, 0.001, 40, 20, None, 1.0).contradicts
 
 
+def test_parts_that_no_filter_explains_are_told_apart_from_a_harder_beam():
+    """Images through a square root halve everything; a filter takes more of metals."""
+    halved = [clue(0.0, off=np.log(0.5), slope=slope) for slope in (-1.3, -0.3, -0.2, -0.2, -0.1)]
+    assert join(folder(*halved)).no_filter_explains
+    filtered = [clue(0.1, slope=slope) for slope in (-1.3, -0.3, -0.2, -0.2, -0.1)]
+    assert not join(folder(*filtered)).no_filter_explains
+    assert not join(folder(*halved[:2])).no_filter_explains
+
+
 @cache
 def clues_of(copper_mm, *, weighed=False, off=(1.0, 1.0, 1.0)):
     """Clues of an aluminium tool with a plastic grip whose tube has more copper than told.

@@ -18,7 +18,7 @@ from xden_builder.audit.object import audit_object
 from xden_builder.audit.view import audit_view
 from xden_builder.capture import CaptureFolder
 from xden_builder.cli import cli
-from xden_builder.commands.run import errors_said_of, said_of
+from xden_builder.commands.remarks import errors_said_of, said_of
 from xden_builder.phantoms import write_captures
 from xden_builder.pipeline import version
 from xden_builder.pipeline.run import build, work_folder
@@ -157,6 +157,10 @@ def test_a_filter_that_was_told_is_believed(captures, tmp_path):
         (
             Hardness(0.05, 0.02, 40, 20, (0.0, 0.1), 1.0),
             "0.00 mm Cu more than told explains some, 0.10",
+        ),
+        (
+            Hardness(0.29, 0.1, 16, 7, None, 2.3, label_ratio=0.51),
+            "behind any filter labelled parts show 0.51 times the density",
         ),
     ],
 )

@@ -29,6 +29,19 @@ FLAGGED_DEAD_SHARE = 0.01
 """Every detector has some dead pixels; a larger share is flagged."""
 MOST_MEDIAN_TRANSMISSION = 2.0
 """Air is about 1: a larger median is a wrong quantity, polarity or open field."""
+BELOW_DARK_SIGMAS = 4.0
+BELOW_DARK = 0.002
+UNKNOWN_NOISE = 0.005
+BELOW_DARK_SHARE = 0.001
+"""A dark image is too bright if so many pixels lie so many standard deviations of the noise (or of
+so much, where it is not known), and so much, below it: light that is scattered never makes that."""
+CONVERTER_BITS = range(8, 17)
+PILED_SHARE = 0.001
+PILED_LEAST = 200
+PILED = 5.0
+NEXT_VALUES = 8
+"""A converter ends where so large a share of the pixels, and so many, hold a value that one ends
+at, this many times as many as any of the next few values below: noise piles nothing up."""
 FLOOR_SIGMAS = 3.0
 """No transmission above so many standard deviations of the noise: the image is empty."""
 
@@ -45,6 +58,7 @@ class CalibratedView:
         Transmission, not a number where a pixel is not valid.
     flags
         ``VIEW:saturated`` where a pixel is, ``VIEW:saturated_flat`` where one of the open field is,
+        ``VIEW:dark_too_bright`` where one pixel in a thousand lies clearly below the dark,
         ``VIEW:dead_pixels`` where over 1 % have no open field, ``VIEW:polarity_not_as_dicom`` where
         the scanner file says the contrary of the image's header.
     noise_sd
@@ -80,7 +94,8 @@ def calibrate(
     object_folder, captures
         What the path of the image, and those of flat and dark, are relative to.
     detector
-        Without its ``bits`` no pixel is called saturated.
+        Without its ``bits``, or where they are too many, a pixel is called saturated if values pile
+        up where a converter of fewer bits ends.
 
     Raises
     ------
@@ -176,6 +191,9 @@ def _checked(
     with np.errstate(over="ignore"):  # XRayView refuses infinity
         image = transmission.astype(np.float32)
     nothing = np.float32(np.nan)
+    below = -BELOW_DARK - BELOW_DARK_SIGMAS * (noise_sd or UNKNOWN_NOISE)
+    if (transmission[told] < below).mean() > BELOW_DARK_SHARE:
+        flags = (*flags, f"{name}:dark_too_bright")
     return CalibratedView(
         XRayView(name, np.where(saturated, nothing, image), told & ~saturated, stored.geometry),
         flags,
@@ -243,10 +261,30 @@ def _at_bright_end(
     bits: int | None,
 ) -> Mask:
     """Return which values are as bright as the converter of an image can tell."""
-    if bits is None:
-        return np.zeros(values.shape, dtype=np.bool_)
-    low, high = image.converter_range(bits)
-    return np.asarray(values >= high if polarity == "linear" else values <= low)
+    if polarity == "inverted":
+        low = -np.inf if bits is None else image.converter_range(bits)[0]
+        return np.asarray(values <= low)
+    high = np.inf if bits is None else image.converter_range(bits)[1]
+    return np.asarray(values >= min(high, _piled_up(values, image)))
+
+
+def _piled_up(values: Shaped[np.ndarray, "rows columns"], image: ImageFile) -> float:
+    """Return the largest value if it is where a converter ends, and stands for what was brighter.
+
+    Files of 16 bits hold values of a converter of fewer as they are, or moved to the upper bits.
+    Infinity where no such end is seen.
+    """
+    top = float(values.max())
+    if top not in {
+        image.converter_range(bits)[1] * up
+        for bits in CONVERTER_BITS
+        for up in (1, 2 ** (16 - bits))
+    }:
+        return np.inf
+    _, counts = np.unique(values, return_counts=True)
+    least = max(PILED_LEAST, PILED_SHARE * values.size)
+    beside = counts[-1 - NEXT_VALUES : -1].max(initial=0)
+    return top if counts[-1] > least and counts[-1] > PILED * beside else np.inf
 
 
 def _noise_counts(image: ImageFile, dark: Field) -> float:

@@ -12,15 +12,15 @@ import click
 from click.core import ParameterSource
 
 from xden1k.commands import DONE_IN_PART, json_option, print_json
+from xden_builder.commands.remarks import folder_remarks
 from xden_builder.commands.shared import echo_calibration, progress_bar, workers_option
 
 if TYPE_CHECKING:
     from xden_builder.pipeline.run import BuildReport, Outcome
     from xden_builder.pipeline.storage import Place
-    from xden_builder.poly.hardness import Hardness
     from xden_builder.triage.findings import Findings
 
-__all__ = ["errors_said_of", "run", "said_of"]
+__all__ = ["run"]
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells know it."""
@@ -166,45 +166,10 @@ def _echo_report(report: BuildReport, out: Place) -> None:
     informed = sum(findings.severity == "information" for findings in report.judged)
     if informed:
         click.echo(f"for information: {informed} of {len(report.judged)} objects have other flags")
-    if report.beam is not None:
-        for said in filter(None, (said_of(report.beam), errors_said_of(report.beam))):
-            click.echo(said)
+    for said in folder_remarks(report):
+        click.echo(said)
     counts = ", ".join(f"{report.count(s)} {s}" for s in ("built", "kept", "failed"))
     click.echo(f"{out}: {counts}; report in {inside(work_folder(out), REPORT_NAME)}")
-
-
-def said_of(beam: Hardness) -> str:
-    """Say what the images tell of the beam's filter, if it is not as it was told."""
-    if beam.two_tubes_mm_cu is not None:
-        one, other = beam.two_tubes_mm_cu
-        return (
-            f"needs you: the objects do not agree on one filter: {one:.2f} mm Cu more than told "
-            f"explains some, {other:.2f} mm the others (were there two tubes or filters? give each "
-            "its own capture folder)"
-        )
-    if not beam.contradicts:
-        return ""
-    more = "more" if beam.filter_mm_cu > 0 else "less"
-    return (
-        f"needs you: the told filter does not explain these images: {abs(beam.filter_mm_cu):.2f} ± "
-        f"{beam.sd_mm_cu:.2f} mm Cu {more} would, and was reckoned with (check [tube] kv and "
-        "filtration in scanner.toml, and that the images are linear)"
-    )
-
-
-def errors_said_of(beam: Hardness) -> str:
-    """Say how far labelled parts are off their materials, if it is not as is assumed."""
-    if beam.errs_as_assumed:
-        return ""
-    so = (
-        "; deviations stay as they are: labels err here, or are of substances not in the library, "
-        "or scanner.toml is wrong (check filtration, quantity, polarity and bits)"
-    )
-    return (
-        f"for information: labelled parts lie {beam.error_scale:.2f} times as far off their "
-        "materials as is assumed"
-        + (", and deviations are the smaller for it" if beam.error_scale < 1 else so)
-    )
 
 
 def _what_to_do(findings: Findings) -> str:

@@ -54,7 +54,7 @@ class Detector:
         Name of what stops the photons, a scintillator or a counting sensor; empty where it is not
         known.
     bits
-        Of the converter; without it no pixel is called saturated.
+        Of the converter, whose top is saturation; None where it is not told.
     layer_g_cm2
         Density times thickness of what stops the photons; None: as assumed for it.
     escape

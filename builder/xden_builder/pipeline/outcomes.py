@@ -10,6 +10,7 @@ from xden1k.values.plain import plain
 from xden_builder.pipeline.version import BUILDER
 from xden_builder.poly.hardness import Hardness
 from xden_builder.triage.findings import Findings
+from xden_builder.triage.sizes import FolderSize, folder_size
 
 __all__ = ["REPORT_NAME", "BuildReport", "Outcome", "Status"]
 
@@ -98,6 +99,11 @@ class BuildReport:
         found = [outcome.findings for outcome in self.outcomes if outcome.findings is not None]
         return tuple(sorted(found, key=lambda findings: findings.order))
 
+    @property
+    def size(self) -> FolderSize | None:
+        """How large the objects are beside their meshes; None where none tells it."""
+        return folder_size(self.judged)
+
     def to_dict(self) -> dict[str, Any]:
         """Values for JSON."""
         counts = {status: self.count(status) for status in ("built", "kept", "failed")}
@@ -107,6 +113,7 @@ class BuildReport:
                 "builder": BUILDER,
                 **counts,
                 "beam": None if self.beam is None else asdict(self.beam),
+                "size": None if self.size is None else self.size.to_dict(),
                 "shared_processor_s": self.shared_processor_s,
                 "needs_you": sum(outcome.needs_you for outcome in self.outcomes),
                 "objects": [outcome.to_dict() for outcome in self.outcomes],

@@ -71,6 +71,8 @@ class Findings:
     views
         By view: correlation of transmission, shares and boxes of what is unexplained, as
         ``meta_json`` has them.
+    size_factor
+        Length of the object over that of its meshes; None where it was not sought.
     """
 
     object_id: str
@@ -81,6 +83,7 @@ class Findings:
     weighed_mass_g: float | None
     weighing: Mapping[str, Any] | None
     views: Mapping[str, Mapping[str, Any]]
+    size_factor: float | None = None
 
     @property
     def severity(self) -> Severity | None:
@@ -118,6 +121,7 @@ class Findings:
             "weighed_mass_g": self.weighed_mass_g,
             "weighing": self.weighing,
             "views": self.views,
+            "size_factor": self.size_factor,
         }
 
 
@@ -147,6 +151,7 @@ def find(row: Mapping[str, Any]) -> Findings:
         weighed_mass_g=row["weighed_mass_g"],
         weighing=meta.get("poly", {}).get("weighing"),
         views=meta.get("reprojection", {}),
+        size_factor=meta.get("mesh_size", {}).get("factor"),
     )
 
 
