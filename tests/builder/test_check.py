@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +25,7 @@ from xden_builder.physics.source import Tube
 from xden_builder.pipeline.check.outlines import Outline, contradictions
 from xden_builder.pipeline.check.run import FolderCheck, check_folder
 from xden_builder.pipeline.check.weight import weight_contradiction
+from xden_builder.pipeline.remarks import filtration_remark
 
 SIZE = 64
 VIEWS = geometries(SIZE)
@@ -193,6 +195,61 @@ def test_two_pictures_exchanged_are_not_called_turned_over_where_both_views_look
     other = np.roll(flag()[:, ::-1], 2, axis=1)
     (said,) = contradictions(seen("pa", flag(), other), seen("lat", other, flag()))
     assert said.startswith("the pictures of pa and lat seem exchanged: ")
+
+
+def test_a_picture_turned_by_a_quarter_is_told() -> None:
+    (said,) = contradictions(seen("pa", flag(), np.rot90(flag(), -1)), seen("lat", flag(), flag()))
+    assert said.startswith("the picture of pa seems turned by a quarter: ")
+    wide = np.concatenate([flag(), np.zeros_like(flag())], axis=1)  # no picture of another shape
+    assert [*contradictions(seen("pa", wide, wide), seen("lat", wide, wide))] == []
+
+
+def test_a_pitch_or_a_source_that_is_wrong_for_the_whole_folder_is_told_of_its_view(
+    captures: Path,
+) -> None:
+    names = [f"key-{number}" for number in range(5)]
+    for number, name in enumerate(names):
+        shutil.rmtree(captures / name, ignore_errors=True)
+        write_object(captures, name, key(1.0 + 0.05 * number))
+    rows = "".join(f"{name},key,,\n" for name in names)
+    (captures / "objects.csv").write_text(f"{HEADER}\n{rows}")
+    assert checked(captures).remarks == ()
+    told_views = {
+        name: ViewFile(f"{name}.npy", "transmission", geometry) for name, geometry in VIEWS.items()
+    }
+    finer = replace(
+        VIEWS["lat"],
+        pixel00_cm=VIEWS["lat"].pixel00_cm * [1.0, 0.87, 0.87],
+        column_step_cm=0.87 * VIEWS["lat"].column_step_cm,
+        row_step_cm=0.87 * VIEWS["lat"].row_step_cm,
+    )
+    told_views["lat"] = replace(told_views["lat"], geometry=finer)
+    write_scanner(ScannerFile(told_views, Tube(kv=100.0)), captures / "scanner.toml")
+    report = checked(captures)
+    (said,) = report.remarks
+    assert re.match(r"shadows in lat are 0\.8\d times as long as the meshes are there", said), said
+    assert not report.clean
+    assert report.to_dict()["remarks"] == (said,)
+    result = CliRunner().invoke(cli, ["check", str(captures), "--workers", "1"])
+    assert result.exit_code == 1
+    assert f"contradicts: {captures}: shadows in lat are" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("filtration", "words"),
+    [
+        ("{ Al = 2.5 }", "told as 25 mm Al, which lets 15.3% of 60 keV through"),
+        ("{ Al = 0.25, Cu = 0.03 }", ""),
+        ("{ Unobtainium = 2.5 }", ""),
+        ("2.5", ""),
+    ],
+)
+def test_filters_told_in_another_unit_are_asked_about(
+    tmp_path: Path, filtration: str, words: str
+) -> None:
+    (tmp_path / "scanner.toml").write_text(f"[tube]\nkv = 100.0\nfiltration = {filtration}\n")
+    said = filtration_remark(tmp_path)
+    assert (words in said) if words else said == ""
 
 
 def test_every_way_that_explains_a_picture_is_told_where_the_object_is_symmetric() -> None:

@@ -10,7 +10,7 @@ import click
 from xden1k.commands import json_option, print_json
 from xden_builder.commands.shared import (
     FOLDER,
-    echo_calibration,
+    echo_scanner,
     parts_option,
     progress_bar,
     workers_option,
@@ -42,7 +42,7 @@ def check(captures: Path, parts: Path | None, workers: int, as_json: bool) -> No
         report = check_folder(
             captures, parts=parts, workers=workers, on_done=lambda _: bar.update()
         )
-    echo_calibration(str(captures))
+    echo_scanner(str(captures))
     if as_json:
         print_json(report.to_dict())
     else:
@@ -55,6 +55,8 @@ def _echo(report: FolderCheck, captures: Path) -> None:
     for each in report.objects:
         for finding in each.findings:
             click.echo(f"{finding.kind}: {each.object_id}: {finding.message}")
+    for said in report.remarks:
+        click.echo(f"contradicts: {captures}: {said}")
     sound = sum(not each.findings for each in report.objects)
     click.echo(
         f"{captures}: {len(report.objects)} objects, {sound} sound, {report.count('refused')} "

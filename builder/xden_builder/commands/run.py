@@ -13,7 +13,7 @@ from click.core import ParameterSource
 
 from xden1k.commands import DONE_IN_PART, json_option, print_json
 from xden_builder.commands.remarks import folder_remarks
-from xden_builder.commands.shared import echo_calibration, progress_bar, workers_option
+from xden_builder.commands.shared import echo_scanner, progress_bar, workers_option
 
 if TYPE_CHECKING:
     from xden_builder.pipeline.run import BuildReport, Outcome
@@ -108,7 +108,7 @@ def run(
             on_start=progress.start,
             on_done=progress.add,
         )
-    echo_calibration(captures)
+    echo_scanner(captures)
     if as_json:
         print_json(report.to_dict())
     else:

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-__all__ = ["FOLDER", "echo_calibration", "parts_option", "progress_bar", "workers_option"]
+__all__ = ["FOLDER", "echo_scanner", "parts_option", "progress_bar", "workers_option"]
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 
@@ -39,10 +39,11 @@ def progress_bar(total: int | None = None, unit: str = "object") -> Iterator[Any
         yield bar
 
 
-def echo_calibration(captures: str) -> None:
-    """Say once, beside the output, that the scanner of a capture folder was not calibrated."""
-    from xden_builder.pipeline.remarks import calibration_remark
+def echo_scanner(captures: str) -> None:
+    """Say once, beside the output, what is to be said of the scanner of a capture folder."""
+    from xden_builder.pipeline.remarks import calibration_remark, filtration_remark
     from xden_builder.pipeline.storage import place
 
-    if said := calibration_remark(place(captures)):
-        click.echo(said, err=True)
+    for remark in (calibration_remark, filtration_remark):
+        if said := remark(place(captures)):
+            click.echo(said, err=True)

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
-from typing import Any
+from typing import Any, Final
 
+import numpy as np
+
+from xden1k.errors import DataError
+from xden_builder.physics.spectrum.spectrum import filter_depth
 from xden_builder.pipeline.storage import Place, inside, read_bytes
 
-__all__ = ["calibration_remark", "is_calibrated"]
+__all__ = ["calibration_remark", "filtration_remark", "is_calibrated"]
+
+SCANNER: Final = "scanner.toml"
+FILTER_KEV: Final = 60.0
+LEAST_LIGHT: Final = 0.2
+"""Of photons of this energy at least so many pass the filters of a tube: 0.1 mm of copper lets 87 %
+through, 1 mm 24 %, 2.5 cm of aluminium 15 %."""
 
 
 def is_calibrated(captures: Place) -> bool:
@@ -24,14 +35,35 @@ def calibration_remark(captures: Place) -> str:
     if not values or "calibration" in values:
         return ""
     return (
-        f"{inside(captures, 'scanner.toml')}: the scanner was not calibrated: tube and geometry "
+        f"{inside(captures, SCANNER)}: the scanner was not calibrated: tube and geometry "
         "are as told; see `xden-build calibrate`"
+    )
+
+
+def filtration_remark(captures: Place) -> str:
+    """Say that the common scanner's filters let next to nothing through; empty where they do.
+
+    They are told in centimetres, and elsewhere mostly in millimetres.
+    """
+    values = _scanner(captures) or {}
+    try:
+        filters = {name: float(cm) for name, cm in values["tube"]["filtration"].items()}
+        depth = float(filter_depth(filters, np.array([FILTER_KEV]))[0])
+    except (DataError, ValueError, KeyError, TypeError, AttributeError):
+        return ""  # there are none, or each object says what is wrong
+    through = math.exp(-depth)
+    if through > LEAST_LIGHT:
+        return ""
+    told = ", ".join(f"{10 * cm:g} mm {name}" for name, cm in filters.items())
+    return (
+        f"{inside(captures, SCANNER)}: tube.filtration is in cm, and told as {told}, which lets "
+        f"{through:.1%} of {FILTER_KEV:g} keV through: is that what stood there?"
     )
 
 
 def _scanner(captures: Place) -> dict[str, Any] | None:
     """Read the common file; None where there is none, or none that can be read."""
-    content = read_bytes(inside(captures, "scanner.toml"))
+    content = read_bytes(inside(captures, SCANNER))
     try:
         return None if content is None else tomllib.loads(content.decode())
     except ValueError:

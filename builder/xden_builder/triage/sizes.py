@@ -10,7 +10,7 @@ import numpy as np
 
 from xden_builder.triage.findings import Findings
 
-__all__ = ["FolderSize", "folder_size"]
+__all__ = ["FolderSize", "folder_size", "middle_of"]
 
 LEAST_OBJECTS: Final = 5
 CLEARLY_SD: Final = 4.0
@@ -51,8 +51,12 @@ class FolderSize:
         >>> [FolderSize(factor, 0.0004, 9).contradicts for factor in (1.001, 0.9965)]
         [False, True]
         """
+        return self.off_by(CLEARLY)
+
+    def off_by(self, least: float) -> bool:
+        """Whether it is off by so much at least, and by more than what chance makes."""
         off = abs(self.factor - 1)
-        return self.objects >= LEAST_OBJECTS and off > max(CLEARLY_SD * self.sd, CLEARLY)
+        return self.objects >= LEAST_OBJECTS and off > max(CLEARLY_SD * self.sd, least)
 
     def to_dict(self) -> dict[str, Any]:
         """Values for JSON."""
@@ -60,14 +64,19 @@ class FolderSize:
 
 
 def folder_size(judged: Iterable[Findings]) -> FolderSize | None:
-    """Take the sizes of all objects together; None where none has one that it tells.
+    """Take the sizes of all objects together; None where none has one that it tells."""
+    return middle_of(each.size_factor for each in judged if each.size_factor is not None)
 
-    A median: one object in another unit, or with a part missing, says nothing of the rest.
+
+def middle_of(factors: Iterable[float]) -> FolderSize | None:
+    """Take factors together by their median; None where there are none.
+
+    One object in another unit, or with a part missing, says nothing of the rest.
     """
-    factors = np.array([each.size_factor for each in judged if each.size_factor is not None])
-    if not len(factors):
+    told = np.array(list(factors))
+    if not len(told):
         return None
-    middle = float(np.median(factors))
-    spread = MAD_SD * float(np.median(np.abs(factors - middle)))
-    sd = MEDIAN_SD * spread / np.sqrt(len(factors))
-    return FolderSize(round(middle, 5), round(float(sd), 5), len(factors))
+    middle = float(np.median(told))
+    spread = MAD_SD * float(np.median(np.abs(told - middle)))
+    sd = MEDIAN_SD * spread / np.sqrt(len(told))
+    return FolderSize(round(middle, 5), round(float(sd), 5), len(told))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -20,6 +21,7 @@ __all__ = [
     "Spectrum",
     "effective_energy_kev",
     "effective_mac_cm2_g",
+    "filter_depth",
     "tube_fluence",
     "tube_spectrum",
 ]
@@ -165,13 +167,27 @@ def tube_fluence(
     if tube.kv is None:
         raise DataError("the spectrum of a tube needs its kv, a monochromatic source has none")
     energies_kev = bin_centres_kev(tube.kv)
-    path = np.zeros_like(energies_kev)
-    for name, thickness_cm in tube.filtration_cm.items():
-        composition, density_g_cm3 = _filter(name)
-        path += mac_cm2_g(composition, energies_kev) * density_g_cm3 * thickness_cm
+    path = filter_depth(tube.filtration_cm, energies_kev)
     leaning = np.sqrt(1 + slopes**2)[:, None]
     bare = bare_fluence(tube.kv, slopes) * (1.0 if tube.mas is None else tube.mas)
     return energies_kev, np.asarray(bare * np.exp(-path * leaning))
+
+
+def filter_depth(
+    filtration_cm: Mapping[str, float], energies_kev: Float[np.ndarray, "energies"]
+) -> Float[np.ndarray, "energies"]:
+    """Optical depth of filters, straight through.
+
+    Examples
+    --------
+    >>> filter_depth({"Al": 0.25, "Cu": 0.01}, np.array([60.0])).round(3).tolist()
+    [0.33]
+    """
+    path = np.zeros_like(energies_kev)
+    for name, thickness_cm in filtration_cm.items():
+        composition, density_g_cm3 = _filter(name)
+        path += mac_cm2_g(composition, energies_kev) * density_g_cm3 * thickness_cm
+    return path
 
 
 def _filter(name: str) -> tuple[Composition, float]:

@@ -17,6 +17,7 @@ from xden_builder.reconstruct.plausible import (
     check_exposure,
     check_places,
     check_size,
+    lengths_px,
 )
 from xden_builder.registration.capture import registered
 from xden_builder.registration.placement import Registration
@@ -57,11 +58,15 @@ class ObjectCheck:
         Nothing where it is sound as far as can be told.
     pictures
         Checksum of the pixels of each radiograph, by view.
+    lengths
+        Longest side of each view's shadow over that of the meshes there; none where they tell
+        nothing.
     """
 
     object_id: str
     findings: tuple[Finding, ...]
     pictures: tuple[tuple[str, str], ...] = ()
+    lengths: tuple[tuple[str, float], ...] = ()
 
 
 def check_object(folder: CaptureFolder, object_id: str) -> ObjectCheck:
@@ -70,12 +75,13 @@ def check_object(folder: CaptureFolder, object_id: str) -> ObjectCheck:
     capture = _read(folder, object_id, refused)
     if capture is None:
         return ObjectCheck(object_id, tuple(Finding("refused", said) for said in refused))
-    contradicting = list(_judged(capture, refused))
+    lengths: dict[str, float] = {}
+    contradicting = list(_judged(capture, refused, lengths))
     findings = [
         *(Finding("refused", said) for said in refused),
         *(Finding("contradicts", said) for said in contradicting),
     ]
-    return ObjectCheck(object_id, tuple(findings), _pictures(capture))
+    return ObjectCheck(object_id, tuple(findings), _pictures(capture), tuple(lengths.items()))
 
 
 def _read(folder: CaptureFolder, object_id: str, refused: list[str]) -> Capture | None:
@@ -97,8 +103,8 @@ def _tried(read: Callable[[str], Result], object_id: str, refused: list[str]) ->
     return None
 
 
-def _judged(capture: Capture, refused: list[str]) -> Iterator[str]:
-    """Yield contradictions, and add what a rebuild refuses."""
+def _judged(capture: Capture, refused: list[str], lengths: dict[str, float]) -> Iterator[str]:
+    """Yield contradictions, and add what a rebuild refuses, and how long its shadows are."""
     try:
         _check_source(capture)
         there = registered(capture)
@@ -108,7 +114,12 @@ def _judged(capture: Capture, refused: list[str]) -> Iterator[str]:
         meshes = [part.mesh for part in capture.parts]
         seen = [outline(view, capture.at_least.get(view.name), meshes) for view in capture.views]
         (pa, _), (lat, _) = seen
-        check_size(capture.parts, capture.views, [level for _, level in seen])
+        air = [level for _, level in seen]
+        check_size(capture.parts, capture.views, air)
+        for view, (shadow, drawn) in zip(
+            capture.views, lengths_px(capture.parts, capture.views, air) or (), strict=False
+        ):
+            lengths[view.name] = shadow / drawn
         check_exposure([(one.name, one.drawn, one.full) for one, _ in seen])
     except XDenError as err:
         refused.append(str(err))

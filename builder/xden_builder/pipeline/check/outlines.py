@@ -47,7 +47,10 @@ FLIPS: Final[tuple[tuple[str, Callable[[Mask], Mask]], ...]] = (
     ("mirrored left to right", lambda mask: mask[:, ::-1]),
     ("mirrored top to bottom", lambda mask: mask[::-1]),
     ("turned upside down", lambda mask: mask[::-1, ::-1]),
+    ("turned by a quarter", lambda mask: np.rot90(mask)),
+    ("turned by a quarter the other way", lambda mask: np.rot90(mask, -1)),
 )
+"""What undoes it, by how a picture may have been turned over."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -194,7 +197,7 @@ def _turned_view(view: Outline) -> Iterator[str]:
     if not _far_better(best, given):
         return
     ways = [
-        name for name, flip in FLIPS if _shared(view.drawn, flip(view.shadow)) > best - ALIKE_SHARE
+        name for name, back in _turned_over(view) if _shared(view.drawn, back) > best - ALIKE_SHARE
     ]
     yield (
         f"the picture of {view.name} seems {' or '.join(ways)}: the parts' outline shares "
@@ -225,8 +228,14 @@ def _as_it_is(view: Outline) -> float:
 
 def _best(view: Outline) -> float:
     """Return the largest share over all ways to turn a picture over, and none."""
-    flipped = (flip(view.shadow) for _, flip in FLIPS)
+    flipped = (back for _, back in _turned_over(view))
     return max(_shared(view.drawn, shadow) for shadow in (view.shadow, *flipped))
+
+
+def _turned_over(view: Outline) -> list[tuple[str, Mask]]:
+    """Return the shadow turned back, in every way that leaves a picture its shape."""
+    found = ((name, np.asarray(flip(view.shadow))) for name, flip in FLIPS)
+    return [(name, shadow) for name, shadow in found if shadow.shape == view.drawn.shape]
 
 
 def _shared(one: Mask, other: Mask) -> float:

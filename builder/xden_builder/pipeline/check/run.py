@@ -6,13 +6,18 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from xden_builder.capture import CaptureFolder
 from xden_builder.pipeline.check.object import Finding, Kind, ObjectCheck, check_object
+from xden_builder.triage.sizes import middle_of
 from xden_builder.workers import Answer, explain, run_each
 
 __all__ = ["FolderCheck", "check_folder"]
+
+LONGER: Final = 0.06
+"""Shadows that are longer or shorter than the meshes by this share, in the median of a folder, are
+of another scanner than was told: a blurred edge makes 1 or 2 %."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +29,26 @@ class FolderCheck:
     @property
     def clean(self) -> bool:
         """Whether nothing was found."""
-        return not any(each.findings for each in self.objects)
+        return not any(each.findings for each in self.objects) and not self.remarks
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What contradicts itself in all objects alike: views in which all are too long or short.
+
+        Where both views are, it may be the meshes.
+        """
+        ratios: dict[str, list[float]] = {}
+        for each in self.objects:
+            for view, ratio in each.lengths:
+                ratios.setdefault(view, []).append(ratio)
+        middles = {view: middle_of(each) for view, each in ratios.items()}
+        return tuple(
+            f"shadows in {view} are {size.factor:.2f} times as long as the meshes are there, in "
+            f"the median of {size.objects} objects: check views.{view}.source_cm, column_step_cm "
+            "and row_step_cm in scanner.toml, and how the meshes were scaled"
+            for view, size in middles.items()
+            if size is not None and size.off_by(LONGER)
+        )
 
     def count(self, kind: Kind) -> int:
         """How many objects have findings of a kind."""
@@ -37,6 +61,7 @@ class FolderCheck:
             "clean": self.clean,
             "refused": self.count("refused"),
             "contradicting": self.count("contradicts"),
+            "remarks": self.remarks,
             "objects": [
                 {
                     "object_id": each.object_id,
