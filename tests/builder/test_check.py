@@ -197,6 +197,14 @@ def test_two_pictures_exchanged_are_not_called_turned_over_where_both_views_look
     assert said.startswith("the pictures of pa and lat seem exchanged: ")
 
 
+def test_a_thin_thing_that_lies_a_pixel_off_is_not_called_mirrored() -> None:
+    line = np.zeros((24, 24), dtype=np.bool_)
+    line[11, 4:18] = True
+    beside = seen("pa", line, line[::-1])
+    near = replace(beside, near=np.ones_like(line))
+    assert [*contradictions(near, seen("lat", flag(), flag()))] == []
+
+
 def test_a_picture_turned_by_a_quarter_is_told() -> None:
     (said,) = contradictions(seen("pa", flag(), np.rot90(flag(), -1)), seen("lat", flag(), flag()))
     assert said.startswith("the picture of pa seems turned by a quarter: ")

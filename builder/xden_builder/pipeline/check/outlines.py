@@ -27,6 +27,8 @@ ALIKE: Final = 0.5
 """And at least so much is shared."""
 ALIKE_SHARE: Final = 0.03
 """Of that area: explanations that differ by less explain alike."""
+AROUND: Final = np.ones((3, 3))
+"""Large pixels that an outline may lie off, and be drawn alike."""
 MOST_BESIDE: Final = 0.5
 """Of a shadow, beside the parts."""
 MARGIN_CM: Final = 0.5
@@ -239,5 +241,10 @@ def _turned_over(view: Outline) -> list[tuple[str, Mask]]:
 
 
 def _shared(one: Mask, other: Mask) -> float:
-    """Area of both as a share of the area of either."""
-    return float((one & other).sum() / max((one | other).sum(), 1))
+    """Area that goes together as a share of the area of either.
+
+    What lies next to the other goes with it: a thin thing that lies a pixel off would share nothing
+    with itself.
+    """
+    apart = (one & ~binary_dilation(other, AROUND)) | (other & ~binary_dilation(one, AROUND))
+    return 1.0 - float(apart.sum() / max((one | other).sum(), 1))
