@@ -276,6 +276,15 @@ def test_air_that_is_brighter_at_one_border_tells_of_the_open_field_and_of_nothi
     assert [*contradictions(even, sound)] == []
 
 
+def test_a_collimator_at_a_border_is_not_called_a_flat_that_is_turned_over() -> None:
+    lat = replace(seen("lat", flag(), flag()), air={"left": 0.98, "right": 0.0})
+    (said,) = contradictions(seen("pa", flag(), flag()), lat)
+    assert said == (
+        "the right border of lat lets no light through: if a collimator or a holder is in the "
+        "picture, mark it in ignore_lat.png"
+    )
+
+
 def test_a_mass_is_impossible_only_beyond_half_and_one_and_a_half_of_what_labels_allow() -> None:
     part = CapturePart("block", trimesh.creation.box(), "aluminium")  # 2.64 to 2.77 g/cm³
     for mass_g in (1.4, 2.7, 4.1):

@@ -37,6 +37,8 @@ SUBRAYS: Final = 3
 """Rays along each side of a large pixel, so that a sheet that stands edge on is met."""
 MOST_UNEVEN: Final = 1.1
 """Ratio of air at opposite borders: an open field divides it away, whatever the heel effect."""
+OPAQUE: Final = 0.02
+"""Transmission at a border below which something stands before it that is no air."""
 BORDERS: Final = {
     "top": (slice(None, 2), slice(None)),
     "bottom": (slice(-2, None), slice(None)),
@@ -161,7 +163,13 @@ def _uneven(view: Outline) -> Iterator[str]:
         if not {one, other} <= view.air.keys():
             continue
         levels = view.air[one], view.air[other]
-        if max(levels) > MOST_UNEVEN * min(levels):
+        if min(levels) < OPAQUE:
+            dark = one if levels[0] < levels[1] else other
+            yield (
+                f"the {dark} border of {view.name} lets no light through: if a collimator or a "
+                f"holder is in the picture, mark it in ignore_{view.name}.png"
+            )
+        elif max(levels) > MOST_UNEVEN * min(levels):
             yield (
                 f"air in {view.name} has a transmission of {levels[0]:.2f} at its {one} and of "
                 f"{levels[1]:.2f} at its {other}: the picture or its flat is turned over or "
