@@ -255,6 +255,9 @@ def test_a_mass_that_the_images_contradict_is_flagged_with_both(capture, factor,
     both = found.meta["poly"]["weighing"]
     assert both["weighed_g"] == pytest.approx(factor * true_g)
     assert both["by_images_g"] == pytest.approx(true_g, rel=0.02)
+    mass_g, sd_g = found.mass_g, found.meta["uncertainty"]["mass_sd_g"]
+    off_g = max(abs(mass_g - both["weighed_g"]), abs(mass_g - both["by_images_g"]))
+    assert (sd_g == pytest.approx(off_g, rel=0.05)) if disagrees else sd_g < 0.01 * mass_g
 
 
 def test_a_weighed_mass_makes_the_mass_right(capture):

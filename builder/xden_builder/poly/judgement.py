@@ -136,17 +136,26 @@ class PolyFit:
         }
 
 
-def judge(solution: Solution) -> PolyFit:
+def judge(solution: Solution, *, contradicted: float = 0.0) -> PolyFit:
     """Say how sure each density is, and why it may be wrong.
 
     The variance has five sources: images, priors and scale (from the curvature of the posterior);
     the choice between materials; the disagreement of the views; and the beam's filter and the size
     of the meshes, each of which moves all parts together.
+
+    Parameters
+    ----------
+    solution
+        Where the fit ended.
+    contradicted
+        Share by which the mass on the scale, if the fit knows it, contradicts the images: either
+        may be wrong, so that all densities may be off by it together.
     """
     known, density = diagnose(solution), solution.density_g_cm3
     parts = solution.scene.parts
     extra = known.between_g_cm3**2 + (VIEW_SHARE * known.apart_g_cm3) ** 2 * known.told_by_images
-    covariance = known.covariance + np.diag(extra)
+    fitted = known.covariance + contradicted**2 * np.outer(density, density)
+    covariance = fitted + np.diag(extra)
     for together in (known.by_filter_g_cm3, known.by_size_g_cm3):
         covariance = covariance + np.outer(together, together)
     sd = np.sqrt(covariance.diagonal())
@@ -163,7 +172,7 @@ def judge(solution: Solution) -> PolyFit:
                 float(density[number]), float(sd[number]), source, tuple(sorted(flags)), materials
             )
         )
-    return PolyFit(solution, tuple(found), covariance, known.covariance, known.by_size_g_cm3)
+    return PolyFit(solution, tuple(found), covariance, fitted, known.by_size_g_cm3)
 
 
 def _raised(

@@ -97,4 +97,6 @@ def with_mass(
     volume_sd = solution.scene.walls.mass_sd(volumes_cm3 * solution.density_g_cm3)
     mass = Mass(mass_g, volumes_cm3, volume_sd)
     weighing = compare(mass, solution.density_g_cm3, by_images.covariance)
-    return replace(judge(weighed(solution, mass, settings)), weighing=weighing)
+    ended = weighed(solution, mass, settings)
+    mass_g = float(volumes_cm3 @ ended.density_g_cm3)
+    return replace(judge(ended, contradicted=weighing.contradiction(mass_g)), weighing=weighing)

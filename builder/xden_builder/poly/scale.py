@@ -41,6 +41,19 @@ class Weighing:
         apart_g = abs(self.weighed_g - self.by_images_g)
         return apart_g > max(SIGMAS * self.by_images_sd_g, LEAST_SHARE * self.weighed_g)
 
+    def contradiction(self, mass_g: float) -> float:
+        """Share by which a mass is off the farther of the two; 0 where they do not disagree.
+
+        Examples
+        --------
+        >>> Weighing(200.0, 100.0, 3.0).contradiction(160.0)
+        0.375
+        >>> Weighing(100.0, 103.0, 3.0).contradiction(100.0)
+        0.0
+        """
+        off_g = max(abs(mass_g - self.weighed_g), abs(mass_g - self.by_images_g))
+        return off_g / mass_g if self.disagrees else 0.0
+
     def to_dict(self) -> dict[str, Any]:
         """Values for JSON."""
         return asdict(self) | {"disagrees": self.disagrees}
