@@ -197,6 +197,14 @@ def test_a_body_of_half_the_density_is_measured(hollow):
     assert not {"porous", "at_bound"} & set(found["blade"].flags)
 
 
+def test_a_part_that_is_not_in_the_object_is_told_from_a_foamed_one():
+    """Drawn and labelled, but a cell that nobody put in: its label is not what to check."""
+    for density_g_cm3, gone in ((0.002, True), (0.3, False)):
+        found = fitted(captured(tool(density_g_cm3=density_g_cm3), size=SIZE_PX))
+        assert ("hardly_there" in found["grip"].flags) == gone
+        assert "hardly_there" not in found["blade"].flags
+
+
 def test_a_label_means_its_grades_and_which_one_is_told():
     flame_retarded = tool(material="abs_brominated", density_g_cm3=1.19, label="abs")
     found = fitted(captured(flame_retarded, size=96))

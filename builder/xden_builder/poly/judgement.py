@@ -44,6 +44,9 @@ LOWERED: Final = 0.99
 """Of the probability before the images: less is not rounding."""
 HELD_SDS: Final = 1.0
 """An end of a range that holds densities off by less is no news: their deviations say so."""
+HARDLY_THERE: Final = 0.1
+"""A part whose density is below this share of the least that its label means is not there, it
+seems, or hollow."""
 TOP: Final = 3
 
 
@@ -167,6 +170,8 @@ def judge(solution: Solution, *, contradicted: float = 0.0) -> PolyFit:
         flags |= _material_flags(part.material, *_probabilities(solution, number))
         if not part.hollow and _porous(solution, number, density[number] + sd[number]):
             flags |= {"porous"}
+        if not part.hollow and _hardly_there(part.material, density[number] + 2 * sd[number]):
+            flags |= {"hardly_there"}
         found.append(
             PolyPart(
                 float(density[number]), float(sd[number]), source, tuple(sorted(flags)), materials
@@ -252,6 +257,16 @@ def _porous(solution: Solution, number: int, most_g_cm3: float) -> bool:
     likeliest = max(after, key=after.__getitem__)
     low_g_cm3 = load_materials()[likeliest].density_low_g_cm3
     return bool(pores > MOST or (after[likeliest] > MOST and most_g_cm3 < low_g_cm3))
+
+
+def _hardly_there(label: str, most_g_cm3: float) -> bool:
+    """Whether a part is of hardly anything, for what it is labelled as."""
+    meant = [
+        each.density_low_g_cm3
+        for each in load_materials().values()
+        if label and label not in families() and each.called(label)
+    ]
+    return bool(meant) and most_g_cm3 < HARDLY_THERE * min(meant)
 
 
 def _sources(known: Diagnosis) -> Iterator[DensitySource]:
