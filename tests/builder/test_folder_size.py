@@ -6,8 +6,8 @@ import json
 
 import pytest
 
-from xden_builder.commands.remarks import size_said_of
 from xden_builder.triage.findings import Findings, find
+from xden_builder.triage.remarks import folder_remarks
 from xden_builder.triage.sizes import folder_size
 
 
@@ -35,8 +35,9 @@ def folder(*factors: float | None):
 def test_a_pitch_or_a_source_that_is_wrong_for_all_objects_is_told(off):
     size = folder(*(1 + off + jitter for jitter in (-0.001, -0.0005, 0.0, 0.0005, 0.001, 0.0)))
     assert size.contradicts
-    assert ("larger" if off > 0 else "smaller") in size_said_of(size)
-    assert f"{abs(off):.1%}" in size_said_of(size)
+    (said,) = folder_remarks(None, size)
+    assert ("larger" if off > 0 else "smaller") in said.text
+    assert f"{abs(off):.1%}" in said.text
 
 
 def test_objects_all_at_the_bound_of_their_size_are_told():
@@ -46,7 +47,7 @@ def test_objects_all_at_the_bound_of_their_size_are_told():
 def test_one_object_in_another_unit_says_nothing_of_the_scanner():
     size = folder(1.0, 0.9995, 1.0002, 1.0, 1.0151, 1.0001)
     assert not size.contradicts
-    assert size_said_of(size) == ""
+    assert [*folder_remarks(None, size)] == []
 
 
 def test_meshes_that_are_scaled_each_for_itself_say_nothing_of_the_scanner():

@@ -18,7 +18,6 @@ from xden_builder.audit.object import audit_object
 from xden_builder.audit.view import audit_view
 from xden_builder.capture import CaptureFolder
 from xden_builder.cli import cli
-from xden_builder.commands.remarks import errors_said_of, said_of
 from xden_builder.phantoms import write_captures
 from xden_builder.pipeline import version
 from xden_builder.pipeline.run import build, work_folder
@@ -26,6 +25,7 @@ from xden_builder.pipeline.version import OtherVersionError
 from xden_builder.poly.hardness import Hardness
 from xden_builder.reconstruct.object import reconstruct
 from xden_builder.reconstruct.settings import BuildSettings
+from xden_builder.triage.remarks import folder_remarks
 from xden_builder.workers import run_each
 
 SETTINGS = BuildSettings()
@@ -165,11 +165,13 @@ def test_a_filter_that_was_told_is_believed(captures, tmp_path):
     ],
 )
 def test_a_filter_that_does_not_explain_the_images_is_told(beam, words):
-    assert words in said_of(beam)
+    said = [str(remark) for remark in folder_remarks(beam, None)]
+    assert words in said[0]
+    assert said[0].startswith("needs you: ")
 
 
 def test_a_filter_that_explains_the_images_is_not_spoken_of():
-    assert said_of(Hardness(0.004, 0.01, 40, 20, None, 1.0)) == ""
+    assert [*folder_remarks(Hardness(0.004, 0.01, 40, 20, None, 1.0), None)] == []
 
 
 @pytest.mark.parametrize(
@@ -177,8 +179,11 @@ def test_a_filter_that_explains_the_images_is_not_spoken_of():
     [(0.3, "lie 0.30 times as far off"), (2.5, "deviations stay as they are"), (1.0, "")],
 )
 def test_errors_that_are_not_as_assumed_are_spoken_of(scale, words):
-    said = errors_said_of(Hardness(0.0, 0.01, 40, 20, None, scale))
-    assert (words in said) if words else said == ""
+    said = [
+        str(remark) for remark in folder_remarks(Hardness(0.0, 0.01, 40, 20, None, scale), None)
+    ]
+    assert [words in each for each in said] == ([True] if words else [])
+    assert all(each.startswith("for information: ") for each in said)
 
 
 def test_answers_beside_captures_go_into_the_dataset_and_stay(captures, half_built):

@@ -22,6 +22,7 @@ from xden1k.folder import open_folder, write_folder
 from xden_builder.cli import cli
 from xden_builder.commands import run as run_command
 from xden_builder.pipeline.run import BuildReport, Outcome
+from xden_builder.poly.hardness import Hardness
 from xden_builder.triage import report as triage_report
 from xden_builder.triage.card import Card, make_card
 from xden_builder.triage.findings import find
@@ -185,8 +186,9 @@ def report(dataset: Path, in_this_process: None) -> Path:
     """The report of it, beside it."""
     work = dataset.with_name("dataset.work")
     work.mkdir()
-    failed = BuildReport((Outcome("mug-9", "failed", f"{HOSTILE}: no TIFF"),))
-    (work / "build_report.json").write_text(json.dumps(failed.to_dict()))
+    ended = (Outcome("mug-9", "failed", f"{HOSTILE}: no TIFF"),)
+    last_run = BuildReport(ended, Hardness(0.1, 0.01, 40, 20, None, 1.0))
+    (work / "build_report.json").write_text(json.dumps(last_run.to_dict()))
     ran = CliRunner().invoke(cli, ["report", str(dataset), "--json"])
     assert ran.exit_code == 0, ran.output
     told = json.loads(ran.stdout)
@@ -248,6 +250,12 @@ def test_what_could_not_be_built_stands_on_the_page(report: Path) -> None:
     assert "&lt;script&gt;alert(&#39;x&#39;)" in text
 
 
+def test_what_all_objects_show_stands_on_the_page(report: Path) -> None:
+    page = (report / "index.html").read_text()
+    assert "The whole folder" in page
+    assert "the told filter does not explain these images: 0.10 ± 0.01 mm Cu more would" in page
+
+
 def test_the_table_has_the_figures_and_no_formula(report: Path) -> None:
     table = pd.read_csv(report / "objects.csv")
     assert list(table["severity"].fillna("")) == ["needs_you", ""]
@@ -266,7 +274,7 @@ def test_parts_without_density_show_their_attenuation(dataset: Path, tmp_path: P
     card = make_card(dataset, open_folder(dataset).ids()[0])
     unknown = {"density_g_cm3": math.nan, "density_sd_g_cm3": math.nan, "lac_per_cm": 0.321}
     parts = tuple(replace(part, **unknown) for part in card.parts)
-    render([replace(card, parts=parts)], [], "dataset", tmp_path / "index.html")
+    render([replace(card, parts=parts)], [], [], "dataset", tmp_path / "index.html")
     text = (tmp_path / "index.html").read_text()
     assert text.count(">0.321<") == len(parts)
     assert "density, g/cm³" not in text

@@ -12,7 +12,6 @@ import click
 from click.core import ParameterSource
 
 from xden1k.commands import DONE_IN_PART, json_option, print_json
-from xden_builder.commands.remarks import folder_remarks
 from xden_builder.commands.shared import echo_scanner, progress_bar, workers_option
 
 if TYPE_CHECKING:
@@ -166,8 +165,8 @@ def _echo_report(report: BuildReport, out: Place) -> None:
     informed = sum(findings.severity == "information" for findings in report.judged)
     if informed:
         click.echo(f"for information: {informed} of {len(report.judged)} objects have other flags")
-    for said in folder_remarks(report):
-        click.echo(said)
+    for remark in report.remarks:
+        click.echo(str(remark))
     counts = ", ".join(f"{report.count(s)} {s}" for s in ("built", "kept", "failed"))
     click.echo(f"{out}: {counts}; report in {inside(work_folder(out), REPORT_NAME)}")
 

@@ -10,6 +10,7 @@ from xden1k.values.plain import plain
 from xden_builder.pipeline.version import BUILDER
 from xden_builder.poly.hardness import Hardness
 from xden_builder.triage.findings import Findings
+from xden_builder.triage.remarks import FolderRemark, folder_remarks
 from xden_builder.triage.sizes import FolderSize, folder_size
 
 __all__ = ["REPORT_NAME", "BuildReport", "Outcome", "Status"]
@@ -104,6 +105,11 @@ class BuildReport:
         """How large the objects are beside their meshes; None where none tells it."""
         return folder_size(self.judged)
 
+    @property
+    def remarks(self) -> tuple[FolderRemark, ...]:
+        """What all objects show together, if it is not as it was told."""
+        return tuple(folder_remarks(self.beam, self.size))
+
     def to_dict(self) -> dict[str, Any]:
         """Values for JSON."""
         counts = {status: self.count(status) for status in ("built", "kept", "failed")}
@@ -115,6 +121,7 @@ class BuildReport:
                 "beam": None if self.beam is None else asdict(self.beam),
                 "size": None if self.size is None else self.size.to_dict(),
                 "shared_processor_s": self.shared_processor_s,
+                "remarks": [asdict(remark) for remark in self.remarks],
                 "needs_you": sum(outcome.needs_you for outcome in self.outcomes),
                 "objects": [outcome.to_dict() for outcome in self.outcomes],
             }

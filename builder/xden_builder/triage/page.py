@@ -14,6 +14,7 @@ from xden_builder.triage.findings import Findings
 from xden_builder.triage.flags import FlagKind, Severity, flag_kinds
 from xden_builder.triage.html import figure, render_page, resource
 from xden_builder.triage.pictures import RESIDUAL_LIMIT
+from xden_builder.triage.remarks import FolderRemark
 
 __all__ = ["render"]
 
@@ -33,7 +34,11 @@ SOURCES: Final = {
 
 
 def render(
-    cards: Sequence[Card], failures: Sequence[tuple[str, str]], name: str, path: Path
+    cards: Sequence[Card],
+    failures: Sequence[tuple[str, str]],
+    remarks: Sequence[FolderRemark],
+    name: str,
+    path: Path,
 ) -> None:
     """Write the page.
 
@@ -43,6 +48,8 @@ def render(
         The objects, in the order in which they are shown.
     failures
         Object id and reason of objects that cannot be shown.
+    remarks
+        What all objects show together.
     name
         Of the dataset.
     path
@@ -57,6 +64,7 @@ def render(
         name=name,
         cards=cards,
         failures=failures,
+        remarks=remarks,
         counts=[(key or "none", words, severities[key]) for key, words in COUNTED.items()],
         kinds=_kinds(cards),
         categories=sorted({card.findings.category for card in cards}),

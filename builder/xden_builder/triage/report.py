@@ -13,6 +13,7 @@ from xden1k.folder import open_folder
 from xden1k.folder.place import publish, staging
 from xden_builder.triage.card import make_card
 from xden_builder.triage.page import render
+from xden_builder.triage.remarks import FolderRemark
 from xden_builder.triage.table import table
 from xden_builder.workers import gather
 
@@ -59,6 +60,7 @@ def write_report(
     *,
     workers: int,
     not_built: Failures = (),
+    remarks: Sequence[FolderRemark] = (),
     on_done: Callable[[str], None] = lambda _: None,
 ) -> Report:
     """Write the report of a dataset folder; an older report there is replaced as a whole.
@@ -73,6 +75,8 @@ def write_report(
         Number of processes.
     not_built
         Object id and reason of captures that are not in the dataset.
+    remarks
+        What all objects show together.
     on_done
         Called with each object's id as it is done.
 
@@ -95,7 +99,7 @@ def write_report(
     with staging(out) as beside:
         folder = beside / "report"
         folder.mkdir()
-        render(cards, failures, root.name, folder / PAGE_NAME)
+        render(cards, failures, remarks, root.name, folder / PAGE_NAME)
         table(cards).to_csv(folder / TABLE_NAME, index=False)
         publish(folder, out)
     need_you = sum(card.findings.severity == "needs_you" for card in cards)

@@ -1,0 +1,109 @@
+"""What is to be said of a whole folder: a line for each thing that all objects show together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from xden_builder.poly.hardness import Hardness
+from xden_builder.triage.flags import Severity
+from xden_builder.triage.sizes import FolderSize
+
+__all__ = ["FolderRemark", "folder_remarks"]
+
+SAID: Final[Mapping[Severity, str]] = {
+    "needs_you": "needs you",
+    "information": "for information",
+}
+LINEAR: Final = "quantity, polarity, bits and dark in scanner.toml, and that the images are linear"
+
+
+@dataclass(frozen=True, slots=True)
+class FolderRemark:
+    """Something that all objects of a folder show together.
+
+    Parameters
+    ----------
+    severity
+        As of flags.
+    text
+        One line: what it is, and what to do.
+    """
+
+    severity: Severity
+    text: str
+
+    def __str__(self) -> str:
+        return f"{SAID[self.severity]}: {self.text}"
+
+
+def folder_remarks(beam: Hardness | None, size: FolderSize | None) -> Iterator[FolderRemark]:
+    """Say what the objects of a folder show together, if it is not as it was told.
+
+    Parameters
+    ----------
+    beam, size
+        That were found for all; None where none was.
+    """
+    if beam is not None:
+        yield from _of_filter(beam)
+        yield from _of_errors(beam)
+    if size is not None:
+        yield from _of_size(size)
+
+
+def _of_filter(beam: Hardness) -> Iterator[FolderRemark]:
+    """Say what the images tell of the beam's filter, if it is not as it was told."""
+    if beam.two_tubes_mm_cu is not None:
+        one, other = beam.two_tubes_mm_cu
+        yield FolderRemark(
+            "needs_you",
+            f"the objects do not agree on one filter: {one:.2f} mm Cu more than told explains "
+            f"some, {other:.2f} mm the others (were there two tubes or filters? give each its own "
+            "capture folder)",
+        )
+    elif beam.no_filter_explains:
+        yield FolderRemark(
+            "needs_you",
+            f"behind any filter labelled parts show {beam.label_ratio:.2f} times the density of "
+            f"their materials (check {LINEAR})",
+        )
+    elif beam.contradicts:
+        more = "more" if beam.filter_mm_cu > 0 else "less"
+        yield FolderRemark(
+            "needs_you",
+            f"the told filter does not explain these images: {abs(beam.filter_mm_cu):.2f} ± "
+            f"{beam.sd_mm_cu:.2f} mm Cu {more} would, and was reckoned with (check [tube] kv and "
+            "filtration in scanner.toml, and that the images are linear)",
+        )
+
+
+def _of_errors(beam: Hardness) -> Iterator[FolderRemark]:
+    """Say how far labelled parts are off their materials, if it is not as is assumed."""
+    if beam.errs_as_assumed:
+        return
+    so = (
+        "deviations are the smaller for it"
+        if beam.error_scale < 1
+        else "deviations stay as they are: labels err here, or are of substances not in the "
+        f"library, or scanner.toml is wrong (check filtration, {LINEAR})"
+    )
+    yield FolderRemark(
+        "information",
+        f"labelled parts lie {beam.error_scale:.2f} times as far off their materials as is "
+        f"assumed; {so}",
+    )
+
+
+def _of_size(size: FolderSize) -> Iterator[FolderRemark]:
+    """Say that all objects are of another size than their meshes, if they are."""
+    if size.contradicts:
+        larger = "larger" if size.factor > 1 else "smaller"
+        yield FolderRemark(
+            "needs_you",
+            f"the objects are {abs(size.factor - 1):.1%} {larger} than their meshes, all of them "
+            f"alike ({size.objects} objects, ± {size.sd:.1%}), which changes masses by three times "
+            "that: check source_cm, column_step_cm and row_step_cm in scanner.toml, or how the "
+            "meshes were scaled",
+        )
