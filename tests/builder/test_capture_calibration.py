@@ -179,22 +179,36 @@ def test_a_converter_that_ends_below_what_is_told_is_seen_by_what_piles_up(
     assert below.view.valid.all()
 
 
-def test_air_that_happens_to_end_where_a_converter_would_is_not_saturated(tmp_path: Path) -> None:
-    light = np.random.default_rng(3).normal(3900, 60, LARGE)
-    light[0, 0] = 4095
-    counts = np.minimum(np.rint(light), 4095).astype("u2")
-    assert from_counts(tmp_path, counts, np.full(LARGE, 3900.0), 0.0, shape=LARGE).view.valid.all()
-
-
-def test_a_dark_image_brighter_than_what_lies_behind_lead_is_told(tmp_path: Path) -> None:
-    counts, flat = np.full(LARGE, 20000.0), np.full(LARGE, 30000.0)
-    readout = np.random.default_rng(4).normal(0, 8, (2, *LARGE))
-    dark = 300.0 + readout[0]
-    counts[20:40, 20:40] = (300.0 + readout[1])[20:40, 20:40]
-    assert from_counts(tmp_path, counts, flat, dark, shape=LARGE).flags == ()
-    assert from_counts(tmp_path, counts, flat, dark + 500, shape=LARGE).flags == (
-        "pa:dark_too_bright",
+def test_air_that_reaches_where_a_converter_would_end_is_not_saturated(tmp_path: Path) -> None:
+    """As many pixels hold the values beside it: noise, which piles nothing up."""
+    light = np.rint(np.random.default_rng(3).normal(4095, 2, (100, 100)))
+    light[light > 4095] = 4090
+    assert (light == 4095).sum() > 1000
+    read = from_counts(
+        tmp_path, light.astype("u2"), np.full((100, 100), 4000.0), 0.0, shape=(100, 100)
     )
+    assert read.view.valid.all()
+
+
+def test_a_flat_that_is_a_number_is_not_called_saturated(tmp_path: Path) -> None:
+    counts = np.random.default_rng(3).normal(3000, 60, LARGE)
+    assert from_counts(tmp_path, counts, 4095.0, 0.0, shape=LARGE).flags == ()
+
+
+@pytest.mark.parametrize("frames", [1, 64])
+def test_a_dark_image_brighter_than_what_lies_behind_lead_is_told(
+    tmp_path: Path, frames: int
+) -> None:
+    """However little noise the dark has: a mean of frames has less than the object's image."""
+    rng = np.random.default_rng(4)
+    counts, flat = np.full(LARGE, 20000.0), np.full(LARGE, 30000.0)
+    dark = 300.0 + rng.normal(0, 80 / np.sqrt(frames), LARGE)
+    counts[20:40, 20:40] = 300.0 + rng.normal(0, 80, (20, 20))
+    assert from_counts(tmp_path, counts, flat, dark, shape=LARGE).flags == ()
+    told = from_counts(tmp_path, counts, flat, dark + 500, shape=LARGE)
+    assert told.flags == ("pa:dark_too_bright",)
+    few = np.where(np.arange(LARGE[1]) == 3, 0.0, 20000.0) * np.ones(LARGE)
+    assert from_counts(tmp_path, few, flat, dark + 500, shape=LARGE).flags == ()
 
 
 def test_an_image_is_read_however_much_of_it_is_saturated_but_not_all(tmp_path: Path) -> None:

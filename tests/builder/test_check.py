@@ -22,7 +22,7 @@ from xden_builder.capture import CaptureFolder, ScannerFile, ViewFile, write_sca
 from xden_builder.capture.parts import CapturePart
 from xden_builder.cli import cli
 from xden_builder.physics.source import Tube
-from xden_builder.pipeline.check.outlines import Outline, contradictions
+from xden_builder.pipeline.check.outlines import Outline, contradictions, length_ratio
 from xden_builder.pipeline.check.run import FolderCheck, check_folder
 from xden_builder.pipeline.check.weight import weight_contradiction
 from xden_builder.pipeline.remarks import filtration_remark
@@ -197,19 +197,51 @@ def test_two_pictures_exchanged_are_not_called_turned_over_where_both_views_look
     assert said.startswith("the pictures of pa and lat seem exchanged: ")
 
 
-def test_a_thin_thing_that_lies_a_pixel_off_is_not_called_mirrored() -> None:
-    line = np.zeros((24, 24), dtype=np.bool_)
-    line[11, 4:18] = True
-    beside = seen("pa", line, line[::-1])
-    near = replace(beside, near=np.ones_like(line))
+@pytest.mark.parametrize("row", [10, 11, 13])
+def test_a_thin_thing_that_lies_a_little_off_is_not_called_mirrored(row: int) -> None:
+    line, there = np.zeros((2, 24, 24), dtype=np.bool_)
+    line[11, 4:18] = there[row, 4:18] = True
+    near = replace(seen("pa", line, there), near=np.ones_like(line))
     assert [*contradictions(near, seen("lat", flag(), flag()))] == []
 
 
-def test_a_picture_turned_by_a_quarter_is_told() -> None:
-    (said,) = contradictions(seen("pa", flag(), np.rot90(flag(), -1)), seen("lat", flag(), flag()))
-    assert said.startswith("the picture of pa seems turned by a quarter: ")
-    wide = np.concatenate([flag(), np.zeros_like(flag())], axis=1)  # no picture of another shape
+@pytest.mark.parametrize(
+    ("turned", "words"),
+    [
+        (np.rot90(flag(), -1), "turned by a quarter clockwise: "),
+        (np.rot90(flag()), "turned by a quarter counter-clockwise: "),
+        (flag().T, "of exchanged rows and columns: "),
+        (flag()[::-1, ::-1].T, "of exchanged rows and columns, upside down: "),
+    ],
+)
+def test_a_picture_turned_by_a_quarter_is_told(turned: np.ndarray, words: str) -> None:
+    (said,) = contradictions(seen("pa", flag(), turned), seen("lat", flag(), flag()))
+    assert said.startswith(f"the picture of pa seems {words}")
+
+
+def test_a_picture_of_another_shape_is_not_turned_by_a_quarter() -> None:
+    wide = np.concatenate([flag(), np.zeros_like(flag())], axis=1)
     assert [*contradictions(seen("pa", wide, wide), seen("lat", wide, wide))] == []
+
+
+def test_a_thin_end_that_casts_no_shadow_hardly_makes_a_shadow_shorter() -> None:
+    drawn, shadow = np.zeros((2, 40, 40), dtype=np.bool_)
+    drawn[14:26, 14:26] = shadow[14:26, 14:26] = True
+    drawn[5:14, 20] = True  # an antenna: the outline's longest side is 1.75 times as long
+    ratio = length_ratio(seen("pa", drawn, shadow))
+    assert ratio == pytest.approx(0.91, abs=0.02)
+    assert length_ratio(seen("pa", drawn, drawn)) == 1.0
+    cut = shadow.copy()
+    cut[14:26, 26:] = True  # goes on beyond the border
+    assert length_ratio(seen("pa", drawn, cut)) is None
+
+
+def test_objects_that_were_turned_by_hand_tell_no_pitch(captures: Path) -> None:
+    assert {view for view, _ in checked(captures).objects[0].lengths} == {"pa", "lat"}
+    scanner = captures / "scanner.toml"
+    text = scanner.read_text().replace("[views.lat]", "[views.lat]\nturned = true")
+    scanner.write_text(text)
+    assert {view for view, _ in checked(captures).objects[0].lengths} == {"pa"}
 
 
 def test_a_pitch_or_a_source_that_is_wrong_for_the_whole_folder_is_told_of_its_view(
@@ -247,7 +279,11 @@ def test_a_pitch_or_a_source_that_is_wrong_for_the_whole_folder_is_told_of_its_v
     ("filtration", "words"),
     [
         ("{ Al = 2.5 }", "told as 25 mm Al, which lets 15.3% of 60 keV through"),
+        ("{ Cu = 0.1 }", "told as 1 mm Cu, which lets 24.0%"),
         ("{ Al = 0.25, Cu = 0.03 }", ""),
+        ("{ Al = -2500 }", ""),
+        ("{ Al = nan }", ""),
+        ("{ Sn = 0.06 }\n[calibration]\ndate = 2026-01-01", ""),
         ("{ Unobtainium = 2.5 }", ""),
         ("2.5", ""),
     ],
@@ -258,6 +294,11 @@ def test_filters_told_in_another_unit_are_asked_about(
     (tmp_path / "scanner.toml").write_text(f"[tube]\nkv = 100.0\nfiltration = {filtration}\n")
     said = filtration_remark(tmp_path)
     assert (words in said) if words else said == ""
+
+
+def test_heavy_filters_of_an_industrial_tube_are_not_asked_about(tmp_path: Path) -> None:
+    (tmp_path / "scanner.toml").write_text("[tube]\nkv = 225.0\nfiltration = { Cu = 0.15 }\n")
+    assert filtration_remark(tmp_path) == ""
 
 
 def test_every_way_that_explains_a_picture_is_told_where_the_object_is_symmetric() -> None:
@@ -276,13 +317,15 @@ def test_air_that_is_brighter_at_one_border_tells_of_the_open_field_and_of_nothi
     assert [*contradictions(even, sound)] == []
 
 
-def test_a_collimator_at_a_border_is_not_called_a_flat_that_is_turned_over() -> None:
-    lat = replace(seen("lat", flag(), flag()), air={"left": 0.98, "right": 0.0})
-    (said,) = contradictions(seen("pa", flag(), flag()), lat)
-    assert said == (
-        "the right border of lat lets no light through: if a collimator or a holder is in the "
-        "picture, mark it in ignore_lat.png"
+def test_a_collimator_is_not_called_a_flat_that_is_turned_over_and_hides_nothing() -> None:
+    dark = {"left": 0.0, "right": 0.0, "top": 1.0}
+    lat = replace(seen("lat", flag(), flag()[::-1, ::-1]), air=dark)
+    collimated, turned = contradictions(seen("pa", flag(), flag()), lat)
+    assert collimated == (
+        "no light comes through at the left and right of lat: if a collimator or a holder is in "
+        "the picture, mark it in ignore_lat.png"
     )
+    assert turned.startswith("the picture of lat seems turned upside down: ")
 
 
 def test_a_mass_is_impossible_only_beyond_half_and_one_and_a_half_of_what_labels_allow() -> None:

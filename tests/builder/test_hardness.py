@@ -132,13 +132,27 @@ def test_a_filter_is_not_called_missing_within_three_deviations():
     assert not Hardness(0.015, 0.001, 40, 20, None, 1.0).contradicts
 
 
+SLOPES = {"steel": 0.7, "aluminium": 0.7, "water": 0.4, "glass_soda_lime": 0.9}
+"""By how much, as logarithms, a millimetre of copper more makes them denser, to 0.5 mm."""
+
+
 def test_parts_that_no_filter_explains_are_told_apart_from_a_harder_beam():
-    """Images through a square root halve everything; a filter takes more of metals."""
-    halved = [clue(0.0, off=np.log(0.5), slope=slope) for slope in (-1.3, -0.3, -0.2, -0.2, -0.1)]
+    """Images through a square root halve whatever they show."""
+    halved = [clue(0, off=np.log(0.5), slope=slope, name=name) for name, slope in SLOPES.items()]
     assert join(folder(*halved)).no_filter_explains
-    filtered = [clue(0.1, slope=slope) for slope in (-1.3, -0.3, -0.2, -0.2, -0.1)]
-    assert not join(folder(*filtered)).no_filter_explains
-    assert not join(folder(*halved[:2])).no_filter_explains
+    assert not join(folder(*halved[:2])).no_filter_explains, "two objects say nothing"
+    harder = [clue(0.3, slope=slope, name=name) for name, slope in SLOPES.items()]
+    assert not join(folder(*harder)).no_filter_explains
+
+
+def test_pores_and_masses_in_another_unit_are_no_images_that_are_not_linear():
+    sound = [clue(0.0) for _ in range(3)]
+    printed = [clue(0.0, off=np.log(share), name="abs") for share in (0.45, 0.5, 0.6, 0.5)]
+    ounces = [clue(0.0, off=np.log(28.35), name="mass") for _ in range(6)]
+    for others in (printed, ounces):
+        found = join(folder(*sound, *others))
+        assert found.label_ratio == pytest.approx(1.0, abs=0.05)
+        assert not found.no_filter_explains
 
 
 @cache

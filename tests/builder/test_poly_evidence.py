@@ -61,3 +61,19 @@ def test_a_body_with_pores_is_expected_where_images_put_it():
         told = replace(posterior, probability=probability, density_g_cm3=density)
         mixed = mixtures([table], [told], 0.1)
         assert mixed.mean_g_cm3[0] == pytest.approx(seen)
+
+
+def test_between_materials_of_which_none_is_likely_a_density_is_one_of_theirs():
+    """Half of steel and half of aluminium is no density that anything has."""
+    solution = solved(captured(tool(label=""), size=64), pose=False)
+    table = next(each for each in solution.scene.light.tables if len(each.candidates) > 20)
+    posterior = solution.posteriors[solution.scene.light.tables.index(table)]
+    solids = [k for k, each in enumerate(table.candidates) if each.solid]
+    light, middle, dense = sorted(solids, key=lambda k: table.priors[k, 0])[:: len(solids) // 2][:3]
+    probability = np.zeros_like(posterior.probability)
+    probability[[light, middle, dense]] = 0.4, 0.25, 0.35
+    mixed = mixtures([table], [replace(posterior, probability=probability)], 0.1)
+    assert mixed.mean_g_cm3[0] == pytest.approx(table.priors[middle, 0])
+    probability[[light, middle, dense]] = 0.6, 0.0, 0.4
+    clear = mixtures([table], [replace(posterior, probability=probability)], 0.1)
+    assert clear.mean_g_cm3[0] <= table.priors[light, 3]

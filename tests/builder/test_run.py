@@ -160,7 +160,7 @@ def test_a_filter_that_was_told_is_believed(captures, tmp_path):
         ),
         (
             Hardness(0.29, 0.1, 16, 7, None, 2.3, label_ratio=0.51),
-            "behind any filter labelled parts show 0.51 times the density",
+            "behind any filter metals, glass and liquids show 0.51 times the density",
         ),
     ],
 )

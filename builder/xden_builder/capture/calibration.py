@@ -29,12 +29,11 @@ FLAGGED_DEAD_SHARE = 0.01
 """Every detector has some dead pixels; a larger share is flagged."""
 MOST_MEDIAN_TRANSMISSION = 2.0
 """Air is about 1: a larger median is a wrong quantity, polarity or open field."""
-BELOW_DARK_SIGMAS = 4.0
-BELOW_DARK = 0.002
-UNKNOWN_NOISE = 0.005
-BELOW_DARK_SHARE = 0.001
-"""A dark image is too bright if so many pixels lie so many standard deviations of the noise (or of
-so much, where it is not known), and so much, below it: light that is scattered never makes that."""
+OPAQUE = 0.02
+"""Transmission below which hardly any light comes straight through."""
+BELOW_DARK, BELOW_DARK_SIGMAS, BELOW_DARK_LEAST = 0.005, 4.0, 100
+"""A dark image is too bright if so many opaque pixels lie so much below it in the median, and so
+many of its standard errors: light that is scattered makes them brighter, noise neither."""
 CONVERTER_BITS = range(8, 17)
 PILED_SHARE = 0.001
 PILED_LEAST = 200
@@ -58,7 +57,7 @@ class CalibratedView:
         Transmission, not a number where a pixel is not valid.
     flags
         ``VIEW:saturated`` where a pixel is, ``VIEW:saturated_flat`` where one of the open field is,
-        ``VIEW:dark_too_bright`` where one pixel in a thousand lies clearly below the dark,
+        ``VIEW:dark_too_bright`` where opaque pixels lie clearly below the dark in the median,
         ``VIEW:dead_pixels`` where over 1 % have no open field, ``VIEW:polarity_not_as_dicom`` where
         the scanner file says the contrary of the image's header.
     noise_sd
@@ -94,8 +93,8 @@ def calibrate(
     object_folder, captures
         What the path of the image, and those of flat and dark, are relative to.
     detector
-        Without its ``bits``, or where they are too many, a pixel is called saturated if values pile
-        up where a converter of fewer bits ends.
+        Without its ``bits``, or where they are too many, a pixel of linear counts is called
+        saturated if values pile up where a converter of fewer bits ends.
 
     Raises
     ------
@@ -145,16 +144,26 @@ def _from_counts(
     np.divide(image.pixels - dark, flat - dark, out=transmission, where=~dead)
     has_frame = isinstance(stored.dark, str)
     noise_sd = _noise_counts(image, dark) / usual_light if has_frame else None
+    taken = isinstance(stored.flat, str)
     raised = {
         "saturated": saturated.any(),
-        "saturated_flat": _at_bright_end(flat, image, polarity, bits).any(),
+        "saturated_flat": taken and _at_bright_end(flat, image, polarity, bits).any(),
+        "dark_too_bright": _lies_below(transmission),
         "dead_pixels": dead.mean() > FLAGGED_DEAD_SHARE,
         "polarity_not_as_dicom": image.polarity not in (None, polarity),
     }
     flags = tuple(f"{name}:{flag}" for flag, is_raised in raised.items() if is_raised)
     seen = _checked(name, image.path, stored, transmission, saturated, noise_sd, flags)
-    taken = isinstance(stored.flat, str)
     return replace(seen, open_field=light.astype(np.float32) if taken else None)
+
+
+def _lies_below(transmission: Field) -> bool:
+    """Whether what lets no light through lets less than none through, by more than noise."""
+    opaque = transmission[transmission < OPAQUE]
+    if opaque.size < BELOW_DARK_LEAST:
+        return False
+    error = BELOW_DARK_SIGMAS * float(opaque.std()) / np.sqrt(opaque.size)
+    return bool(np.median(opaque) < -BELOW_DARK - error)
 
 
 def _usual_light(light: Field, said: str) -> float:
@@ -191,9 +200,6 @@ def _checked(
     with np.errstate(over="ignore"):  # XRayView refuses infinity
         image = transmission.astype(np.float32)
     nothing = np.float32(np.nan)
-    below = -BELOW_DARK - BELOW_DARK_SIGMAS * (noise_sd or UNKNOWN_NOISE)
-    if (transmission[told] < below).mean() > BELOW_DARK_SHARE:
-        flags = (*flags, f"{name}:dark_too_bright")
     return CalibratedView(
         XRayView(name, np.where(saturated, nothing, image), told & ~saturated, stored.geometry),
         flags,

@@ -40,7 +40,9 @@ def report(root: Path, out: Path | None, workers: int, as_json: bool) -> None:
             out or root.with_name(f"{root.name}.report"),
             workers=workers,
             not_built=_not_built(last_run),
-            remarks=[FolderRemark(**each) for each in last_run.get("remarks", [])],
+            remarks=[
+                FolderRemark(each["severity"], each["text"]) for each in last_run.get("remarks", [])
+            ],
             on_done=lambda _: bar.update(),
         )
     if as_json:

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float64
 
+from xden1k.values.materials import load_materials
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.survey import FILTERS_MM_CU, Clue
 
@@ -40,10 +41,11 @@ folders filters come out 0.002 mm too thick in the mean, however many objects ar
 CLEARLY_SD: Final = 3.0
 CLEARLY_MM: Final = 0.02
 """A filter is said to be missing if it is this many deviations from none, and this thick."""
+NEVER_POROUS: Final = frozenset({"metal", "glass", "liquid"})
+"""Families of materials whose parts are of their full density, if no hollow is drawn full."""
 FAR_OFF: Final = 0.3
-"""Logarithm of the densities of labelled parts over those of their materials, in the median of a
-folder, that no beam makes: of 15 simulated scanners it is within 0.15, where the images are square
-roots or decimal logarithms -0.5 and -0.7."""
+"""Logarithm of the densities of such parts over those of their labels, in the median of a folder,
+that no beam makes: of 15 simulated scanners it is within 0.05."""
 USUAL: Final = (0.7, 1.5)
 """Multiples of the errors assumed that are not worth a word."""
 TUBE_SHARES: Final = np.linspace(0.1, 0.9, 9)
@@ -70,7 +72,9 @@ class Hardness:
     error_scale
         How far coefficients and images err, as a multiple of what is assumed.
     label_ratio
-        Median, over the clues, of density by the images over that of the label, behind the filter.
+        Density by the images over that of the label, in the median of :data:`NEVER_POROUS` parts,
+        behind the filter that brings it nearest to 1; 1 where there are fewer than three objects
+        with such.
     """
 
     filter_mm_cu: float
@@ -112,8 +116,7 @@ class Hardness:
     @property
     def no_filter_explains(self) -> bool:
         """Whether labelled parts stay far off all together: the images are not what was told."""
-        many = self.objects >= LEAST_OBJECTS
-        return many and abs(np.log(self.label_ratio)) > FAR_OFF
+        return bool(abs(np.log(self.label_ratio)) > FAR_OFF)
 
     @property
     def errs_as_assumed(self) -> bool:
@@ -158,13 +161,33 @@ def join(clues: Mapping[str, Sequence[Clue]], *, calibrated: bool = False) -> Ha
     sd = float(np.sqrt(filters @ (GRID_MM - mean) ** 2 + SURVEY_SD_MM**2))
     scale = float(np.sqrt(scales @ SCALES**2))
     two_tubes = _two_tubes(curves[:, AS_ASSUMED])
-    behind = [
-        np.interp(mean, FILTERS_MM_CU, clue.log_ratio) for mine in clues.values() for clue in mine
-    ]
     return Hardness(
-        *(round(mean, 4), round(sd, 4), count, used, two_tubes, round(scale, 3)),
-        label_ratio=round(float(np.exp(np.median(behind))), 3),
+        filter_mm_cu=round(mean, 4),
+        sd_mm_cu=round(sd, 4),
+        clues=count,
+        objects=used,
+        two_tubes_mm_cu=two_tubes,
+        error_scale=round(scale, 3),
+        label_ratio=round(_label_ratio(clues), 3),
     )
+
+
+def _label_ratio(clues: Mapping[str, Sequence[Clue]]) -> float:
+    """Return how far off parts are together that hold no air, behind the kindest filter."""
+    library = load_materials()
+    told = {
+        object_id: [
+            clue.log_ratio
+            for clue in mine
+            if clue.name in library and library[clue.name].family in NEVER_POROUS
+        ]
+        for object_id, mine in clues.items()
+    }
+    if sum(map(bool, told.values())) < LEAST_OBJECTS:
+        return 1.0
+    middles = np.median([each for mine in told.values() for each in mine], axis=0)
+    curve = np.interp(GRID_MM, FILTERS_MM_CU, middles)
+    return float(np.exp(curve[np.abs(curve).argmin()]))
 
 
 def _chance(log_posterior: Float64[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n"]:

@@ -75,7 +75,7 @@ class PolyFit:
         In the order of the capture's.
     covariance, fitted
         Shape (K, K): of the densities, in g²/cm⁶; and the share of it that images, priors and scale
-        leave together.
+        leave together, with what they contradict each other by.
     by_size_g_cm3
         Shape (K,): the share of it that comes with the object's size, for one that is one standard
         deviation larger.

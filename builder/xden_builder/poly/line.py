@@ -98,5 +98,5 @@ def with_mass(
     mass = Mass(mass_g, volumes_cm3, volume_sd)
     weighing = compare(mass, solution.density_g_cm3, by_images.covariance)
     ended = weighed(solution, mass, settings)
-    mass_g = float(volumes_cm3 @ ended.density_g_cm3)
-    return replace(judge(ended, contradicted=weighing.contradiction(mass_g)), weighing=weighing)
+    contradicted = weighing.contradiction(float(volumes_cm3 @ ended.density_g_cm3))
+    return replace(judge(ended, contradicted=contradicted), weighing=weighing)

@@ -18,7 +18,6 @@ __all__ = [
     "check_exposure",
     "check_places",
     "check_size",
-    "lengths_px",
     "view_flags",
 ]
 
@@ -94,10 +93,12 @@ def _one_views_flags(audit: ViewAudit) -> Iterator[str]:
     return (flag for flag, is_raised in raised.items() if is_raised)
 
 
-def lengths_px(
+def check_size(
     parts: Sequence[CapturePart], views: Sequence[XRayView], air: Sequence[float]
-) -> list[tuple[int, float]] | None:
-    """Measure how long each view's shadow is, and how long the meshes would be there.
+) -> None:
+    """Refuse meshes in the wrong units: both shadows are larger or smaller by a unit's factor.
+
+    A shadow that reaches from edge to edge tells no size.
 
     Parameters
     ----------
@@ -106,46 +107,28 @@ def lengths_px(
     air
         Transmission beside the object, of each view.
 
-    Returns
-    -------
-    list or None
-        Longest sides along rows or columns, of each view. None where a view has no shadow or no
-        part, or a shadow that reaches from edge to edge, which tells no size.
-    """
-    points = [np.asarray(part.mesh.vertices) for part in parts]
-    found = []
-    for view, level in zip(views, air, strict=True):
-        shadow = view.valid & (view.transmission < level - SHADOW_DEPTH)
-        drawn = _drawn_px(points, view)
-        seen = _longest_side(shadow) if shadow.any() else 0
-        if not drawn or not seen or seen >= WHOLE * max(shadow.shape):
-            return None
-        found.append((seen, drawn))
-    return found
-
-
-def check_size(
-    parts: Sequence[CapturePart], views: Sequence[XRayView], air: Sequence[float]
-) -> None:
-    """Refuse meshes in the wrong units: both shadows are larger or smaller by a unit's factor.
-
-    Parameters
-    ----------
-    parts, views, air
-        As of :func:`lengths_px`; where that tells no size, nothing is refused.
-
     Raises
     ------
     DataError
         Naming both sizes in pixels and the factor.
     """
-    lengths = lengths_px(parts, views, air)
-    if lengths is None:
-        return
+    points = [np.asarray(part.mesh.vertices) for part in parts]
+    sizes = []
+    for view, level in zip(views, air, strict=True):
+        shadow = view.valid & (view.transmission < level - SHADOW_DEPTH)
+        if not shadow.any():
+            return
+        drawn = _drawn_px(points, view)
+        if not drawn:
+            return
+        seen = _longest_side(shadow)
+        if seen >= WHOLE * max(shadow.shape):
+            return
+        sizes.append((seen, drawn))
     for name, factor in UNIT_RATIOS.items():
         for power, words in ((1, f"{name} times"), (-1, f"1/{name} of")):
-            if all(abs(seen / (drawn * factor**power) - 1) < SAME_SIZE for seen, drawn in lengths):
-                seen, drawn = lengths[0]
+            if all(abs(seen / (drawn * factor**power) - 1) < SAME_SIZE for seen, drawn in sizes):
+                seen, drawn = sizes[0]
                 raise DataError(
                     f"the shadow in {views[0].name} is {seen} pixels long, {words} the "
                     f"{drawn:.1f} that the meshes give: check mesh_units in objects.csv, and "

@@ -16,6 +16,8 @@ SAID: Final[Mapping[Severity, str]] = {
     "needs_you": "needs you",
     "information": "for information",
 }
+MOST: Final = 0.0145
+"""From here on sizes end at what they may be."""
 LINEAR: Final = "quantity, polarity, bits and dark in scanner.toml, and that the images are linear"
 
 
@@ -63,13 +65,14 @@ def _of_filter(beam: Hardness) -> Iterator[FolderRemark]:
             f"some, {other:.2f} mm the others (were there two tubes or filters? give each its own "
             "capture folder)",
         )
-    elif beam.no_filter_explains:
+        return
+    if beam.no_filter_explains:
         yield FolderRemark(
             "needs_you",
-            f"behind any filter labelled parts show {beam.label_ratio:.2f} times the density of "
-            f"their materials (check {LINEAR})",
+            f"behind any filter metals, glass and liquids show {beam.label_ratio:.2f} times the "
+            f"density of their labels or farther off (check [tube] kv and filtration, {LINEAR})",
         )
-    elif beam.contradicts:
+    if beam.contradicts:
         more = "more" if beam.filter_mm_cu > 0 else "less"
         yield FolderRemark(
             "needs_you",
@@ -100,10 +103,11 @@ def _of_size(size: FolderSize) -> Iterator[FolderRemark]:
     """Say that all objects are of another size than their meshes, if they are."""
     if size.contradicts:
         larger = "larger" if size.factor > 1 else "smaller"
+        least = "at least " if abs(size.factor - 1) > MOST else ""
         yield FolderRemark(
             "needs_you",
-            f"the objects are {abs(size.factor - 1):.1%} {larger} than their meshes, all of them "
-            f"alike ({size.objects} objects, ± {size.sd:.1%}), which changes masses by three times "
-            "that: check source_cm, column_step_cm and row_step_cm in scanner.toml, or how the "
-            "meshes were scaled",
+            f"the objects are {least}{abs(size.factor - 1):.1%} {larger} than their meshes, all of "
+            f"them alike ({size.objects} objects, ± {size.sd:.2%}), and masses change by three "
+            "times that: check source_cm, column_step_cm and row_step_cm in scanner.toml, and how "
+            "the meshes were scaled",
         )

@@ -1,4 +1,4 @@
-"""How large the objects of a folder are beside their meshes, all together."""
+"""How large, or how long, the objects of a folder are beside their meshes, all together."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class FolderSize:
     Parameters
     ----------
     factor
-        Median of length of the object over that of its meshes.
+        Median of length of the object, or of its shadow, over that of its meshes.
     sd
         Its standard deviation, by how far the objects are apart.
     objects

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import Literal, NamedTuple, TypeVar
 
 from xden1k.errors import XDenError
 from xden_builder.capture import Capture, CaptureFolder
 from xden_builder.capture.space import divide
 from xden_builder.physics.groups import energy_groups
-from xden_builder.pipeline.check.outlines import contradictions, outline
+from xden_builder.pipeline.check.outlines import contradictions, length_ratio, outline
 from xden_builder.pipeline.check.weight import weight_contradiction
 from xden_builder.reconstruct.plausible import (
     check_exposure,
     check_places,
     check_size,
-    lengths_px,
 )
 from xden_builder.registration.capture import registered
 from xden_builder.registration.placement import Registration
@@ -59,8 +58,8 @@ class ObjectCheck:
     pictures
         Checksum of the pixels of each radiograph, by view.
     lengths
-        Longest side of each view's shadow over that of the meshes there; none where they tell
-        nothing.
+        By view, how long its shadow is beside the outline of the parts; without views that tell
+        nothing, and those before which the object was turned by hand.
     """
 
     object_id: str
@@ -75,13 +74,12 @@ def check_object(folder: CaptureFolder, object_id: str) -> ObjectCheck:
     capture = _read(folder, object_id, refused)
     if capture is None:
         return ObjectCheck(object_id, tuple(Finding("refused", said) for said in refused))
-    lengths: dict[str, float] = {}
-    contradicting = list(_judged(capture, refused, lengths))
+    judged = _judged(capture, refused)
     findings = [
         *(Finding("refused", said) for said in refused),
-        *(Finding("contradicts", said) for said in contradicting),
+        *(Finding("contradicts", said) for said in judged.contradicting),
     ]
-    return ObjectCheck(object_id, tuple(findings), _pictures(capture), tuple(lengths.items()))
+    return ObjectCheck(object_id, tuple(findings), _pictures(capture), judged.lengths)
 
 
 def _read(folder: CaptureFolder, object_id: str, refused: list[str]) -> Capture | None:
@@ -103,8 +101,15 @@ def _tried(read: Callable[[str], Result], object_id: str, refused: list[str]) ->
     return None
 
 
-def _judged(capture: Capture, refused: list[str], lengths: dict[str, float]) -> Iterator[str]:
-    """Yield contradictions, and add what a rebuild refuses, and how long its shadows are."""
+class _Judged(NamedTuple):
+    """What a capture contradicts itself by, and how long its shadows are."""
+
+    contradicting: tuple[str, ...] = ()
+    lengths: tuple[tuple[str, float], ...] = ()
+
+
+def _judged(capture: Capture, refused: list[str]) -> _Judged:
+    """Find contradictions, and add what a rebuild refuses."""
     try:
         _check_source(capture)
         there = registered(capture)
@@ -114,22 +119,20 @@ def _judged(capture: Capture, refused: list[str], lengths: dict[str, float]) -> 
         meshes = [part.mesh for part in capture.parts]
         seen = [outline(view, capture.at_least.get(view.name), meshes) for view in capture.views]
         (pa, _), (lat, _) = seen
-        air = [level for _, level in seen]
-        check_size(capture.parts, capture.views, air)
-        for view, (shadow, drawn) in zip(
-            capture.views, lengths_px(capture.parts, capture.views, air) or (), strict=False
-        ):
-            lengths[view.name] = shadow / drawn
+        check_size(capture.parts, capture.views, [level for _, level in seen])
         check_exposure([(one.name, one.drawn, one.full) for one, _ in seen])
     except XDenError as err:
         refused.append(str(err))
-        return
+        return _Judged()
     turned = lat.name in capture.turned
-    yield from _of_pose(there.registration) or contradictions(pa, lat, turned=turned)
+    found = _of_pose(there.registration) or list(contradictions(pa, lat, turned=turned))
     if capture.weighed_mass_g is not None:
         said = weight_contradiction(capture.weighed_mass_g, capture.parts, volumes_cm3)
-        if said:
-            yield said
+        found += [said] if said else []
+    ratios = [(view.name, length_ratio(view)) for view in (pa, lat)[: 1 if turned else 2]]
+    return _Judged(
+        tuple(found), tuple((name, ratio) for name, ratio in ratios if ratio is not None)
+    )
 
 
 def _of_pose(registration: Registration | None) -> list[str]:

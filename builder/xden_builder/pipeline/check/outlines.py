@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Final
 
 import numpy as np
@@ -19,7 +20,7 @@ from xden_builder.poly.model.frames import any_of, binned, coarse
 from xden_builder.poly.model.stray import coarse_binning
 from xden_builder.reconstruct.plausible import SHADOW_DEPTH
 
-__all__ = ["Outline", "air_level", "contradictions", "outline"]
+__all__ = ["Outline", "air_level", "contradictions", "length_ratio", "outline"]
 
 FAR_BETTER: Final = 0.15
 """Of the area that outline and shadow share: so much more of it is no accident of the pose."""
@@ -27,6 +28,8 @@ ALIKE: Final = 0.5
 """And at least so much is shared."""
 ALIKE_SHARE: Final = 0.03
 """Of that area: explanations that differ by less explain alike."""
+NEARBY: Final = (-2, 0, 2)
+"""Large pixels by which an object may lie beside its place, more than pose errors make."""
 AROUND: Final = np.ones((3, 3))
 """Large pixels that an outline may lie off, and be drawn alike."""
 MOST_BESIDE: Final = 0.5
@@ -37,6 +40,8 @@ SUBRAYS: Final = 3
 """Rays along each side of a large pixel, so that a sheet that stands edge on is met."""
 MOST_UNEVEN: Final = 1.1
 """Ratio of air at opposite borders: an open field divides it away, whatever the heel effect."""
+LEAST_RMS_PX: Final = 3.0
+"""From the middle of an outline, in large pixels: of smaller ones the rim is too much."""
 OPAQUE: Final = 0.02
 """Transmission at a border below which something stands before it that is no air."""
 BORDERS: Final = {
@@ -51,8 +56,10 @@ FLIPS: Final[tuple[tuple[str, Callable[[Mask], Mask]], ...]] = (
     ("mirrored left to right", lambda mask: mask[:, ::-1]),
     ("mirrored top to bottom", lambda mask: mask[::-1]),
     ("turned upside down", lambda mask: mask[::-1, ::-1]),
-    ("turned by a quarter", lambda mask: np.rot90(mask)),
-    ("turned by a quarter the other way", lambda mask: np.rot90(mask, -1)),
+    ("turned by a quarter clockwise", lambda mask: np.rot90(mask)),
+    ("turned by a quarter counter-clockwise", lambda mask: np.rot90(mask, -1)),
+    ("of exchanged rows and columns", lambda mask: mask.T),
+    ("of exchanged rows and columns, upside down", lambda mask: mask[::-1, ::-1].T),
 )
 """What undoes it, by how a picture may have been turned over."""
 
@@ -121,6 +128,24 @@ def outline(
     return Outline(view.name, drawn, shadow, near, full, air), level
 
 
+def length_ratio(view: Outline) -> float | None:
+    """Return how long a shadow is beside the outline of the parts; None where nothing tells it.
+
+    By the root mean square distance from the middle, which a thin end hardly moves. A shadow that
+    reaches a border may go on beyond it.
+    """
+    if any(_touches_border(mask) or not mask.any() for mask in (view.drawn, view.shadow)):
+        return None
+    seen, drawn = (
+        float(np.sqrt(np.argwhere(mask).var(axis=0).sum())) for mask in (view.shadow, view.drawn)
+    )
+    return seen / drawn if drawn >= LEAST_RMS_PX else None
+
+
+def _touches_border(mask: Mask) -> bool:
+    return any(bool(mask[border].any()) for border in ((0,), (-1,), (..., 0), (..., -1)))
+
+
 def _border_air(image: Image, drawn: Mask, known: Mask) -> dict[str, float]:
     """Return the median transmission along each border that was measured and no part reaches."""
     return {
@@ -152,24 +177,30 @@ def contradictions(pa: Outline, lat: Outline, *, turned: bool = False) -> Iterat
     if blank := [view.name for view in (pa, lat) if not view.shadow.any()]:
         yield f"view {blank[0]} shows no shadow at all: expected {SHADOW_DEPTH:.0%} less than air"
         return
+    for view in (pa, lat):
+        yield from _collimated(view)
     found = [said for view in (pa, lat) for said in _uneven(view)]
     found = found or (_turned(told) if turned else _mixed_up(pa, lat))
     yield from found or [said for view in told for said in _beside(view)]
 
 
+def _collimated(view: Outline) -> Iterator[str]:
+    """Say that borders let no light through."""
+    dark = [name for name, level in view.air.items() if level < OPAQUE]
+    if dark:
+        yield (
+            f"no light comes through at the {' and '.join(dark)} of {view.name}: if a collimator "
+            f"or a holder is in the picture, mark it in ignore_{view.name}.png"
+        )
+
+
 def _uneven(view: Outline) -> Iterator[str]:
     """Say that an open field is not of this picture: air is brighter at one border."""
     for one, other in OPPOSITE:
-        if not {one, other} <= view.air.keys():
+        levels = [view.air.get(border, 0.0) for border in (one, other)]
+        if min(levels) < OPAQUE:  # a part, or no air
             continue
-        levels = view.air[one], view.air[other]
-        if min(levels) < OPAQUE:
-            dark = one if levels[0] < levels[1] else other
-            yield (
-                f"the {dark} border of {view.name} lets no light through: if a collimator or a "
-                f"holder is in the picture, mark it in ignore_{view.name}.png"
-            )
-        elif max(levels) > MOST_UNEVEN * min(levels):
+        if max(levels) > MOST_UNEVEN * min(levels):
             yield (
                 f"air in {view.name} has a transmission of {levels[0]:.2f} at its {one} and of "
                 f"{levels[1]:.2f} at its {other}: the picture or its flat is turned over or "
@@ -233,13 +264,15 @@ def _mean(share: Callable[[Outline], float], pa: Outline, lat: Outline) -> float
 
 
 def _as_it_is(view: Outline) -> float:
-    return _shared(view.drawn, view.shadow)
+    """Return the share as the picture is, the object a little beside its place if need be."""
+    moved = (np.roll(view.shadow, shift, (0, 1)) for shift in product(NEARBY, NEARBY))
+    return max(_shared(view.drawn, shadow) for shadow in moved)
 
 
 def _best(view: Outline) -> float:
     """Return the largest share over all ways to turn a picture over, and none."""
-    flipped = (back for _, back in _turned_over(view))
-    return max(_shared(view.drawn, shadow) for shadow in (view.shadow, *flipped))
+    flipped = [_shared(view.drawn, back) for _, back in _turned_over(view)]
+    return max(_as_it_is(view), *flipped)
 
 
 def _turned_over(view: Outline) -> list[tuple[str, Mask]]:

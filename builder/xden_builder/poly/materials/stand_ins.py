@@ -161,19 +161,27 @@ def _prior(
     density (the middle of its wide range says nothing), and is expected where the images put it.
 
     A material that is likelier than all others together keeps it within its range: that of the
-    solid, or of a body with pores too where that is possible.
+    solid, or of a body with pores too where that is possible. Where none is, it is the median of
+    what remains, one of these: between steel and aluminium there is nothing to be.
     """
     usual, sds, lows, highs = table.priors.T
     solid = np.array([each.solid for each in table.candidates])
     expected = np.where(solid, usual, by_images_g_cm3)
-    mean = float(share @ expected)
-    sd = float(np.sqrt(share @ (sds**2 + mixture_share * (expected - mean) ** 2)))
     names = np.array([each.material for each in table.candidates])
     possible = share > 0
     likely = possible & np.array([share[names == name].sum() > CLEAR for name in names])
-    kept = likely if likely.any() else possible
+    clear = bool(likely.any())
+    mean = float(share @ expected) if clear else _median(expected, share)
+    sd = float(np.sqrt(share @ (sds**2 + mixture_share * (expected - mean) ** 2)))
+    kept = likely if clear else possible
     low, high = float(lows[kept].min()), float(highs[kept].max())
     return np.array([min(max(mean, low), high), sd, low, high])
+
+
+def _median(values: Float64[np.ndarray, "c"], share: Float64[np.ndarray, "c"]) -> float:
+    """Return the least value that is not below half of the shares."""
+    order = np.argsort(values, kind="stable")
+    return float(values[order][np.searchsorted(np.cumsum(share[order]), 0.5)])
 
 
 def _by_material(table: CandidateTable, weight: Float64[np.ndarray, "c"]) -> dict[str, float]:
