@@ -69,8 +69,8 @@ class PolySettings:
     floor: float = 0.003
     clear_floor: float = 0.003
     worth_a_part: float = 30.0
-    evidence_share: float = 0.5
-    outline_share: float = 0.1
+    evidence_share: float = 0.7
+    outline_share: float = 0.2
     mixture_share: float = 0.1
     extra_filter_mm_cu: float = 0.0
     filter_sd_mm_cu: float = 0.0
