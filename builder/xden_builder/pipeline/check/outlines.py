@@ -143,7 +143,7 @@ def length_ratio(view: Outline) -> float | None:
 
 
 def _touches_border(mask: Mask) -> bool:
-    return any(bool(mask[border].any()) for border in ((0,), (-1,), (..., 0), (..., -1)))
+    return any(bool(mask[border].any()) for border in BORDERS.values())
 
 
 def _border_air(image: Image, drawn: Mask, known: Mask) -> dict[str, float]:
