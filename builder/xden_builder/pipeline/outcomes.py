@@ -113,6 +113,7 @@ class BuildReport:
 
     def to_dict(self) -> dict[str, Any]:
         """Values for JSON."""
+        size = self.size
         counts = {status: self.count(status) for status in ("built", "kept", "failed")}
         values: dict[str, Any] = plain(
             {
@@ -120,7 +121,7 @@ class BuildReport:
                 "builder": BUILDER,
                 **counts,
                 "beam": None if self.beam is None else asdict(self.beam),
-                "size": None if self.size is None else self.size.to_dict(),
+                "size": None if size is None else asdict(size),
                 "shared_processor_s": self.shared_processor_s,
                 "remarks": [asdict(remark) for remark in self.remarks],
                 "needs_you": sum(outcome.needs_you for outcome in self.outcomes),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -57,10 +57,6 @@ class FolderSize:
         """Whether it is off by so much at least, and by more than what chance makes."""
         off = abs(self.factor - 1)
         return self.objects >= LEAST_OBJECTS and off > max(CLEARLY_SD * self.sd, least)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Values for JSON."""
-        return asdict(self)
 
 
 def folder_size(judged: Iterable[Findings]) -> FolderSize | None:
