@@ -145,7 +145,7 @@ def solved(capture, **choices):
     solution = estimate(sampled(capture, space, settings), settings)
     if capture.weighed_mass_g is None:
         return solution
-    return weighed(solution, Mass(capture.weighed_mass_g, space.volumes_cm3), settings)
+    return weighed(solution, Mass(capture.weighed_mass_g, space.volumes_cm3))
 
 
 def fitted(capture, **choices):

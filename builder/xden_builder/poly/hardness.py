@@ -92,7 +92,8 @@ class Hardness:
         Errors may become smaller than assumed, not larger: where labels lie farther off, it is the
         labels and what they leave unsaid, and images that counted for less would believe them.
         Materials are told apart by as much more of what the images say as the squares of their
-        errors are smaller, and so is a density moved between those that remain.
+        errors are smaller, and so is a density moved between those that remain. An object whose
+        residuals are unlike those of sound ones may err by as much as is assumed.
         """
         scale = min(self.error_scale, 1.0)
         return replace(
@@ -103,6 +104,7 @@ class Hardness:
             model_share=scale * settings.model_share,
             stray_share=scale * settings.stray_share,
             clear_floor=scale * settings.clear_floor,
+            most_image_errors=1 / scale,
             evidence_share=min(settings.evidence_share / scale**2, 1.0),
             outline_share=min(settings.outline_share / scale**2, 1.0),
             mixture_share=min(settings.mixture_share / scale**2, 1.0),

@@ -132,6 +132,7 @@ class PolyFit:
                 name: dict(shares)
                 for name, shares in zip(names, solution.problem.stand_ins.shares, strict=True)
             },
+            "image_errors": solution.problem.settings.image_errors,
             "weighing": None if self.weighing is None else self.weighing.to_dict(),
             "iterations": solution.minimum.iterations,
             "converged": solution.minimum.converged,

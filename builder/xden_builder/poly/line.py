@@ -12,6 +12,7 @@ from xden_builder.capture import Capture
 from xden_builder.capture.space import Space
 from xden_builder.poly.estimate import estimate
 from xden_builder.poly.judgement import PolyFit, judge
+from xden_builder.poly.misfit import as_far_off
 from xden_builder.poly.pose import find_pose
 from xden_builder.poly.posterior.problem import Mass
 from xden_builder.poly.samples import Samples, take_samples
@@ -52,7 +53,7 @@ def fit_poly(
     if capture.weighed_mass_g is None:
         return by_images
     volumes_cm3 = samples.size.factor**3 * space.volumes_cm3
-    return with_mass(by_images, capture.weighed_mass_g, volumes_cm3, settings)
+    return with_mass(by_images, capture.weighed_mass_g, volumes_cm3)
 
 
 def sampled(capture: Capture, space: Space, settings: PolySettings = DEFAULT) -> Samples:
@@ -70,15 +71,16 @@ def sampled(capture: Capture, space: Space, settings: PolySettings = DEFAULT) ->
 
 
 def fit_samples(samples: Samples, settings: PolySettings = DEFAULT) -> PolyFit:
-    """Go through the stages that follow, by the images alone: estimate, judgement."""
-    return judge(estimate(samples, settings))
+    """Go through the stages that follow, by the images alone: estimate, misfit, judgement."""
+    solution = estimate(samples, settings)
+    looser = as_far_off(solution)
+    return judge(solution if looser is None else estimate(samples, looser))
 
 
 def with_mass(
     by_images: PolyFit,
     mass_g: float,
     volumes_cm3: Float64[np.ndarray, "k"],
-    settings: PolySettings = DEFAULT,
 ) -> PolyFit:
     """Go on from a fit by the images alone, with the mass of a scale: weighed, judgement.
 
@@ -90,13 +92,11 @@ def with_mass(
         On the scale.
     volumes_cm3
         Shape (K,): of the parts, at the size that was found.
-    settings
-        What is modelled.
     """
     solution = by_images.solution
     volume_sd = solution.scene.walls.mass_sd(volumes_cm3 * solution.density_g_cm3)
     mass = Mass(mass_g, volumes_cm3, volume_sd)
     weighing = compare(mass, solution.density_g_cm3, by_images.covariance)
-    ended = weighed(solution, mass, settings)
+    ended = weighed(solution, mass)
     contradicted = weighing.contradiction(float(volumes_cm3 @ ended.density_g_cm3))
     return replace(judge(ended, contradicted=contradicted), weighing=weighing)

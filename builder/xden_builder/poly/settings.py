@@ -49,6 +49,10 @@ class PolySettings:
         Share of that by which materials are told apart, by pixels within parts and by outlines and
         thin parts. What the model leaves out looks like another material, which counts against it
         more than against a density, and most so where a surface is a little off.
+    image_errors, most_image_errors
+        Multiple of ``model_share``, ``stray_share`` and ``clear_floor`` by which this object's
+        images err, and the most that it may become where residuals say so
+        (:mod:`xden_builder.poly.misfit`).
 
     Raises
     ------
@@ -74,6 +78,8 @@ class PolySettings:
     mixture_share: float = 0.1
     extra_filter_mm_cu: float = 0.0
     filter_sd_mm_cu: float = 0.0
+    image_errors: float = 1.0
+    most_image_errors: float = 1.0
 
     def __post_init__(self) -> None:
         for each in fields(self):

@@ -18,7 +18,6 @@ from xden_builder.poly.estimate import Solution, problem_of, veils_of
 from xden_builder.poly.materials.evidence import MaterialPosterior
 from xden_builder.poly.materials.stand_ins import mixtures
 from xden_builder.poly.posterior.problem import Mass, solve
-from xden_builder.poly.settings import PolySettings
 
 __all__ = ["by_mass", "weighed"]
 
@@ -28,7 +27,7 @@ ASTRAY_SD: Final = 0.5
 larger of it and the images': a scale that was misread shall not change what images tell well."""
 
 
-def weighed(solution: Solution, mass: Mass, settings: PolySettings) -> Solution:
+def weighed(solution: Solution, mass: Mass) -> Solution:
     """Weigh materials by the mass, too, and fit densities to images and mass together.
 
     Parameters
@@ -37,9 +36,8 @@ def weighed(solution: Solution, mass: Mass, settings: PolySettings) -> Solution:
         By the images alone.
     mass
         From the scale.
-    settings
-        What is modelled.
     """
+    settings = solution.problem.settings
     posteriors = by_mass(solution, mass)
     stand_ins = mixtures(solution.scene.light.tables, posteriors, settings.mixture_share)
     veils = veils_of(solution.problem, solution.minimum)

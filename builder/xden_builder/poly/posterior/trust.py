@@ -93,12 +93,15 @@ def sample_sd(
     pixel_cm = float(np.linalg.norm(beam.geometry.column_step_cm))
     reach_cm = pixel_cm * np.where(samples.is_block, width, 1)
     edge = settings.edge_error_cm / reach_cm * step if settings.edge_weights else 0.0
-    model = -settings.model_share * transmission * np.log(transmission.clip(min=1e-4))
+    times = settings.image_errors
+    model = -times * settings.model_share * transmission * np.log(transmission.clip(min=1e-4))
     scatter = stray.at(veil.widths)[:, :SCATTERS]
-    scatter_sd = settings.stray_share * (
-        scatter @ np.maximum(veil.amplitudes, USUAL_VEIL.amplitudes)
+    scatter_sd = (
+        times
+        * settings.stray_share
+        * (scatter @ np.maximum(veil.amplitudes, USUAL_VEIL.amplitudes))
     )
-    floor = np.where(transmission > CLEAR, settings.clear_floor, settings.floor)
+    floor = np.where(transmission > CLEAR, times * settings.clear_floor, settings.floor)
     return np.asarray(np.sqrt(edge**2 + model**2 + scatter_sd**2 + floor**2 + noise_sd**2))
 
 

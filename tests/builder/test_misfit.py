@@ -1,0 +1,75 @@
+"""An object that its folder's errors do not explain is believed less, and no more than that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.builder.poly_scenes import captured, tool
+from xden_builder.capture.space import divide
+from xden_builder.poly.estimate import estimate
+from xden_builder.poly.hardness import Hardness
+from xden_builder.poly.judgement import PolyFit
+from xden_builder.poly.line import fit_samples, sampled, with_mass
+from xden_builder.poly.misfit import as_far_off, misfit
+from xden_builder.poly.samples import Samples
+from xden_builder.poly.settings import PolySettings
+
+SMALL = Hardness(0.0, 0.002, 80, 30, None, error_scale=0.2).applied(PolySettings())
+
+
+@pytest.fixture(scope="module")
+def sound() -> Samples:
+    capture = captured(tool(), size=72)
+    return sampled(capture, divide(capture.parts), SMALL)
+
+
+@pytest.fixture(scope="module")
+def veiled(sound) -> Samples:
+    """A twentieth of the light of half of each view goes into a sheet that nobody meshed."""
+    seen = []
+    for each in sound.seen:
+        half = each.samples.index % each.lengths.shape[1] < each.lengths.shape[1] // 2
+        measured = np.where(half, 0.95, 1.0) * each.samples.measured
+        seen.append(replace(each, samples=replace(each.samples, measured=measured)))
+    return replace(sound, seen=tuple(seen))
+
+
+def image_errors(fit: PolyFit) -> float:
+    return fit.solution.problem.settings.image_errors
+
+
+def test_an_object_that_errors_explain_is_believed_as_its_folder_is(sound):
+    assert image_errors(fit_samples(sound, SMALL)) == 1.0
+
+
+def test_an_object_that_they_do_not_explain_is_believed_less_and_its_deviations_say_so(
+    sound, veiled
+):
+    before, after = fit_samples(sound, SMALL), fit_samples(veiled, SMALL)
+    assert 1.1 < image_errors(after) <= 1 / 0.2
+    for one, other in zip(before.parts, after.parts, strict=True):
+        assert other.sd_g_cm3 > one.sd_g_cm3
+    assert after.report(["a", "b", "c"])["image_errors"] == image_errors(after)
+
+
+def test_errors_never_grow_above_those_that_are_assumed_of_any_object(veiled):
+    assert image_errors(fit_samples(veiled, PolySettings())) == 1.0
+    for most in (1.5, 3.0):
+        surer = replace(SMALL, model_share=1e-4, clear_floor=1e-4, most_image_errors=most)
+        looser = as_far_off(estimate(veiled, surer))
+        assert looser is not None
+        assert looser.image_errors == most
+
+
+def test_residuals_weigh_less_where_errors_are_larger_so_that_these_do_not_grow_for_ever(veiled):
+    left = [misfit(estimate(veiled, replace(SMALL, image_errors=each))) for each in (1, 2, 4)]
+    assert left == sorted(left, reverse=True)
+
+
+def test_a_mass_on_the_scale_is_weighed_by_the_errors_that_were_found(veiled):
+    by_images = fit_samples(veiled, SMALL)
+    both = with_mass(by_images, 60.0, veiled.guess.scene.space.volumes_cm3)
+    assert image_errors(both) == image_errors(by_images) > 1.1
