@@ -53,11 +53,15 @@ class Ablation:
         Filter that the fit believes in and that is not there.
     exposure
         Factor on both radiographs.
+    shared
+        Whether it is told what the labels of a whole folder say of filter and errors. They say it
+        of the whole fit: one that leaves something out errs farther.
     """
 
     settings: PolySettings = field(default_factory=PolySettings)
     copper_cm: float = 0.0
     exposure: float = 1.0
+    shared: bool = False
 
     def applied(self, capture: Capture) -> Capture:
         """Return the capture as the fit is told it."""
@@ -82,7 +86,8 @@ class Ablation:
 
 ABLATIONS: Final[Mapping[str, Ablation]] = MappingProxyType(
     {
-        "everything": Ablation(),
+        "everything": Ablation(shared=True),
+        "no labels of other objects": Ablation(),
         "no gain": Ablation(PolySettings(gain=False)),
         "no stray light": Ablation(PolySettings(stray=False)),
         "no pose": Ablation(PolySettings(pose=False)),
@@ -144,7 +149,7 @@ def poly(
     volumes = samples.size.factor**3 * space.volumes_cm3
     by_images = fit_samples(samples, settings)
     return [
-        by_images if mass_g is None else with_mass(by_images, mass_g, volumes, settings)
+        by_images if mass_g is None else with_mass(by_images, mass_g, volumes)
         for mass_g in masses_g
     ]
 

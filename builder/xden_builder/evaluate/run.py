@@ -240,7 +240,8 @@ class _Bench:
     def ablation(self, ablation: Ablation) -> Errors:
         """Try the fit without one of its parts."""
         capture = ablation.applied(self.capture)
-        (fit,) = poly(capture, self.space, [None], self.shared.applied(ablation.settings))
+        shared = self.shared if ablation.shared else join({})
+        (fit,) = poly(capture, self.space, [None], shared.applied(ablation.settings))
         return errors_of_fit(fit, self.space, self.truth)
 
     def _scaled(self, density: Float64[np.ndarray, "k"]) -> Float64[np.ndarray, "k"]:

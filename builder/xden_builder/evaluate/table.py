@@ -59,7 +59,8 @@ def markdown(evaluation: Evaluation) -> str:
     ]
     if ablated:
         sections += [
-            f"Ablations, {len(ablated)} of the objects, told the labels.",
+            f"Ablations, {len(ablated)} of the objects, told the labels; all but the first by "
+            "themselves.",
             _ablation_table(ablated),
         ]
     sections += _quality_sections([each for each in objects if each.quality])
