@@ -186,7 +186,8 @@ def test_a_further_view_is_handed_over_for_the_fit_and_must_be_there(root: Path)
             "object_id,category,colour\npen,pen,red\n",
             "unknown column 'colour'; columns are object_",
         ),
-        ("object_id;category\npen;pen\n", "unknown column 'object_id;category'; columns are"),
+        ("object_id;category\npen;pen\n", "columns must be separated by commas, got semicolons"),
+        ("object_id\tcategory\npen\tpen\n", "columns must be separated by commas, got tabs"),
         ("object_id,category\npen,\n", "row 2, category: must not be empty"),
         ("object_id,category\n,pen\n", "row 2, object_id: must not be empty"),
         ("object_id,category\npen,pen,blue\n", "not a table of comma-separated values"),
@@ -250,6 +251,25 @@ def test_a_wrong_objects_csv_is_an_error_of_the_folder(
 def test_a_folder_without_objects_csv_is_named(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"objects\.csv: no such file"):
         CaptureFolder(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("raw", "message"),
+    [
+        (
+            "object_id,category,notes\npen,pen,ä\n".encode("cp1252"),
+            "row 2: must be UTF-8, got byte",
+        ),
+        ("object_id,category\npen,pen\n".encode("utf-16"), "row 1: must be UTF-8, got byte 0xff"),
+    ],
+)
+def test_a_table_in_another_encoding_is_told_where(
+    tmp_path: Path, raw: bytes, message: str
+) -> None:
+    (tmp_path / "objects.csv").write_bytes(raw)
+    with pytest.raises(DataError, match=rf"objects\.csv: {message}") as caught:
+        CaptureFolder(tmp_path)
+    assert "\n" not in str(caught.value)
 
 
 def test_spreadsheet_habits_are_understood(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -144,6 +145,8 @@ def read_csv(path: Path, required: Sequence[str], optional: Sequence[str]) -> li
     """
     frame = _read_frame(path)
     known = (*required, *optional)
+    if len(frame.columns) == 1:
+        _refuse_other_commas(path, str(frame.columns[0]))
     for column in frame.columns:
         if column not in known:
             raise DataError(f"{path}: unknown column {column!r}; columns are {', '.join(known)}")
@@ -163,6 +166,16 @@ def read_csv(path: Path, required: Sequence[str], optional: Sequence[str]) -> li
     return rows
 
 
+def _refuse_other_commas(path: Path, header: str) -> None:
+    """Spreadsheets of many countries write a semicolon where others write a comma."""
+    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
+        if mark in header:
+            raise DataError(
+                f"{path}: columns must be separated by commas, got {name}: {header!r}; save the "
+                "table with commas"
+            )
+
+
 def _read_frame(path: Path) -> pd.DataFrame:
     """Read the table as text only: an object called NA or 007 stays what it is."""
     if not path.is_file():
@@ -172,10 +185,20 @@ def _read_frame(path: Path) -> pd.DataFrame:
         # a first row longer than the header is only a warning to pandas
         warnings.simplefilter("error", pd.errors.ParserWarning)
         return pd.read_csv(
-            path,
+            io.StringIO(_decoded(path, path.read_bytes())),
             dtype=str,
             keep_default_na=False,
             index_col=False,
             skip_blank_lines=False,
-            encoding="utf-8-sig",  # spreadsheets begin a file with a byte-order mark
         )
+
+
+def _decoded(path: Path, raw: bytes) -> str:
+    try:
+        return raw.decode("utf-8-sig")  # spreadsheets begin a file with a byte-order mark
+    except UnicodeDecodeError as err:
+        row = raw.count(b"\n", 0, err.start) + 1
+        raise DataError(
+            f"{path}: row {row}: must be UTF-8, got byte 0x{raw[err.start]:02x}; save the table as "
+            "UTF-8"
+        ) from err
