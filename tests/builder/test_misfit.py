@@ -14,6 +14,7 @@ from xden_builder.poly.hardness import Hardness
 from xden_builder.poly.judgement import PolyFit
 from xden_builder.poly.line import fit_samples, sampled, with_mass
 from xden_builder.poly.misfit import as_far_off, misfit
+from xden_builder.poly.model.pixels import block_width
 from xden_builder.poly.samples import Samples
 from xden_builder.poly.settings import PolySettings
 
@@ -67,6 +68,23 @@ def test_errors_never_grow_above_those_that_are_assumed_of_any_object(veiled):
 def test_residuals_weigh_less_where_errors_are_larger_so_that_these_do_not_grow_for_ever(veiled):
     left = [misfit(estimate(veiled, replace(SMALL, image_errors=each))) for each in (1, 2, 4)]
     assert left == sorted(left, reverse=True)
+
+
+def test_noise_alone_makes_no_object_less_believed(sound):
+    """Of a panel so noisy that noise is ten times what errors of the folder leave."""
+    rng = np.random.default_rng(1)
+    seen = []
+    for each in sound.seen:
+        mine = each.samples
+        width = np.where(mine.is_block, block_width(each.lengths, each.blocks), 1)
+        noise = 0.01 * np.sqrt(mine.measured) / width * rng.standard_normal(len(width))
+        samples = replace(mine, measured=mine.measured + noise)
+        grain = 0.01 * rng.standard_normal(each.view.transmission.shape).astype(np.float32)
+        view = replace(each.view, transmission=each.view.transmission + grain)
+        seen.append(replace(each, samples=samples, view=view))
+    assert image_errors(fit_samples(replace(sound, seen=tuple(seen)), SMALL)) == 1.0
+    quiet = tuple(replace(each, view=was.view) for each, was in zip(seen, sound.seen, strict=True))
+    assert image_errors(fit_samples(replace(sound, seen=quiet), SMALL)) > 1.1
 
 
 def test_a_mass_on_the_scale_is_weighed_by_the_errors_that_were_found(veiled):

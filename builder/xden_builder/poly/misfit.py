@@ -11,34 +11,54 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from scipy.stats import median_abs_deviation
 
 from xden_builder.fit.huber import tempered
 from xden_builder.poly.estimate import Solution
+from xden_builder.poly.model.pixels import block_width
+from xden_builder.poly.samples import Seen
 from xden_builder.poly.settings import PolySettings
 
 __all__ = ["as_far_off", "misfit"]
 
 SOUND: Final = 0.08
 """Mean square of residuals, in the standard deviations expected, that objects of a folder leave
-whose errors are told by its labels: of 125 simulated ones half leave less. It is no 1, since
+whose errors are told by its labels: of 125 simulated ones half leave less. It is not 1, since
 errors that hang together over an object move its densities rather than leave residuals."""
 WORTH_IT: Final = 1.1
 """Errors that are larger by less change no density by anything."""
 
 
 def misfit(solution: Solution) -> float:
-    """Mean square of the residuals of samples that meet the object, large ones tempered.
+    """Mean square of the residuals of samples that meet the object, less that of their noise.
 
-    In the standard deviations that were expected; 0 where no sample meets it.
+    In the standard deviations that were expected, large ones tempered; at least 0, and 0 where no
+    sample meets it.
     """
     problem, unknowns = solution.problem, solution.minimum.unknowns
-    residuals = np.concatenate(
-        [
-            problem.scaled(unknowns, number)[0][view.lengths_cm.any(axis=(1, 2))]
-            for number, view in enumerate(problem.views)
-        ]
-    )
-    return float(tempered(residuals)) / max(len(residuals), 1)
+    left = noise = count = 0.0
+    for number, (seen, view, sd) in enumerate(
+        zip(solution.seen, problem.views, problem.sds, strict=True)
+    ):
+        mine = view.lengths_cm.any(axis=(1, 2)) & ~view.at_least
+        residuals, _, _ = problem.scaled(unknowns, number)
+        left += tempered(residuals[mine])
+        averaged = np.where(view.is_block, block_width(seen.lengths, seen.blocks) ** 2, 1)
+        quanta = _air_sd(seen) ** 2 * view.measured.clip(0, 1)
+        noise += float(((seen.noise_sd**2 + quanta) / averaged / sd**2)[mine].sum())
+        count += float(mine.sum())
+    return max(left - noise, 0.0) / max(count, 1.0)
+
+
+def _air_sd(seen: Seen) -> float:
+    """Return the noise of a pixel beside the object, by differences of neighbours."""
+    air = seen.view.valid.copy()
+    air.flat[seen.lengths.pixels] = False
+    both = air[:, 1:] & air[:, :-1]
+    if not both.any():
+        return 0.0
+    steps = np.diff(seen.view.transmission, axis=1)[both]
+    return float(median_abs_deviation(steps, scale="normal")) / math.sqrt(2)
 
 
 def as_far_off(solution: Solution) -> PolySettings | None:
