@@ -187,6 +187,10 @@ def test_a_further_view_is_handed_over_for_the_fit_and_must_be_there(root: Path)
             "unknown column 'colour'; columns are object_",
         ),
         ("object_id;category\npen;pen\n", "columns must be separated by commas, got semicolons"),
+        (
+            "object_id;category;mass_g\npen;pen;12,5\n",
+            "columns must be separated by commas, got sem",
+        ),
         ("object_id\tcategory\npen\tpen\n", "columns must be separated by commas, got tabs"),
         ("object_id,category\npen,\n", "row 2, category: must not be empty"),
         ("object_id,category\n,pen\n", "row 2, object_id: must not be empty"),
@@ -260,6 +264,7 @@ def test_a_folder_without_objects_csv_is_named(tmp_path: Path) -> None:
             "object_id,category,notes\npen,pen,ä\n".encode("cp1252"),
             "row 2: must be UTF-8, got byte",
         ),
+        ("object_id,category\rpen,pén\r".encode("cp1252"), "row 2: must be UTF-8, got byte 0xe9"),
         ("object_id,category\npen,pen\n".encode("utf-16"), "row 1: must be UTF-8, got byte 0xff"),
     ],
 )

@@ -9,6 +9,7 @@ import pytest
 
 from tests.builder.poly_scenes import captured, tool
 from xden_builder.capture.space import divide
+from xden_builder.fit.huber import of_noise, tempered
 from xden_builder.poly.estimate import estimate
 from xden_builder.poly.hardness import Hardness
 from xden_builder.poly.judgement import PolyFit
@@ -70,21 +71,37 @@ def test_residuals_weigh_less_where_errors_are_larger_so_that_these_do_not_grow_
     assert left == sorted(left, reverse=True)
 
 
-def test_noise_alone_makes_no_object_less_believed(sound):
-    """Of a panel so noisy that noise is ten times what errors of the folder leave."""
+def noisy(clean: Samples, share: float, *, in_air: bool = True) -> Samples:
+    """Of a panel whose pixels are off by a share of the light, root of it in the shade."""
     rng = np.random.default_rng(1)
     seen = []
-    for each in sound.seen:
+    for each in clean.seen:
         mine = each.samples
         width = np.where(mine.is_block, block_width(each.lengths, each.blocks), 1)
-        noise = 0.01 * np.sqrt(mine.measured) / width * rng.standard_normal(len(width))
+        noise = share * np.sqrt(mine.measured) / width * rng.standard_normal(len(width))
         samples = replace(mine, measured=mine.measured + noise)
-        grain = 0.01 * rng.standard_normal(each.view.transmission.shape).astype(np.float32)
+        grain = share * rng.standard_normal(each.view.transmission.shape).astype(np.float32)
         view = replace(each.view, transmission=each.view.transmission + grain)
-        seen.append(replace(each, samples=samples, view=view))
-    assert image_errors(fit_samples(replace(sound, seen=tuple(seen)), SMALL)) == 1.0
-    quiet = tuple(replace(each, view=was.view) for each, was in zip(seen, sound.seen, strict=True))
-    assert image_errors(fit_samples(replace(sound, seen=quiet), SMALL)) > 1.1
+        seen.append(replace(each, samples=samples, view=view if in_air else each.view))
+    return replace(clean, seen=tuple(seen))
+
+
+@pytest.mark.parametrize("sd", [1e-3, 0.5, 2.0, 10.0])
+def test_what_noise_is_expected_to_leave_is_what_it_leaves(sd):
+    drawn = sd * np.random.default_rng(2).standard_normal(100_000)
+    assert of_noise(np.full(len(drawn), sd**2)) == pytest.approx(tempered(drawn), rel=0.02)
+
+
+@pytest.mark.parametrize("share", [0.001, 0.003, 0.01])
+def test_noise_alone_makes_no_object_less_believed(sound, share):
+    assert image_errors(fit_samples(noisy(sound, share), SMALL)) == 1.0
+    unseen = noisy(sound, share, in_air=False)
+    assert share < 0.003 or image_errors(fit_samples(unseen, SMALL)) > 1.1
+
+
+@pytest.mark.parametrize("share", [0.001, 0.003])
+def test_noise_hides_no_object_that_errors_do_not_explain(veiled, share):
+    assert image_errors(fit_samples(noisy(veiled, share), SMALL)) > 1.1
 
 
 def test_a_mass_on_the_scale_is_weighed_by_the_errors_that_were_found(veiled):

@@ -145,8 +145,6 @@ def read_csv(path: Path, required: Sequence[str], optional: Sequence[str]) -> li
     """
     frame = _read_frame(path)
     known = (*required, *optional)
-    if len(frame.columns) == 1:
-        _refuse_other_commas(path, str(frame.columns[0]))
     for column in frame.columns:
         if column not in known:
             raise DataError(f"{path}: unknown column {column!r}; columns are {', '.join(known)}")
@@ -166,16 +164,6 @@ def read_csv(path: Path, required: Sequence[str], optional: Sequence[str]) -> li
     return rows
 
 
-def _refuse_other_commas(path: Path, header: str) -> None:
-    """Spreadsheets of many countries write a semicolon where others write a comma."""
-    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
-        if mark in header:
-            raise DataError(
-                f"{path}: columns must be separated by commas, got {name}: {header!r}; save the "
-                "table with commas"
-            )
-
-
 def _read_frame(path: Path) -> pd.DataFrame:
     """Read the table as text only: an object called NA or 007 stays what it is."""
     if not path.is_file():
@@ -185,7 +173,7 @@ def _read_frame(path: Path) -> pd.DataFrame:
         # a first row longer than the header is only a warning to pandas
         warnings.simplefilter("error", pd.errors.ParserWarning)
         return pd.read_csv(
-            io.StringIO(_decoded(path, path.read_bytes())),
+            io.StringIO(_text(path)),
             dtype=str,
             keep_default_na=False,
             index_col=False,
@@ -193,12 +181,22 @@ def _read_frame(path: Path) -> pd.DataFrame:
         )
 
 
-def _decoded(path: Path, raw: bytes) -> str:
+def _text(path: Path) -> str:
+    """Decode a table, and refuse other separators than commas, which many spreadsheets write."""
+    raw = path.read_bytes()
     try:
-        return raw.decode("utf-8-sig")  # spreadsheets begin a file with a byte-order mark
+        text = raw.decode("utf-8-sig")  # spreadsheets begin a file with a byte-order mark
     except UnicodeDecodeError as err:
-        row = raw.count(b"\n", 0, err.start) + 1
+        row = len(raw[: err.start].splitlines() or [b""])
         raise DataError(
             f"{path}: row {row}: must be UTF-8, got byte 0x{raw[err.start]:02x}; save the table as "
             "UTF-8"
         ) from err
+    header, *_ = text.splitlines() or [""]
+    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
+        if mark in header and "," not in header:
+            raise DataError(
+                f"{path}: columns must be separated by commas, got {name}: {header!r}; save the "
+                "table with commas"
+            )
+    return text

@@ -6,8 +6,9 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float64
+from scipy.stats import norm
 
-__all__ = ["HUBER", "one_sided", "tempered", "weights"]
+__all__ = ["HUBER", "of_noise", "one_sided", "tempered", "weights"]
 
 HUBER: Final = 2.0
 """Standard deviations beyond which a residual counts linearly."""
@@ -51,6 +52,28 @@ def tempered(residuals: Float64[np.ndarray, "n"], lost_from: float = np.inf) -> 
     size, beyond = _split(residuals, lost_from)
     inside = np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2)
     return float((inside + 2 * HUBER * LOST_SD * np.arctan(beyond / LOST_SD)).sum())
+
+
+def of_noise(variances: Float64[np.ndarray, "n"]) -> float:
+    """Return what :func:`tempered` is expected to be of normally distributed residuals.
+
+    Parameters
+    ----------
+    variances
+        Shape (n,): in the units of the residuals, squared.
+
+    Examples
+    --------
+    >>> round(of_noise(np.array([0.01, 0.01])), 6)
+    0.02
+    >>> round(of_noise(np.array([0.0, 9.0])), 3)
+    6.269
+    """
+    sd = np.sqrt(variances).clip(min=1e-9)
+    far = HUBER / sd
+    inside = sd**2 * (1 - 2 * norm.sf(far) - 2 * far * norm.pdf(far))
+    beyond = 4 * HUBER * sd * norm.pdf(far) - 2 * HUBER**2 * norm.sf(far)
+    return float((inside + beyond).sum())
 
 
 def weights(

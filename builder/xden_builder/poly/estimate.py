@@ -1,7 +1,7 @@
 """Stage 5 of the fit: densities and materials, in turn, until the materials stay as they are.
 
-Comes from :mod:`samples`, leads to :mod:`judgement`; by way of :mod:`weighed`, if the object was on
-a scale.
+Comes from :mod:`samples`, leads to :mod:`judgement`; once more if :mod:`misfit` says so, and by way
+of :mod:`weighed`, if the object was on a scale.
 """
 
 from __future__ import annotations

@@ -88,3 +88,5 @@ class PolySettings:
                 raise DataError(f"{each.name} must not be negative, got {value:g}")
         if not (self.floor and self.clear_floor and self.worth_a_part and self.evidence_share):
             raise DataError("floors, worth_a_part and evidence_share must be above zero")
+        if not (self.image_errors and self.most_image_errors >= 1):
+            raise DataError("image_errors must be above zero and most_image_errors at least 1")
