@@ -11,7 +11,9 @@ from click.testing import CliRunner
 from tests.builder.registration_scenes import THERE
 from xden1k.errors import DataError
 from xden_builder.capture import CaptureFolder, CapturePart
+from xden_builder.capture.space import divide
 from xden_builder.cli import cli
+from xden_builder.evaluate import run
 from xden_builder.evaluate.methods import ABLATIONS, Ablation, nominal, scaled, told
 from xden_builder.evaluate.run import BodyCheck, Evaluation, ObjectResult, PartCheck
 from xden_builder.evaluate.table import calibration_rows, flag_rows, markdown
@@ -19,7 +21,8 @@ from xden_builder.evaluate.truth import Errors, Truth, errors_of, read_truth
 from xden_builder.phantoms import write_captures
 from xden_builder.phantoms.realism import LIFELIKE
 from xden_builder.phantoms.scanner import Scanner
-from xden_builder.poly.hardness import join
+from xden_builder.poly.hardness import Hardness, join
+from xden_builder.poly.settings import PolySettings
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
@@ -110,6 +113,23 @@ def test_an_ablation_that_lies_about_the_source_leaves_the_capture_itself_alone(
     valid = capture.views[0].valid
     ratio = changed.views[0].transmission[valid] / capture.views[0].transmission[valid]
     np.testing.assert_allclose(ratio, 1.1, rtol=1e-5)
+
+
+def test_a_fit_that_leaves_something_out_is_not_told_the_errors_of_the_whole_fit(
+    captures, monkeypatch
+):
+    """Else it believes its images as if it left nothing out, and comes out far worse."""
+    told_settings = []
+    monkeypatch.setattr(run, "poly", lambda *told: told_settings.append(told[-1]) or [None])
+    monkeypatch.setattr(run, "errors_of_fit", lambda *_: None)
+    capture = CaptureFolder(captures).read(CaptureFolder(captures).object_ids[0])
+    small = Hardness(0.0, 0.002, 80, 30, None, error_scale=0.2)
+    bench = run._Bench(capture, divide(capture.parts), None, small, {}, {})
+    for ablation in ABLATIONS.values():
+        bench.ablation(ablation)
+    everything, *others = told_settings
+    assert everything.model_share == pytest.approx(0.2 * PolySettings().model_share)
+    assert {each.model_share for each in others} == {PolySettings().model_share}
 
 
 def result(*parts):

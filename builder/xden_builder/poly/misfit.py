@@ -81,6 +81,8 @@ def as_far_off(solution: Solution) -> PolySettings | None:
         None where they are as large as they were told to be.
     """
     settings = solution.problem.settings
+    if settings.most_image_errors <= WORTH_IT:
+        return None
     times = min(math.sqrt(misfit(solution) / SOUND), settings.most_image_errors)
     larger = times * settings.image_errors
     return replace(settings, image_errors=larger) if times > WORTH_IT else None
