@@ -176,6 +176,13 @@ def test_a_further_view_is_handed_over_for_the_fit_and_must_be_there(root: Path)
         CaptureFolder(root).read("mug-01")
 
 
+def refused_in_one_line(root: Path, raw: bytes, message: str) -> None:
+    (root / "objects.csv").write_bytes(raw)
+    with pytest.raises(DataError, match=rf"objects\.csv: {message}") as caught:
+        CaptureFolder(root)
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -246,10 +253,7 @@ def test_a_further_view_is_handed_over_for_the_fit_and_must_be_there(root: Path)
 def test_a_wrong_objects_csv_is_an_error_of_the_folder(
     tmp_path: Path, text: str, message: str
 ) -> None:
-    (tmp_path / "objects.csv").write_text(text)
-    with pytest.raises(DataError, match=rf"objects\.csv: {message}") as caught:
-        CaptureFolder(tmp_path)
-    assert "\n" not in str(caught.value)
+    refused_in_one_line(tmp_path, text.encode(), message)
 
 
 def test_a_folder_without_objects_csv_is_named(tmp_path: Path) -> None:
@@ -264,6 +268,7 @@ def test_a_folder_without_objects_csv_is_named(tmp_path: Path) -> None:
             "object_id,category,notes\npen,pen,ä\n".encode("cp1252"),
             "row 2: must be UTF-8, got byte",
         ),
+        ("object_id,category\nécrou,nut\n".encode("cp1252"), "row 2: must be UTF-8, got byte 0xe9"),
         ("object_id,category\rpen,pén\r".encode("cp1252"), "row 2: must be UTF-8, got byte 0xe9"),
         ("object_id,category\npen,pen\n".encode("utf-16"), "row 1: must be UTF-8, got byte 0xff"),
     ],
@@ -271,10 +276,7 @@ def test_a_folder_without_objects_csv_is_named(tmp_path: Path) -> None:
 def test_a_table_in_another_encoding_is_told_where(
     tmp_path: Path, raw: bytes, message: str
 ) -> None:
-    (tmp_path / "objects.csv").write_bytes(raw)
-    with pytest.raises(DataError, match=rf"objects\.csv: {message}") as caught:
-        CaptureFolder(tmp_path)
-    assert "\n" not in str(caught.value)
+    refused_in_one_line(tmp_path, raw, message)
 
 
 def test_spreadsheet_habits_are_understood(tmp_path: Path) -> None:

@@ -187,7 +187,7 @@ def _text(path: Path) -> str:
     try:
         text = raw.decode("utf-8-sig")  # spreadsheets begin a file with a byte-order mark
     except UnicodeDecodeError as err:
-        row = len(raw[: err.start].splitlines() or [b""])
+        row = len(raw[: err.start + 1].splitlines())
         raise DataError(
             f"{path}: row {row}: must be UTF-8, got byte 0x{raw[err.start]:02x}; save the table as "
             "UTF-8"

@@ -29,7 +29,7 @@ together over an object move its densities rather than leave residuals."""
 NOISE_SHARE: Final = 0.1
 """Of what noise leaves of the images: it is known to that."""
 WORTH_IT: Final = 1.1
-"""Errors that are larger by less change no density by anything."""
+"""Errors that are larger by less are not worth a second fit (assumed)."""
 
 
 def misfit(solution: Solution) -> float:
