@@ -138,9 +138,10 @@ def test_saturated_pixels_are_at_the_end_of_the_range_and_not_valid() -> None:
 
 
 def test_attenuation_is_density_times_coefficient_at_the_scanners_energy() -> None:
-    part = replace(water_box(1.0, 1.0, 1.0).parts[0], density_g_cm3=0.5)
-    assert Scanner().lac_per_cm(part) == pytest.approx(0.5 * 0.1707, rel=1e-3)
-    assert Scanner(energy_kev=60.0).lac_per_cm(part) == pytest.approx(0.5 * 0.2059, rel=2e-3)
+    whole = water_box(1.0, 1.0, 1.0)
+    light = replace(whole, parts=(replace(whole.parts[0], density_g_cm3=0.5),))
+    assert Scanner().lac_per_cm(light)[0] == pytest.approx(0.5 * 0.1707, rel=1e-3)
+    assert Scanner(energy_kev=60.0).lac_per_cm(light)[0] == pytest.approx(0.5 * 0.2059, rel=2e-3)
 
 
 def test_object_larger_than_the_panel_is_refused() -> None:

@@ -31,7 +31,7 @@ from xden_builder.physics.spectrum import absorbed_share, tube_fluence, tube_spe
 def test_one_energy_gives_the_same_image_on_both_ways() -> None:
     scanner = Scanner(size_px=64)
     phantom = make_phantom(Plan.of(0, "screwdriver-0000"))
-    lacs = np.array([scanner.lac_per_cm(part) for part in phantom.parts], dtype=np.float32)
+    lacs = scanner.lac_per_cm(phantom).astype(np.float32)
     absorber = Absorber([part.mesh for part in phantom.parts], lacs[:, None], lacs[:, None])
     kernel = pixel_kernel(6, scanner.pixel_cm, 0.0, 0.0)
     made = render(absorber, scanner.beam, scanner.geometry("pa"), 6, kernel).transmission
@@ -53,6 +53,36 @@ def test_slab_weakens_the_beam_as_its_spectrum_says(
     path = mac_cm2_g(composition, spectrum.energies_kev) * density * depth_cm
     expected = float(spectrum.transmission(path))
     assert -np.log(image[64, 64]) == pytest.approx(-np.log(expected), rel=0.003)
+
+
+@pytest.mark.parametrize("material", ["pp", "water", "aluminium", "steel"])
+def test_compositions_err_from_object_to_object_by_as_much_as_is_asked(material: str) -> None:
+    scanner = replace(BARE, composition_sd=0.02)
+    phantom = block(1.0, 1.0, 1.0, material=material)
+    others = [replace(phantom, plan=Plan(seed, 0, 0)) for seed in range(400)]
+    ratio = np.array([scanner.lac_per_cm(each)[0] for each in others]) / BARE.lac_per_cm(phantom)
+    assert ratio.std() == pytest.approx(0.02, rel=0.15)
+    assert ratio.mean() == pytest.approx(1, abs=0.003)
+
+
+def test_a_composition_changes_what_is_absorbed_and_not_what_is_scattered() -> None:
+    scanner = replace(BARE, composition_sd=0.1)
+    phantom = block(1.0, 1.0, 1.0, material="aluminium")
+    absorbers = scanner._absorber(phantom), BARE._absorber(phantom)
+    other, usual = (each.lac_per_cm - each.scattering_per_cm for each in absorbers)
+    np.testing.assert_array_equal(*(each.scattering_per_cm for each in absorbers))
+    ratio = other / usual
+    np.testing.assert_allclose(ratio, ratio[0, 0], rtol=1e-3)
+    assert abs(ratio[0, 0] - 1) > 0.01
+
+
+def test_all_parts_of_one_material_in_an_object_are_of_one_composition() -> None:
+    phantom = make_phantom(Plan.of(0, "side_table-0000"))
+    off = replace(BARE, composition_sd=0.1).lac_per_cm(phantom) / BARE.lac_per_cm(phantom)
+    by_material: dict[str, set[float]] = {}
+    for part, each in zip(phantom.parts, off.round(9).tolist(), strict=True):
+        by_material.setdefault(part.material, set()).add(each)
+    assert max(map(len, by_material.values())) == 1 < len(set().union(*by_material.values()))
 
 
 def test_image_does_not_depend_on_how_many_rows_are_made_at_a_time(
@@ -320,11 +350,18 @@ def test_dead_lines_are_whole_rows_and_columns_and_leave_other_pixels_as_they_ar
 
 
 def test_settings_that_came_later_go_without_saying_where_they_are_as_before() -> None:
-    later = {"exposure_ratio", "one_tube", "dead_lines", "mesh_warp_cm"}
+    later = {"exposure_ratio", "one_tube", "dead_lines", "mesh_warp_cm", "composition_sd"}
     usual = Scanner.realistic()
     assert not later & usual.settings().keys()
     assert "warp_cm" not in usual.mesh_error(Plan(0, 0, 0)).as_dict()
-    other = replace(usual, exposure_ratio=1.1, one_tube=True, dead_lines=1, mesh_warp_cm=0.01)
+    other = replace(
+        usual,
+        exposure_ratio=1.1,
+        one_tube=True,
+        dead_lines=1,
+        mesh_warp_cm=0.01,
+        composition_sd=0.02,
+    )
     assert later < other.settings().keys()
     assert other.mesh_error(Plan(0, 0, 0)).as_dict()["warp_cm"] == 0.01
     assert other.mesh_error(Plan(0, 0, 0)).scale == usual.mesh_error(Plan(0, 0, 0)).scale

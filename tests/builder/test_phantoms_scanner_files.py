@@ -135,7 +135,7 @@ def test_truth_of_a_tube_is_taken_at_the_mean_energy_of_its_signal() -> None:
     scanner, phantom = Scanner.realistic(48), make_phantom(Plan.of(0, "mug-0000"))
     assert scanner.reference_kev == pytest.approx(52.07, abs=0.05)
     obj = truth_object(phantom, scanner)
-    expected = replace(Scanner(), energy_kev=scanner.reference_kev).lac_per_cm(phantom.parts[0])
+    expected = replace(Scanner(), energy_kev=scanner.reference_kev).lac_per_cm(phantom)[0]
     assert obj.parts[0].lac_per_cm == pytest.approx(expected)
 
 

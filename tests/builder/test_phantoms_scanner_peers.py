@@ -69,11 +69,11 @@ def seen_by_gvxr(library: Any, phantom: Phantom, scanner: Scanner) -> Image:
     library.setDetectorRightVector(*(-geometry.column_step_cm / scanner.pixel_cm).tolist())
     library.setDetectorNumberOfPixels(scanner.size_px, scanner.size_px)
     library.setDetectorPixelSize(scanner.pixel_cm, scanner.pixel_cm, "cm")
-    for part in phantom.parts:
+    for part, lac_per_cm in zip(phantom.parts, scanner.lac_per_cm(phantom).tolist(), strict=True):
         corners = np.asarray(part.mesh.vertices, dtype=np.float32).ravel().tolist()
         library.makeTriangularMesh(part.name, corners, part.mesh.faces.ravel().tolist(), "cm")
         library.addPolygonMeshAsInnerSurface(part.name)
-        library.setLinearAttenuationCoefficient(part.name, scanner.lac_per_cm(part), "cm-1")
+        library.setLinearAttenuationCoefficient(part.name, lac_per_cm, "cm-1")
     image = np.asarray(library.computeXRayImage(), dtype=np.float32)
     # its columns run to the left of a viewer for whom its rows run down
     return np.fliplr(image) / np.float32(library.getTotalEnergyWithDetectorResponse())

@@ -153,8 +153,10 @@ def truth_object(
     meshes = [part.mesh for part in phantom.parts]
     grids = object_grids(meshes, range(len(meshes)))
     parts = tuple(
-        _part(part, scanner, thin)
-        for part, thin in zip(phantom.parts, grids.thin(meshes), strict=True)
+        _part(part, lac_per_cm, thin)
+        for part, lac_per_cm, thin in zip(
+            phantom.parts, scanner.lac_per_cm(phantom).tolist(), grids.thin(meshes), strict=True
+        )
     )
     return DensityObject(
         object_id=phantom.plan.object_id,
@@ -185,8 +187,7 @@ def truth_object(
     )
 
 
-def _part(part: PhantomPart, scanner: Scanner, thin: bool) -> Part:
-    lac_per_cm = scanner.lac_per_cm(part)
+def _part(part: PhantomPart, lac_per_cm: float, thin: bool) -> Part:
     return Part(
         name=part.name,
         mesh=part.mesh,

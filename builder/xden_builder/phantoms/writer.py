@@ -335,13 +335,15 @@ def _truth(
                 "label": part.label_material,
                 "density_g_cm3": part.density_g_cm3,
                 "solid_share": part.solid_share,
-                "lac_per_cm": scanner.lac_per_cm(part),
+                "lac_per_cm": lac_per_cm,
                 "volume_cm3": float(part.mesh.volume),
                 "color_rgb": part.color_rgb,
                 "metalness": part.metalness,
                 "roughness": part.roughness,
                 "painted": part.painted,
             }
-            for part in phantom.parts
+            for part, lac_per_cm in zip(
+                phantom.parts, scanner.lac_per_cm(phantom).tolist(), strict=True
+            )
         ],
     }

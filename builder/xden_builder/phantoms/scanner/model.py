@@ -8,21 +8,23 @@ more rays a pixel are averaged here than there, and nothing of the fit is import
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64, UInt16
+from jaxtyping import Float, Float64, UInt16
 
 from xden1k.errors import DataError
 from xden1k.rays import path_lengths
 from xden1k.values.arrays import Image
-from xden1k.values.materials import load_materials
+from xden1k.values.materials import Composition, load_materials
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.capture.tables import is_number
-from xden_builder.phantoms.phantom import Identity, Phantom, PhantomPart, random_numbers
+from xden_builder.phantoms.phantom import Identity, Phantom, random_numbers
 from xden_builder.phantoms.scanner.beam import Beam, kept_beam
+from xden_builder.phantoms.scanner.composition import photoelectric_factors
 from xden_builder.phantoms.scanner.handover import MeshError, draw_mesh_error
 from xden_builder.phantoms.scanner.panel import Calibration, Panel
 from xden_builder.phantoms.scanner.primary import Absorber, Primary, pixel_kernel, render
@@ -30,7 +32,7 @@ from xden_builder.phantoms.scanner.scatter import ScatterDraw, draw_scatter, sca
 from xden_builder.phantoms.scanner.signal import Signal
 from xden_builder.phantoms.scanner.spread import gaussian_spread
 from xden_builder.phantoms.scanner.turning import draw_turn, seen_by_object
-from xden_builder.physics.attenuation import mac_cm2_g
+from xden_builder.physics.attenuation import mac_cm2_g, scattering_cm2_g
 from xden_builder.physics.source import Tube
 
 __all__ = ["VIEWS", "Raw", "Scanner"]
@@ -38,7 +40,7 @@ __all__ = ["VIEWS", "Raw", "Scanner"]
 VIEWS = ("pa", "lat")
 AIR_BESIDE = 0.01
 """Least open field on each side of an object, as a share of the panel's side."""
-_LATER = ("exposure_ratio", "one_tube", "dead_lines", "mesh_warp_cm")
+_LATER = ("exposure_ratio", "one_tube", "dead_lines", "mesh_warp_cm", "composition_sd")
 """Settings that earlier files lack."""
 _TWICE_AS_LARGE = (
     "panel_cm",
@@ -48,6 +50,7 @@ _TWICE_AS_LARGE = (
     "scatter_far_cm",
 )
 Raw = UInt16[np.ndarray, "rows columns"] | Image
+_Mac = Callable[[Composition], Float[np.ndarray, "groups"]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +115,9 @@ class Scanner:
     mesh_rotation_deg, mesh_shift_cm, mesh_scale_sd, mesh_tolerance_cm, mesh_warp_cm
         Errors of the part meshes written: see :func:`draw_mesh_error`. The truth keeps the true
         ones.
+    composition_sd
+        Relative standard deviation of the attenuation coefficient of a material, at
+        :attr:`reference_kev`, from one object to another: see :func:`photoelectric_factors`.
     one_tube
         Whether the tube and the panel of PA take LAT too, of an object that is turned by hand:
         see :func:`draw_turn`. Then :meth:`geometry` of LAT is what is told, and
@@ -159,6 +165,7 @@ class Scanner:
     mesh_scale_sd: float = 0.0
     mesh_tolerance_cm: float = 0.0
     mesh_warp_cm: float = 0.0
+    composition_sd: float = 0.0
     one_tube: bool = False
 
     def __post_init__(self) -> None:
@@ -224,6 +231,7 @@ class Scanner:
             mesh_scale_sd=0.0,
             mesh_tolerance_cm=0.0,
             mesh_warp_cm=0.0,
+            composition_sd=0.0,
         )
 
     def large(self) -> Scanner:
@@ -332,10 +340,27 @@ class Scanner:
         """Give the view whose tube and panel take a view."""
         return "pa" if self.one_tube else view
 
-    def lac_per_cm(self, part: PhantomPart) -> float:
-        """Attenuation coefficient of a part at the energy :attr:`reference_kev`."""
-        composition = load_materials()[part.material].composition
-        return part.density_g_cm3 * float(mac_cm2_g(composition, self.reference_kev))
+    def lac_per_cm(self, phantom: Phantom) -> Float64[np.ndarray, "parts"]:
+        """Attenuation coefficient of each part at the energy :attr:`reference_kev`."""
+        at = np.array([self.reference_kev])
+        total, _ = self._coefficients(
+            phantom, partial(mac_cm2_g, energy_kev=at), partial(scattering_cm2_g, energies_kev=at)
+        )
+        return total[:, 0]
+
+    def _coefficients(
+        self, phantom: Phantom, whole: _Mac, scattered: _Mac
+    ) -> tuple[Float64[np.ndarray, "parts groups"], Float64[np.ndarray, "parts groups"]]:
+        """Return attenuation coefficients of the parts, and the share that is scattering."""
+        compositions = [load_materials()[part.material].composition for part in phantom.parts]
+        total, scattering = (
+            np.stack([of(each) for each in compositions]) for of in (whole, scattered)
+        )
+        if self.composition_sd:
+            factors = photoelectric_factors(phantom, self.composition_sd, self.reference_kev)
+            total = scattering + factors[:, None] * (total - scattering)
+        densities = np.array([part.density_g_cm3 for part in phantom.parts])[:, None]
+        return densities * total, densities * scattering
 
     def transmission(self, phantom: Phantom, view: str) -> Image:
         """Transmission without any error but that of finitely many rays a pixel.
@@ -358,18 +383,14 @@ class Scanner:
             spread_cm or self.detector_blur_cm or self.scatter_level
         ):
             lengths = path_lengths(meshes, range(len(meshes)), geometry, self.subrays)
-            return lengths.image(np.array([self.lac_per_cm(part) for part in phantom.parts])), None
+            return lengths.image(self.lac_per_cm(phantom)), None
         kernel = pixel_kernel(self.subrays, self.pixel_cm, spread_cm, self.detector_blur_cm)
         primary = render(self._absorber(phantom), self.beam, geometry, self.subrays, kernel)
         return primary.transmission, primary
 
     def _absorber(self, phantom: Phantom) -> Absorber:
-        densities = np.array([part.density_g_cm3 for part in phantom.parts])[:, None]
-        compositions = [load_materials()[part.material].composition for part in phantom.parts]
-        total, scattering = (
-            (densities * np.stack([mac(each) for each in compositions])).astype(np.float32)
-            for mac in (self.beam.mac_cm2_g, self.beam.scattering_cm2_g)
-        )
+        both = self._coefficients(phantom, self.beam.mac_cm2_g, self.beam.scattering_cm2_g)
+        total, scattering = (each.astype(np.float32) for each in both)
         return Absorber([part.mesh for part in phantom.parts], total, scattering)
 
     def signal(self, phantom: Phantom, view: str) -> Signal:
@@ -496,7 +517,7 @@ class Scanner:
         """Give every effect and its size, in JSON's types.
 
         What came later goes without saying where it is as it was before: so do the usual exposure,
-        two tubes, no dead lines and meshes that are not warped.
+        two tubes, no dead lines, meshes that are not warped and the library's compositions.
         """
         values = asdict(self)
         usual = Scanner()

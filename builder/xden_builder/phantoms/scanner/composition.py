@@ -1,0 +1,42 @@
+"""Compositions that are not quite the library's: pigments, fillers, alloying elements."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float64
+
+from xden1k.values.materials import load_materials
+from xden_builder.phantoms.phantom import Phantom
+from xden_builder.physics.attenuation import mac_cm2_g, scattering_cm2_g
+
+__all__ = ["photoelectric_factors"]
+
+
+def photoelectric_factors(
+    phantom: Phantom, composition_sd: float, energy_kev: float
+) -> Float64[np.ndarray, "parts"]:
+    """Draw by how much the photoelectric coefficient of each part is larger than the library's.
+
+    What is added to a material or left out of it hardly changes how a gram of it scatters, which
+    goes by its electrons; what it absorbs goes by the third to fourth power of atomic numbers. All
+    parts of one material in an object are of one composition. Factors are log-normal, since nothing
+    absorbs less than nothing.
+
+    Parameters
+    ----------
+    phantom
+        The object.
+    composition_sd
+        Relative standard deviation of the whole mass attenuation coefficient, whose mean is the
+        library's.
+    energy_kev
+        At this energy.
+    """
+    rng, factors = phantom.plan.rng("composition"), dict[str, float]()
+    for name in dict.fromkeys(part.material for part in phantom.parts):
+        composition = load_materials()[name].composition
+        whole = float(mac_cm2_g(composition, energy_kev))
+        absorbed = whole - float(scattering_cm2_g(composition, np.array(energy_kev)))
+        variance = np.log1p((composition_sd * whole / absorbed) ** 2)
+        factors[name] = float(rng.lognormal(-variance / 2, np.sqrt(variance)))
+    return np.array([factors[part.material] for part in phantom.parts])
