@@ -123,7 +123,7 @@ def test_a_fit_that_leaves_something_out_is_not_told_the_errors_of_the_whole_fit
     monkeypatch.setattr(run, "poly", lambda *told: told_settings.append(told[-1]) or [None])
     monkeypatch.setattr(run, "errors_of_fit", lambda *_: None)
     capture = CaptureFolder(captures).read(CaptureFolder(captures).object_ids[0])
-    small = Hardness(0.0, 0.002, 80, 30, None, error_scale=0.2)
+    small = Hardness(0.0, 0.002, 80, 30, None, image_scale=0.2)
     bench = run._Bench(capture, divide(capture.parts), None, small, {}, {})
     for ablation in ABLATIONS.values():
         bench.ablation(ablation)

@@ -175,12 +175,24 @@ def test_a_filter_that_explains_the_images_is_not_spoken_of():
 
 
 @pytest.mark.parametrize(
-    ("scale", "words"),
-    [(0.3, "lie 0.30 times as far off"), (2.5, "deviations stay as they are"), (1.0, "")],
+    ("scales", "words"),
+    [
+        (
+            (0.3, 0.9),
+            "images err 0.30 and compositions 0.90 times as far as is assumed; deviations",
+        ),
+        (
+            (0.9, 0.3),
+            "images err 0.90 and compositions 0.30 times as far as is assumed; deviations",
+        ),
+        ((0.3, 2.5), "deviations become no larger for it"),
+        ((2.5, 1.0), "deviations become no larger for it"),
+        ((1.0, 1.2), ""),
+    ],
 )
-def test_errors_that_are_not_as_assumed_are_spoken_of(scale, words):
+def test_errors_that_are_not_as_assumed_are_spoken_of(scales, words):
     said = [
-        str(remark) for remark in folder_remarks(Hardness(0.0, 0.01, 40, 20, None, scale), None)
+        str(remark) for remark in folder_remarks(Hardness(0.0, 0.01, 40, 20, None, *scales), None)
     ]
     assert [words in each for each in said] == ([True] if words else [])
     assert all(each.startswith("for information: ") for each in said)

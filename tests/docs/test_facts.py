@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import dataclasses
 import json
+import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +23,9 @@ from xden_builder.capture import CaptureFolder, ObjectRow, read_scanner
 from xden_builder.capture import scanner as scanner_module
 from xden_builder.capture.starting import write_template
 from xden_builder.physics.spectrum.panels import PANELS
+from xden_builder.poly import hardness
+from xden_builder.poly.model import poses, radiograph, stray
+from xden_builder.poly.posterior import problem
 from xden_builder.triage.flags import flag_kinds
 
 DOCS = ROOT / "docs"
@@ -186,3 +190,29 @@ def test_the_entry_of_the_manual_has_the_keys_of_an_entry() -> None:
     assert set(told) <= {*KEYS, *real}
     for key in ("method", "dataset", "bootstrap", "objects"):
         assert list(told[key]) == list(real[key])
+
+
+def test_the_manual_expects_of_each_unknown_what_the_fit_expects() -> None:
+    page = (DOCS / "method" / "fit.md").read_text()
+    rows = dict(re.findall(r"^\| ([^|]+) \| [^|]+ \| (.+) \|$", page, flags=re.M))
+    (scatter, scatter_sd, _, most), (glare, glare_sd, _, most_glare) = problem.SCATTER, stray.GLARE
+    assert rows["strength of near and of far scatter"].startswith(f"{scatter} ± {scatter_sd} |")
+    assert rows["strength of near and of far scatter"].endswith(f"0 to {most}")
+    assert rows["strength of glare"] == f"{glare} ± {glare_sd} | 0 to {most_glare}"
+    gain, gain_sd = radiograph.GAIN
+    assert rows["gain"].startswith(f"{gain:.0f} ± {gain_sd};")
+    assert rows["gain"].endswith(f"from {problem.GAIN_RANGE[0]}")
+    near, far = stray.REACHES
+    _, width_sd, low, high = problem.WIDTH
+    widths = rows["width of near and of far scatter"]
+    assert widths.startswith(f"{near} and {far} cm for each")
+    assert f"± {width_sd} |" in widths
+    assert widths.endswith(f"{math.exp(low):.1f} to {math.exp(high):.2f} times that")
+    turn, *_, shift_cm = poses.SHARED_SD
+    placed = rows["rotation and translation; row shift of the views"]
+    assert placed.startswith(f"the files' ± {math.degrees(turn):.1f}° and {shift_cm} cm; ")
+    assert f"0 ± {poses.ROW_SHIFT_SD_CM} cm" in placed
+    told, left_out = hardness.TOLD_RIGHT
+    filters = f"0 ± {told[1]} mm Cu in {told[0]:.0%}, ± {left_out[1]} in {left_out[0]:.0%}"
+    assert rows["filter left out of the beam"].startswith(filters.replace("%", " %"))
+    assert rows["how far images, and compositions, err"].endswith(f"{hardness.SCALES[0]:.1f} to 1")

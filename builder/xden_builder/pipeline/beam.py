@@ -36,7 +36,7 @@ from xden_builder.workers import Answer
 __all__ = ["BEAM_NAME", "SharedBeam", "shared_beam", "with_beam"]
 
 BEAM_NAME: Final = "beam.json"
-SCHEMA: Final = "xden-beam/1"
+SCHEMA: Final = "xden-beam/2"
 MOST: Final = 0.5
 """What was found holds while more than this share of the objects asked is unchanged."""
 

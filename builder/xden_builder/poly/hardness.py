@@ -1,4 +1,4 @@
-"""What all objects of a folder share, by clues of some of them: a filter, and how far all errs."""
+"""What all objects of a folder share, by clues of some: a filter, how far images and things err."""
 
 from __future__ import annotations
 
@@ -29,11 +29,13 @@ ASTRAY_SHARE: Final = 0.25
 ASTRAY_SD: Final = 0.35
 """Share of clues that lead astray (labels that err, grades, pores), and how far: half of them
 farther, by Cauchy's distribution, since a label may be off by any factor."""
-SCALES: Final = np.geomspace(0.1, 10**0.5, 31)
-AS_ASSUMED: Final = 20
+OTHER_GRADE_SHARE: Final = 0.1
+"""Share of the other clues whose goods are of a grade that the label leaves unsaid (assumed)."""
+SCALES: Final = np.geomspace(0.1, 10**0.5, 16)
+AS_ASSUMED: Final = 10
 """What errors may be as multiples of those assumed, and which of these is 1."""
 SCALE_SD: Final = 0.7
-"""Standard deviation of the logarithm of that multiple before any image (assumed): two or three
+"""Standard deviation of the logarithm of either multiple before any image (assumed): two or three
 clues hardly move it, twenty do."""
 SURVEY_SD_MM: Final = 0.002
 """What the clues of all objects err by together, with no label to hold densities: of simulated
@@ -70,8 +72,10 @@ class Hardness:
         How many it rests on, of how many objects.
     two_tubes_mm_cu
         Two filters that explain the images far better than one, if there are such.
-    error_scale
-        How far coefficients and images err, as a multiple of what is assumed.
+    image_scale
+        How far images err, as a multiple of what is assumed.
+    composition_scale
+        How far compositions do.
     label_ratio
         Density by the images over that of the label, in the median of :data:`NEVER_POROUS` parts,
         behind the filter that brings it nearest to 1; 1 where there are fewer than three objects
@@ -83,7 +87,8 @@ class Hardness:
     clues: int
     objects: int
     two_tubes_mm_cu: tuple[float, float] | None
-    error_scale: float
+    image_scale: float
+    composition_scale: float = 1.0
     label_ratio: float = 1.0
 
     def applied(self, settings: PolySettings) -> PolySettings:
@@ -91,23 +96,24 @@ class Hardness:
 
         Errors may become smaller than assumed, not larger: where labels lie farther off, it is the
         labels and what they leave unsaid, and images that counted for less would believe them.
-        Materials are told apart by as much more of what the images say as the squares of their
-        errors are smaller, and so is a density moved between those that remain. An object whose
+        Materials are told apart by as much more of what the images say as the square of the larger
+        multiple is smaller, and so is a density moved between those that remain. An object whose
         residuals are unlike those of sound ones may err by as much as is assumed.
         """
-        scale = min(self.error_scale, 1.0)
+        images, compositions = (min(scale, 1.0) for scale in self._scales)
+        larger = max(images, compositions)
         return replace(
             settings,
             extra_filter_mm_cu=self.filter_mm_cu,
             filter_sd_mm_cu=self.sd_mm_cu,
-            composition=scale * settings.composition,
-            model_share=scale * settings.model_share,
-            stray_share=scale * settings.stray_share,
-            clear_floor=scale * settings.clear_floor,
-            most_image_errors=1 / scale,
-            evidence_share=min(settings.evidence_share / scale**2, 1.0),
-            outline_share=min(settings.outline_share / scale**2, 1.0),
-            mixture_share=min(settings.mixture_share / scale**2, 1.0),
+            composition=compositions * settings.composition,
+            model_share=images * settings.model_share,
+            stray_share=images * settings.stray_share,
+            clear_floor=images * settings.clear_floor,
+            most_image_errors=1 / images,
+            evidence_share=min(settings.evidence_share / larger**2, 1.0),
+            outline_share=min(settings.outline_share / larger**2, 1.0),
+            mixture_share=min(settings.mixture_share / larger**2, 1.0),
         )
 
     @property
@@ -124,7 +130,16 @@ class Hardness:
     @property
     def errs_as_assumed(self) -> bool:
         """Whether labelled parts lie about as far off their materials as is assumed."""
-        return USUAL[0] <= self.error_scale <= USUAL[1]
+        return USUAL[0] <= min(self._scales) and not self.errs_farther
+
+    @property
+    def errs_farther(self) -> bool:
+        """Whether they lie clearly farther off."""
+        return max(self._scales) > USUAL[1]
+
+    @property
+    def _scales(self) -> tuple[float, float]:
+        return self.image_scale, self.composition_scale
 
 
 def pilots(object_ids: Iterable[str]) -> list[str]:
@@ -153,24 +168,25 @@ def join(clues: Mapping[str, Sequence[Clue]], *, calibrated: bool = False) -> Ha
     if not count:
         sd = float(np.sqrt(_chance(log_prior) @ GRID_MM**2))
         return Hardness(0.0, round(sd, 4), 0, 0, None, 1.0)
-    nothing = np.zeros((len(SCALES), len(GRID_MM)))
+    nothing = np.zeros((len(SCALES), len(SCALES), len(GRID_MM)))
     curves = np.array(
         [np.sum([nothing, *map(_log_likelihood, mine)], axis=0) for mine in clues.values() if mine]
     )
     log_posterior = curves.sum(axis=0) + log_prior
-    both = _chance(log_posterior - 0.5 * (np.log(SCALES)[:, None] / SCALE_SD) ** 2)
-    scales, filters = both.sum(axis=1), both.sum(axis=0)
+    usual = -0.5 * (np.log(SCALES) / SCALE_SD) ** 2
+    chance = _chance(log_posterior + usual[:, None, None] + usual[:, None])
+    compositions, images, filters = (chance.sum(axis=others) for others in ((1, 2), (0, 2), (0, 1)))
     mean = float(filters @ GRID_MM)
     sd = float(np.sqrt(filters @ (GRID_MM - mean) ** 2 + SURVEY_SD_MM**2))
-    scale = float(np.sqrt(scales @ SCALES**2))
-    two_tubes = _two_tubes(curves[:, AS_ASSUMED])
+    two_tubes = _two_tubes(curves[:, AS_ASSUMED, AS_ASSUMED])
     return Hardness(
         filter_mm_cu=round(mean, 4),
         sd_mm_cu=round(sd, 4),
         clues=count,
         objects=used,
         two_tubes_mm_cu=two_tubes,
-        error_scale=round(scale, 3),
+        image_scale=round(float(np.sqrt(images @ SCALES**2)), 3),
+        composition_scale=round(float(np.sqrt(compositions @ SCALES**2)), 3),
         label_ratio=round(_label_ratio(clues), 3),
     )
 
@@ -198,11 +214,16 @@ def _chance(log_posterior: Float64[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n
     return np.asarray(chance / chance.sum())
 
 
-def _log_likelihood(clue: Clue) -> Float64[np.ndarray, "scales filters"]:
+def _log_likelihood(clue: Clue) -> Float64[np.ndarray, "compositions images filters"]:
     off = np.interp(GRID_MM, FILTERS_MM_CU, clue.log_ratio)
-    errors = SCALES[:, None] ** 2 * (clue.sd**2 - clue.own_sd**2)
-    sd = np.sqrt(clue.own_sd**2 + errors)
-    right = (1 - ASTRAY_SHARE) * _normal(off, sd)
+    image_variance = max(clue.sd**2 - clue.own_sd**2 - clue.composition_sd**2, 0.0)
+    sd = np.sqrt(
+        clue.own_sd**2
+        + (SCALES[:, None, None] * clue.composition_sd) ** 2
+        + SCALES[:, None] ** 2 * image_variance
+    )
+    shares = (1 - ASTRAY_SHARE) * np.array([1 - OTHER_GRADE_SHARE, OTHER_GRADE_SHARE])
+    right = shares[0] * _normal(off, sd) + shares[1] * _normal(off, np.hypot(sd, clue.grade_sd))
     return np.asarray(np.log(right + ASTRAY_SHARE * _cauchy(off, np.hypot(sd, ASTRAY_SD))))
 
 
@@ -218,8 +239,8 @@ def _normal(
 
 
 def _cauchy(
-    off: Float64[np.ndarray, "n"], half_width: Float64[np.ndarray, "m 1"]
-) -> Float64[np.ndarray, "m n"]:
+    off: Float64[np.ndarray, "*#n"], half_width: Float64[np.ndarray, "*#n"]
+) -> Float64[np.ndarray, "*n"]:
     """As high beside :func:`_normal` as it should be."""
     return np.asarray(np.sqrt(2 / np.pi) / (half_width * (1 + (off / half_width) ** 2)))
 

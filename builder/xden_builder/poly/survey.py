@@ -24,6 +24,7 @@ from xden_builder.physics.groups import EnergyGroups, energy_groups
 from xden_builder.poly.diagnosis import information_shares
 from xden_builder.poly.estimate import problem_of
 from xden_builder.poly.line import sampled
+from xden_builder.poly.materials.composition import composition_sd
 from xden_builder.poly.materials.stand_ins import StandIns, loosened, regrouped
 from xden_builder.poly.model.walls import Walls
 from xden_builder.poly.posterior.problem import Problem, solve
@@ -64,16 +65,22 @@ class Clue:
     log_ratio
         Logarithm of fitted over expected, behind each of :data:`FILTERS_MM_CU`.
     sd
-        Its standard deviation, if coefficients and images err as is assumed.
+        Its standard deviation, if compositions and images err as is assumed.
     own_sd
         What of it is the part's own, however little these err: the material's range of densities,
         and what the meshes' surfaces may be off.
+    composition_sd
+        What of it compositions make.
+    grade_sd
+        What comes on top where its goods are of a grade that the label leaves unsaid.
     """
 
     name: str
     log_ratio: tuple[float, ...]
     sd: float
     own_sd: float
+    composition_sd: float = 0.0
+    grade_sd: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,8 +176,14 @@ def _by_labels(capture: Capture, walls: Walls, fits: Sequence[_Fit]) -> Iterator
             surest = mine[int(sd[mine].argmin())]
             range_sd = material.density_sd_g_cm3 / nominal
             own_sd = math.hypot(range_sd, float(walls.way_sd[surest]))
-            errors = range_sd, _unsaid(label), float(sd[surest])
-            yield Clue(label, tuple(log_ratio.tolist()), math.hypot(*errors), own_sd)
+            yield Clue(
+                label,
+                tuple(log_ratio.tolist()),
+                math.hypot(range_sd, float(sd[surest])),
+                own_sd,
+                told.problem.settings.composition * composition_sd(material),
+                _unsaid(label),
+            )
 
 
 def _solid_parts(capture: Capture) -> Mapping[str, list[int]]:

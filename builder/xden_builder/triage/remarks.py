@@ -87,15 +87,15 @@ def _of_errors(beam: Hardness) -> Iterator[FolderRemark]:
     if beam.errs_as_assumed:
         return
     so = (
-        "deviations are the smaller for it"
-        if beam.error_scale < 1
-        else "deviations stay as they are: labels err here, or are of substances not in the "
+        "deviations become no larger for it: labels err here, or are of substances not in the "
         f"library, or scanner.toml is wrong (check filtration, {LINEAR})"
+        if beam.errs_farther
+        else "deviations are the smaller for it"
     )
     yield FolderRemark(
         "information",
-        f"labelled parts lie {beam.error_scale:.2f} times as far off their materials as is "
-        f"assumed; {so}",
+        f"by labelled parts, images err {beam.image_scale:.2f} and compositions "
+        f"{beam.composition_scale:.2f} times as far as is assumed; {so}",
     )
 
 
