@@ -163,6 +163,24 @@ def test_the_command_compares_every_method_and_writes_its_tables(captures, tmp_p
         assert name in text
 
 
+@pytest.mark.parametrize(
+    ("words", "composition_sd"), [((), 0.02), (("--composition-sd", "0"), None)]
+)
+def test_simulated_things_are_not_quite_of_the_librarys_compositions_unless_asked_for(
+    words, composition_sd, monkeypatch
+):
+    scanners = []
+
+    def evaluated(folder, *_):
+        scanners.append(json.loads((folder / "simulation.json").read_text())["scanner"])
+        return Evaluation({}, (), join({}))
+
+    monkeypatch.setattr("xden_builder.commands.evaluate._evaluated", evaluated)
+    ran = CliRunner().invoke(cli, ["evaluate", "--count", "1", "--size", "64", *words])
+    assert ran.exit_code == 0, ran.output
+    assert scanners[0].get("composition_sd") == composition_sd
+
+
 def test_a_capture_without_a_tube_is_listed_as_failed(tmp_path):
     write_captures(tmp_path / "mono", 1, 5, size=64, categories=["mug"])
     ran = CliRunner().invoke(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,9 @@ __all__ = ["evaluate"]
 
 SEED = 4711
 """Of objects that nothing was developed on."""
+COMPOSITION_SD = 0.02
+"""Alloys and liquids differ by a per cent or two from one maker to another, plastics and glass by
+more (assumed)."""
 
 
 @click.command(epilog="Example: xden-build evaluate --count 20 --ablated 5 -o evaluation.md")
@@ -43,6 +47,13 @@ SEED = 4711
 @click.option("--seed", type=click.IntRange(min=0), default=SEED, show_default=True)
 @click.option("--size", type=click.IntRange(min=64), default=512, show_default=True)
 @click.option(
+    "--composition-sd",
+    type=click.FloatRange(min=0, max=0.5),
+    default=COMPOSITION_SD,
+    show_default=True,
+    help="By what share attenuation coefficients differ from the library's.",
+)
+@click.option(
     "--ablated",
     type=click.IntRange(min=0),
     default=60,
@@ -65,6 +76,7 @@ def evaluate(
     count: int,
     seed: int,
     size: int,
+    composition_sd: float,
     ablated: int,
     workers: int,
     out: Path | None,
@@ -73,10 +85,10 @@ def evaluate(
     """Rebuild objects whose density is known, and compare.
 
     CAPTURES is a folder of simulated captures of a tube, evaluated whole; without it, objects are
-    simulated by --count, --seed and --size, with every effect of the scanner, pores, and labels
-    that err. With --rebuilt nothing is fitted: the dataset folders are compared with the truth,
-    with --by-voxel whatever their parts are, such as those of X-Field or an outer surface alone,
-    and with --poses by where the objects stand.
+    simulated by --count, --seed, --size and --composition-sd, with every effect of the scanner,
+    pores, and labels that err. With --rebuilt nothing is fitted: the dataset folders are compared
+    with the truth, with --by-voxel whatever their parts are, such as those of X-Field or an outer
+    surface alone, and with --poses by where the objects stand.
     Exits with 3 if some object could not be evaluated.
     """
     if out and not out.parent.is_dir():
@@ -99,7 +111,7 @@ def evaluate(
         folder = (
             captures[0]
             if captures
-            else _simulated(Path(scratch) / "captures", count, seed, size, workers)
+            else _simulated(Path(scratch) / "captures", count, seed, size, composition_sd, workers)
         )
         report = _evaluated(folder, ablated, workers)
     from xden_builder.evaluate.table import markdown
@@ -166,7 +178,9 @@ def _tell(
         raise SystemExit(DONE_IN_PART)
 
 
-def _simulated(out: Path, count: int, seed: int, size: int, workers: int) -> Path:
+def _simulated(
+    out: Path, count: int, seed: int, size: int, composition_sd: float, workers: int
+) -> Path:
     from xden_builder.phantoms import write_captures
     from xden_builder.phantoms.realism import LIFELIKE
     from xden_builder.phantoms.scanner import Scanner
@@ -177,7 +191,7 @@ def _simulated(out: Path, count: int, seed: int, size: int, workers: int) -> Pat
             count,
             seed,
             size=size,
-            scanner=Scanner.realistic(),
+            scanner=replace(Scanner.realistic(), composition_sd=composition_sd),
             realism=LIFELIKE,
             workers=workers,
             progress=lambda _: bar.update(),
