@@ -123,13 +123,16 @@ def test_a_fit_that_leaves_something_out_is_not_told_the_errors_of_the_whole_fit
     monkeypatch.setattr(run, "poly", lambda *told: told_settings.append(told[-1]) or [None])
     monkeypatch.setattr(run, "errors_of_fit", lambda *_: None)
     capture = CaptureFolder(captures).read(CaptureFolder(captures).object_ids[0])
-    small = Hardness(0.0, 0.002, 80, 30, None, image_scale=0.2)
+    small = Hardness(0.0, 0.002, 80, 30, None, 0.2, 0.2)
     bench = run._Bench(capture, divide(capture.parts), None, small, {}, {})
     for ablation in ABLATIONS.values():
         bench.ablation(ablation)
     everything, *others = told_settings
     assert everything.model_share == pytest.approx(0.2 * PolySettings().model_share)
-    assert {each.model_share for each in others} == {PolySettings().model_share}
+    beam = {"extra_filter_mm_cu": 0.0, "filter_sd_mm_cu": 0.0}
+    assert [replace(each, **beam) for each in others] == [
+        ablation.settings for name, ablation in ABLATIONS.items() if not ablation.shared
+    ]
 
 
 def result(*parts):

@@ -19,7 +19,7 @@ from xden_builder.poly.model.pixels import block_width
 from xden_builder.poly.samples import Samples
 from xden_builder.poly.settings import PolySettings
 
-SMALL = Hardness(0.0, 0.002, 80, 30, None, image_scale=0.2).applied(PolySettings())
+SMALL = Hardness(0.0, 0.002, 80, 30, None, 0.2, 0.2).applied(PolySettings())
 
 
 @pytest.fixture(scope="module")

@@ -65,8 +65,20 @@ def test_compositions_err_from_object_to_object_by_as_much_as_is_asked(material:
     assert ratio.mean() == pytest.approx(1, abs=0.003)
 
 
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"composition_sd": 0.02, "energy_kev": 100.0}, "need a tube"),
+        ({"composition_sd": 0.06}, "expected 0.05 at most, got 0.06"),
+    ],
+)
+def test_compositions_that_would_hardly_absorb_are_refused(settings, words) -> None:
+    with pytest.raises(DataError, match=words):
+        replace(BARE, **settings)
+
+
 def test_a_composition_changes_what_is_absorbed_and_not_what_is_scattered() -> None:
-    scanner = replace(BARE, composition_sd=0.1)
+    scanner = replace(BARE, composition_sd=0.05)
     phantom = block(1.0, 1.0, 1.0, material="aluminium")
     absorbers = scanner._absorber(phantom), BARE._absorber(phantom)
     other, usual = (each.lac_per_cm - each.scattering_per_cm for each in absorbers)
@@ -78,7 +90,7 @@ def test_a_composition_changes_what_is_absorbed_and_not_what_is_scattered() -> N
 
 def test_all_parts_of_one_material_in_an_object_are_of_one_composition() -> None:
     phantom = make_phantom(Plan.of(0, "side_table-0000"))
-    off = replace(BARE, composition_sd=0.1).lac_per_cm(phantom) / BARE.lac_per_cm(phantom)
+    off = replace(BARE, composition_sd=0.05).lac_per_cm(phantom) / BARE.lac_per_cm(phantom)
     by_material: dict[str, set[float]] = {}
     for part, each in zip(phantom.parts, off.round(9).tolist(), strict=True):
         by_material.setdefault(part.material, set()).add(each)

@@ -150,16 +150,16 @@ def test_a_filter_that_was_told_is_believed(captures, tmp_path):
     ("beam", "words"),
     [
         (
-            Hardness(0.1, 0.02, 40, 20, None, 1.0),
+            Hardness(0.1, 0.02, 40, 20, None, 1.0, 1.0),
             "filter does not explain these images: 0.10 ± 0.02 mm",
         ),
-        (Hardness(-0.03, 0.004, 40, 20, None, 1.0), "0.03 ± 0.00 mm Cu less would"),
+        (Hardness(-0.03, 0.004, 40, 20, None, 1.0, 1.0), "0.03 ± 0.00 mm Cu less would"),
         (
-            Hardness(0.05, 0.02, 40, 20, (0.0, 0.1), 1.0),
+            Hardness(0.05, 0.02, 40, 20, (0.0, 0.1), 1.0, 1.0),
             "0.00 mm Cu more than told explains some, 0.10",
         ),
         (
-            Hardness(0.29, 0.1, 16, 7, None, 2.3, label_ratio=0.51),
+            Hardness(0.29, 0.1, 16, 7, None, 2.3, 2.3, label_ratio=0.51),
             "behind any filter metals, glass and liquids show 0.51 times the density",
         ),
     ],
@@ -171,7 +171,7 @@ def test_a_filter_that_does_not_explain_the_images_is_told(beam, words):
 
 
 def test_a_filter_that_explains_the_images_is_not_spoken_of():
-    assert [*folder_remarks(Hardness(0.004, 0.01, 40, 20, None, 1.0), None)] == []
+    assert [*folder_remarks(Hardness(0.004, 0.01, 40, 20, None, 1.0, 1.0), None)] == []
 
 
 @pytest.mark.parametrize(
@@ -185,8 +185,8 @@ def test_a_filter_that_explains_the_images_is_not_spoken_of():
             (0.9, 0.3),
             "images err 0.90 and compositions 0.30 times as far as is assumed; deviations",
         ),
-        ((0.3, 2.5), "deviations become no larger for it"),
-        ((2.5, 1.0), "deviations become no larger for it"),
+        ((0.3, 2.5), "what errs more does not make deviations larger"),
+        ((2.5, 1.0), "what errs more does not make deviations larger"),
         ((1.0, 1.2), ""),
     ],
 )

@@ -187,7 +187,7 @@ def report(dataset: Path, in_this_process: None) -> Path:
     work = dataset.with_name("dataset.work")
     work.mkdir()
     ended = (Outcome("mug-9", "failed", f"{HOSTILE}: no TIFF"),)
-    last_run = BuildReport(ended, Hardness(0.1, 0.01, 40, 20, None, 1.0))
+    last_run = BuildReport(ended, Hardness(0.1, 0.01, 40, 20, None, 1.0, 1.0))
     (work / "build_report.json").write_text(json.dumps(last_run.to_dict()))
     ran = CliRunner().invoke(cli, ["report", str(dataset), "--json"])
     assert ran.exit_code == 0, ran.output

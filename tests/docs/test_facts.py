@@ -24,8 +24,10 @@ from xden_builder.capture import scanner as scanner_module
 from xden_builder.capture.starting import write_template
 from xden_builder.physics.spectrum.panels import PANELS
 from xden_builder.poly import hardness
+from xden_builder.poly.materials import composition, shares
 from xden_builder.poly.model import poses, radiograph, stray
 from xden_builder.poly.posterior import problem
+from xden_builder.poly.survey import FILTERS_MM_CU
 from xden_builder.triage.flags import flag_kinds
 
 DOCS = ROOT / "docs"
@@ -192,7 +194,7 @@ def test_the_entry_of_the_manual_has_the_keys_of_an_entry() -> None:
         assert list(told[key]) == list(real[key])
 
 
-def test_the_manual_expects_of_each_unknown_what_the_fit_expects() -> None:
+def test_the_table_of_unknowns_expects_what_the_fit_expects() -> None:
     page = (DOCS / "method" / "fit.md").read_text()
     rows = dict(re.findall(r"^\| ([^|]+) \| [^|]+ \| (.+) \|$", page, flags=re.M))
     (scatter, scatter_sd, _, most), (glare, glare_sd, _, most_glare) = problem.SCATTER, stray.GLARE
@@ -201,18 +203,29 @@ def test_the_manual_expects_of_each_unknown_what_the_fit_expects() -> None:
     assert rows["strength of glare"] == f"{glare} ± {glare_sd} | 0 to {most_glare}"
     gain, gain_sd = radiograph.GAIN
     assert rows["gain"].startswith(f"{gain:.0f} ± {gain_sd};")
-    assert rows["gain"].endswith(f"from {problem.GAIN_RANGE[0]}")
+    assert rows["gain"].endswith("| {} to {:.0f}".format(*problem.GAIN_RANGE))
     near, far = stray.REACHES
     _, width_sd, low, high = problem.WIDTH
     widths = rows["width of near and of far scatter"]
     assert widths.startswith(f"{near} and {far} cm for each")
     assert f"± {width_sd} |" in widths
     assert widths.endswith(f"{math.exp(low):.1f} to {math.exp(high):.2f} times that")
-    turn, *_, shift_cm = poses.SHARED_SD
-    placed = rows["rotation and translation; row shift of the views"]
-    assert placed.startswith(f"the files' ± {math.degrees(turn):.1f}° and {shift_cm} cm; ")
-    assert f"0 ± {poses.ROW_SHIFT_SD_CM} cm" in placed
+    (turn, *_, shift_cm), (by_hand, *_, moved_cm) = poses.SHARED_SD, poses.TURNED_SD
+    assert rows["rotation and translation"].startswith(
+        f"the files' ± {math.degrees(turn):.1f}° and {shift_cm} cm; "
+        f"turned ± {math.degrees(by_hand):.0f}° and {moved_cm:.0f} cm"
+    )
+    assert rows["row shift"].startswith(f"0 ± {poses.ROW_SHIFT_SD_CM} cm")
+    least, most_sd = min(composition.BY_FAMILY.values()), max(composition.BY_FAMILY.values())
+    made = rows["composition: factor on the coefficients"]
+    assert made.startswith(f"1 ± {100 * least:.0f} to {100 * most_sd:.0f} % by the family")
+    assert made.endswith(f"{problem.OFF[3]:.0f} deviations")
+    assert rows["material"].startswith(f"a named label's in {100 * shares.LABEL_RIGHT:.0f} %")
     told, left_out = hardness.TOLD_RIGHT
     filters = f"0 ± {told[1]} mm Cu in {told[0]:.0%}, ± {left_out[1]} in {left_out[0]:.0%}"
-    assert rows["filter left out of the beam"].startswith(filters.replace("%", " %"))
-    assert rows["how far images, and compositions, err"].endswith(f"{hardness.SCALES[0]:.1f} to 1")
+    left = rows["filter left out of the beam"]
+    assert left.startswith(filters.replace("%", " %"))
+    assert left.endswith("| {} to {} mm".format(*(FILTERS_MM_CU[end] for end in (0, -1))))
+    errors = rows["how far images err, and compositions"]
+    assert f"logarithm ± {hardness.SCALE_SD} " in errors
+    assert "| {:.1f} to {:.1f} times".format(*(hardness.SCALES[end] for end in (0, -1))) in errors

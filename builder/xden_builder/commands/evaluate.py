@@ -48,7 +48,7 @@ more (assumed)."""
 @click.option("--size", type=click.IntRange(min=64), default=512, show_default=True)
 @click.option(
     "--composition-sd",
-    type=click.FloatRange(min=0, max=0.5),
+    type=click.FloatRange(min=0, max=0.05),
     default=COMPOSITION_SD,
     show_default=True,
     help="By what share attenuation coefficients differ from the library's.",

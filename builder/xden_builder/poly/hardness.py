@@ -27,10 +27,8 @@ TOLD_RIGHT: Final = ((0.6, 0.01), (0.4, 0.15))
 rounding and a few kV, and of those that leave a filter out."""
 ASTRAY_SHARE: Final = 0.25
 ASTRAY_SD: Final = 0.35
-"""Share of clues that lead astray (labels that err, grades, pores), and how far: half of them
-farther, by Cauchy's distribution, since a label may be off by any factor."""
-OTHER_GRADE_SHARE: Final = 0.1
-"""Share of the other clues whose goods are of a grade that the label leaves unsaid (assumed)."""
+"""Share of clues that lead astray (labels that err or leave a grade unsaid, pores), and how far:
+half of them farther, by Cauchy's distribution, since a label may be off by any factor."""
 SCALES: Final = np.geomspace(0.1, 10**0.5, 16)
 AS_ASSUMED: Final = 10
 """What errors may be as multiples of those assumed, and which of these is 1."""
@@ -88,7 +86,7 @@ class Hardness:
     objects: int
     two_tubes_mm_cu: tuple[float, float] | None
     image_scale: float
-    composition_scale: float = 1.0
+    composition_scale: float
     label_ratio: float = 1.0
 
     def applied(self, settings: PolySettings) -> PolySettings:
@@ -134,7 +132,7 @@ class Hardness:
 
     @property
     def errs_farther(self) -> bool:
-        """Whether they lie clearly farther off."""
+        """Whether labelled parts lie clearly farther off their materials than is assumed."""
         return max(self._scales) > USUAL[1]
 
     @property
@@ -153,7 +151,9 @@ def join(clues: Mapping[str, Sequence[Clue]], *, calibrated: bool = False) -> Ha
 
     Each clue is normally distributed about 0 at the right filter, or one of those that lead
     astray. Where errors are small, so are those of the filter, and clues of aluminium, whose range
-    of densities is narrow, tell more of it than those of plastics.
+    of densities is narrow, tell more of it than those of plastics. Compositions err by kinds of
+    materials, images by what is seen of a part: clues of a single kind tell what both make
+    together, and hardly which.
 
     Parameters
     ----------
@@ -167,18 +167,19 @@ def join(clues: Mapping[str, Sequence[Clue]], *, calibrated: bool = False) -> Ha
     log_prior = _log_prior(TOLD_RIGHT[:1] if calibrated else TOLD_RIGHT)
     if not count:
         sd = float(np.sqrt(_chance(log_prior) @ GRID_MM**2))
-        return Hardness(0.0, round(sd, 4), 0, 0, None, 1.0)
-    nothing = np.zeros((len(SCALES), len(SCALES), len(GRID_MM)))
-    curves = np.array(
-        [np.sum([nothing, *map(_log_likelihood, mine)], axis=0) for mine in clues.values() if mine]
-    )
-    log_posterior = curves.sum(axis=0) + log_prior
+        return Hardness(0.0, round(sd, 4), 0, 0, None, 1.0, 1.0)
     usual = -0.5 * (np.log(SCALES) / SCALE_SD) ** 2
-    chance = _chance(log_posterior + usual[:, None, None] + usual[:, None])
+    log_posterior = log_prior + usual[:, None, None] + usual[:, None]
+    by_object = []
+    for mine in filter(None, clues.values()):
+        said = np.sum([*map(_log_likelihood, mine)], axis=0)
+        log_posterior += said
+        by_object.append(said[AS_ASSUMED, AS_ASSUMED])
+    chance = _chance(log_posterior)
     compositions, images, filters = (chance.sum(axis=others) for others in ((1, 2), (0, 2), (0, 1)))
     mean = float(filters @ GRID_MM)
     sd = float(np.sqrt(filters @ (GRID_MM - mean) ** 2 + SURVEY_SD_MM**2))
-    two_tubes = _two_tubes(curves[:, AS_ASSUMED, AS_ASSUMED])
+    two_tubes = _two_tubes(np.array(by_object))
     return Hardness(
         filter_mm_cu=round(mean, 4),
         sd_mm_cu=round(sd, 4),
@@ -222,8 +223,7 @@ def _log_likelihood(clue: Clue) -> Float64[np.ndarray, "compositions images filt
         + (SCALES[:, None, None] * clue.composition_sd) ** 2
         + SCALES[:, None] ** 2 * image_variance
     )
-    shares = (1 - ASTRAY_SHARE) * np.array([1 - OTHER_GRADE_SHARE, OTHER_GRADE_SHARE])
-    right = shares[0] * _normal(off, sd) + shares[1] * _normal(off, np.hypot(sd, clue.grade_sd))
+    right = (1 - ASTRAY_SHARE) * _normal(off, sd)
     return np.asarray(np.log(right + ASTRAY_SHARE * _cauchy(off, np.hypot(sd, ASTRAY_SD))))
 
 

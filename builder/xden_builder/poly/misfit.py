@@ -24,7 +24,7 @@ __all__ = ["as_far_off", "misfit"]
 
 SOUND: Final = 0.08
 """Mean square of residuals, in the standard deviations expected: the median of 125 simulated
-objects of a folder whose errors are 0.15 of those assumed. It is not 1, since errors that hang
+objects of a folder whose images err by 0.15 of what is assumed. It is not 1, since errors that hang
 together over an object move its densities rather than leave residuals."""
 NOISE_SHARE: Final = 0.1
 """Of what noise leaves of the images: it is known to that."""

@@ -28,7 +28,7 @@ class PolySettings:
     edge_error_cm
         How far the image of a surface may be off, on the panel.
     model_share
-        Error of -ln T that composition, spectrum and scale leave, as a share of it.
+        Error of -ln T that coefficients, spectrum and scale leave, as a share of it.
     stray_share
         Error of the scatter's shape, as a share of it.
     floor, clear_floor

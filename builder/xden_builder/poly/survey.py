@@ -45,8 +45,8 @@ LABEL_SD: Final = MappingProxyType(
 )
 UNSURE_LABEL_SD: Final = 0.12
 NO_LABEL_SD: Final = 0.3
-"""How far pigments, fillers and alloys that a label leaves unsaid change the attenuation, by family
-(assumed): aluminium says more of a beam than plastic does."""
+"""How far pigments, fillers and alloys that a label leaves unsaid change the attenuation, and a mass
+by images with it, by family (assumed)."""
 WORTH: Final = 10.0
 """Times as much as usual the samples are worth here: without a label that holds densities, what is
 expected of gain and stray light would make everything lighter, by a quarter of a per cent."""
@@ -71,16 +71,13 @@ class Clue:
         and what the meshes' surfaces may be off.
     composition_sd
         What of it compositions make.
-    grade_sd
-        What comes on top where its goods are of a grade that the label leaves unsaid.
     """
 
     name: str
     log_ratio: tuple[float, ...]
     sd: float
     own_sd: float
-    composition_sd: float = 0.0
-    grade_sd: float = 0.0
+    composition_sd: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,7 +115,7 @@ def survey(
         As :func:`xden_builder.poly.line.fit_poly`.
     """
     assert capture.tube is not None
-    samples = _as_labelled(sampled(capture, space, settings))
+    samples = _as_labelled(sampled(capture, space, settings), settings.composition)
     fits = [
         _fitted(
             samples, energy_groups(capture.tube.behind("Cu", mm / 10), capture.detector), settings
@@ -131,14 +128,17 @@ def survey(
     return tuple(clues)
 
 
-def _as_labelled(samples: Samples) -> Samples:
+def _as_labelled(samples: Samples, composition: float) -> Samples:
     """Take each labelled part for its label's material, whatever it looks like."""
     guess = samples.guess
-    shares = [
-        {part.material: 1.0} if part.material in load_materials() else share
-        for part, share in zip(guess.scene.parts, guess.stand_ins.shares, strict=True)
-    ]
-    return replace(samples, guess=replace(guess, stand_ins=replace(guess.stand_ins, shares=shares)))
+    shares, errors = list(guess.stand_ins.shares), guess.stand_ins.composition_sd.copy()
+    for number, part in enumerate(guess.scene.parts):
+        if material := load_materials().get(part.material):
+            shares[number] = {material.name: 1.0}
+            way_sd = float(guess.scene.walls.way_sd[number])
+            errors[number] = math.hypot(composition * composition_sd(material), way_sd)
+    stand_ins = replace(guess.stand_ins, shares=shares, composition_sd=errors)
+    return replace(samples, guess=replace(guess, stand_ins=stand_ins))
 
 
 def _fitted(samples: Samples, groups: EnergyGroups, settings: PolySettings) -> _Fit:
@@ -182,7 +182,6 @@ def _by_labels(capture: Capture, walls: Walls, fits: Sequence[_Fit]) -> Iterator
                 math.hypot(range_sd, float(sd[surest])),
                 own_sd,
                 told.problem.settings.composition * composition_sd(material),
-                _unsaid(label),
             )
 
 
@@ -217,4 +216,4 @@ def _by_mass(
     )
     sd = math.hypot(sd_g / float(masses_g.sum()), VOLUME_SD)
     if sd < SURE:
-        yield Clue("mass", tuple(log_ratio), sd, sd)
+        yield Clue("mass", tuple(log_ratio), sd, own_sd=sd, composition_sd=0.0)

@@ -87,8 +87,8 @@ def _of_errors(beam: Hardness) -> Iterator[FolderRemark]:
     if beam.errs_as_assumed:
         return
     so = (
-        "deviations become no larger for it: labels err here, or are of substances not in the "
-        f"library, or scanner.toml is wrong (check filtration, {LINEAR})"
+        "what errs more does not make deviations larger: labels err here, or are of substances "
+        f"not in the library, or scanner.toml is wrong (check filtration, {LINEAR})"
         if beam.errs_farther
         else "deviations are the smaller for it"
     )

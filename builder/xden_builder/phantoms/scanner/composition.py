@@ -9,7 +9,11 @@ from xden1k.values.materials import load_materials
 from xden_builder.phantoms.phantom import Phantom
 from xden_builder.physics.attenuation import mac_cm2_g, scattering_cm2_g
 
-__all__ = ["photoelectric_factors"]
+__all__ = ["MOST_COMPOSITION_SD", "photoelectric_factors"]
+
+MOST_COMPOSITION_SD = 0.05
+"""From here on absorption in plastics, a twenty-fifth of their attenuation, would mostly be nothing
+and now and then a multiple."""
 
 
 def photoelectric_factors(
@@ -20,7 +24,7 @@ def photoelectric_factors(
     What is added to a material or left out of it hardly changes how a gram of it scatters, which
     goes by its electrons; what it absorbs goes by the third to fourth power of atomic numbers. All
     parts of one material in an object are of one composition. Factors are log-normal, since nothing
-    absorbs less than nothing.
+    absorbs less than nothing: in plastics, which absorb little, they are skewed as fillers are.
 
     Parameters
     ----------

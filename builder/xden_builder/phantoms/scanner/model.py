@@ -24,7 +24,7 @@ from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.capture.tables import is_number
 from xden_builder.phantoms.phantom import Identity, Phantom, random_numbers
 from xden_builder.phantoms.scanner.beam import Beam, kept_beam
-from xden_builder.phantoms.scanner.composition import photoelectric_factors
+from xden_builder.phantoms.scanner.composition import MOST_COMPOSITION_SD, photoelectric_factors
 from xden_builder.phantoms.scanner.handover import MeshError, draw_mesh_error
 from xden_builder.phantoms.scanner.panel import Calibration, Panel
 from xden_builder.phantoms.scanner.primary import Absorber, Primary, pixel_kernel, render
@@ -116,7 +116,7 @@ class Scanner:
         Errors of the part meshes written: see :func:`draw_mesh_error`. The truth keeps the true
         ones.
     composition_sd
-        Relative standard deviation of the attenuation coefficient of a material, at
+        Relative standard deviation of the attenuation coefficient of each material, at
         :attr:`reference_kev`, from one object to another: see :func:`photoelectric_factors`.
     one_tube
         Whether the tube and the panel of PA take LAT too, of an object that is turned by hand:
@@ -127,8 +127,9 @@ class Scanner:
     ------
     DataError
         If the panel has no pixel or more dead lines than it has, is not behind the object, the
-        open field does not fit the converter, a size is negative, or a heel is wanted of one
-        photon energy.
+        open field does not fit the converter, a size is negative, a heel or compositions that err
+        are wanted of one photon energy, or compositions err by more than
+        :data:`MOST_COMPOSITION_SD`.
     """
 
     size_px: int = 512
@@ -182,6 +183,13 @@ class Scanner:
             raise DataError(f"{self.dead_lines} dead lines of {self.size_px}: expected no more")
         if self.heel and self.energy_kev is not None:
             raise DataError("the heel effect needs a tube: no energy_kev")
+        if self.composition_sd and self.energy_kev is not None:
+            raise DataError("compositions that err need a tube: no energy_kev")
+        if self.composition_sd > MOST_COMPOSITION_SD:
+            raise DataError(
+                f"composition_sd: expected {MOST_COMPOSITION_SD} at most, got "
+                f"{self.composition_sd:g}"
+            )
         numbers = {name: value for name, value in asdict(self).items() if is_number(value)}
         if negative := sorted(name for name, value in numbers.items() if value < 0):
             raise DataError(f"{negative[0]} must not be negative, got {numbers[negative[0]]:g}")
@@ -351,7 +359,10 @@ class Scanner:
     def _coefficients(
         self, phantom: Phantom, whole: _Mac, scattered: _Mac
     ) -> tuple[Float64[np.ndarray, "parts groups"], Float64[np.ndarray, "parts groups"]]:
-        """Return attenuation coefficients of the parts, and the share that is scattering."""
+        """Return linear attenuation coefficients of the parts, and those of scattering alone.
+
+        Both in 1/cm, from what gives the mass coefficients of a composition in cm²/g.
+        """
         compositions = [load_materials()[part.material].composition for part in phantom.parts]
         total, scattering = (
             np.stack([of(each) for each in compositions]) for of in (whole, scattered)
