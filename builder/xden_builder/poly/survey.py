@@ -45,8 +45,8 @@ LABEL_SD: Final = MappingProxyType(
 )
 UNSURE_LABEL_SD: Final = 0.12
 NO_LABEL_SD: Final = 0.3
-"""How far pigments, fillers and alloys that a label leaves unsaid change the attenuation, and a mass
-by images with it, by family (assumed)."""
+"""How far pigments, fillers and alloys that a label leaves unsaid change the attenuation, and so a
+mass by images, by family (assumed)."""
 WORTH: Final = 10.0
 """Times as much as usual the samples are worth here: without a label that holds densities, what is
 expected of gain and stray light would make everything lighter, by a quarter of a per cent."""
