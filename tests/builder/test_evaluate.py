@@ -13,6 +13,7 @@ from xden1k.errors import DataError
 from xden_builder.capture import CaptureFolder, CapturePart
 from xden_builder.capture.space import divide
 from xden_builder.cli import cli
+from xden_builder.commands.evaluate import evaluate as evaluate_command
 from xden_builder.evaluate import run
 from xden_builder.evaluate.methods import ABLATIONS, Ablation, nominal, scaled, told
 from xden_builder.evaluate.run import BodyCheck, Evaluation, ObjectResult, PartCheck
@@ -21,6 +22,7 @@ from xden_builder.evaluate.truth import Errors, Truth, errors_of, read_truth
 from xden_builder.phantoms import write_captures
 from xden_builder.phantoms.realism import LIFELIKE
 from xden_builder.phantoms.scanner import Scanner
+from xden_builder.phantoms.scanner.composition import MOST_COMPOSITION_SD
 from xden_builder.poly.hardness import Hardness, join
 from xden_builder.poly.settings import PolySettings
 
@@ -182,6 +184,13 @@ def test_simulated_things_are_not_quite_of_the_librarys_compositions_unless_aske
     ran = CliRunner().invoke(cli, ["evaluate", "--count", "1", "--size", "64", *words])
     assert ran.exit_code == 0, ran.output
     assert scanners[0].get("composition_sd") == composition_sd
+
+
+def test_the_command_takes_compositions_as_far_off_as_the_simulator_does():
+    ran = CliRunner().invoke(cli, ["evaluate", "--composition-sd", str(MOST_COMPOSITION_SD + 1e-9)])
+    assert ran.exit_code == 2
+    (option,) = [each for each in evaluate_command.params if each.name == "composition_sd"]
+    assert option.type.max == MOST_COMPOSITION_SD
 
 
 def test_a_capture_without_a_tube_is_listed_as_failed(tmp_path):

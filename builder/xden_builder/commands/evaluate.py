@@ -51,7 +51,7 @@ more (assumed)."""
     type=click.FloatRange(min=0, max=0.05),
     default=COMPOSITION_SD,
     show_default=True,
-    help="By what share attenuation coefficients differ from the library's.",
+    help="Standard deviation of attenuation coefficients about the library's, as a share.",
 )
 @click.option(
     "--ablated",

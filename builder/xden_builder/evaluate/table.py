@@ -69,7 +69,7 @@ def markdown(evaluation: Evaluation) -> str:
 
 def _shared_line(shared: Hardness) -> str:
     return (
-        f"By {shared.clues} labelled parts of {shared.objects} objects the beam has "
+        f"By {shared.clues} labelled materials of {shared.objects} objects the beam has "
         f"{shared.filter_mm_cu:+.3f} ± {shared.sd_mm_cu:.3f} mm Cu beside what is told, images err "
         f"by {shared.image_scale:.2f} and compositions by {shared.composition_scale:.2f} of what "
         "is assumed: fits that are told the labels go by it."

@@ -117,7 +117,7 @@ class BuildReport:
         counts = {status: self.count(status) for status in ("built", "kept", "failed")}
         values: dict[str, Any] = plain(
             {
-                "schema": "xden-build-report/2",
+                "schema": "xden-build-report/3",
                 "builder": BUILDER,
                 **counts,
                 "beam": None if self.beam is None else asdict(self.beam),

@@ -1,4 +1,4 @@
-"""What all objects of a folder share, by clues of some: a filter, how far images and things err."""
+"""What all objects of a folder share: a filter, and how far images and compositions err."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ AS_ASSUMED: Final = 10
 """What errors may be as multiples of those assumed, and which of these is 1."""
 SCALE_SD: Final = 0.7
 """Standard deviation of the logarithm of either multiple before any image (assumed): two or three
-clues hardly move it, twenty do."""
+clues leave it above 0.6, twenty do not."""
 SURVEY_SD_MM: Final = 0.002
 """What the clues of all objects err by together, with no label to hold densities: of simulated
 folders filters come out 0.002 mm too thick in the mean, however many objects are asked."""
@@ -59,7 +59,7 @@ LEAST_OBJECTS: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class Hardness:
-    """How much harder than told a folder's beam is.
+    """What objects of a folder share: a filter, and how far images and compositions err.
 
     Parameters
     ----------
@@ -71,9 +71,10 @@ class Hardness:
     two_tubes_mm_cu
         Two filters that explain the images far better than one, if there are such.
     image_scale
-        How far images err, as a multiple of what is assumed.
+        How far images err, as a multiple of what is assumed: root mean square of what is possible,
+        taken for 1 at most in :meth:`applied`.
     composition_scale
-        How far compositions do.
+        How far compositions do, likewise.
     label_ratio
         Density by the images over that of the label, in the median of :data:`NEVER_POROUS` parts,
         behind the filter that brings it nearest to 1; 1 where there are fewer than three objects
@@ -127,12 +128,12 @@ class Hardness:
 
     @property
     def errs_as_assumed(self) -> bool:
-        """Whether labelled parts lie about as far off their materials as is assumed."""
+        """Whether images and compositions err about as far as is assumed."""
         return USUAL[0] <= min(self._scales) and not self.errs_farther
 
     @property
     def errs_farther(self) -> bool:
-        """Whether labelled parts lie clearly farther off their materials than is assumed."""
+        """Whether either errs clearly farther than is assumed."""
         return max(self._scales) > USUAL[1]
 
     @property

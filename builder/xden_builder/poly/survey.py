@@ -37,7 +37,8 @@ __all__ = ["FILTERS_MM_CU", "Clue", "survey"]
 FILTERS_MM_CU: Final = (-0.03, 0.0, 0.04, 0.1, 0.2, 0.35, 0.5)
 """Extra copper that objects are fitted behind."""
 SURE: Final = 0.12
-"""A density that the images leave less sure than this, as a share, is no clue."""
+"""A density that images and composition leave less sure than this, as a share, is no clue: foams
+and composites hardly ever are."""
 MOST: Final = 0.5
 """A part known from outlines or from dark samples by more than this is no clue."""
 LABEL_SD: Final = MappingProxyType(

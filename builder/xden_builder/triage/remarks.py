@@ -83,12 +83,12 @@ def _of_filter(beam: Hardness) -> Iterator[FolderRemark]:
 
 
 def _of_errors(beam: Hardness) -> Iterator[FolderRemark]:
-    """Say how far labelled parts are off their materials, if it is not as is assumed."""
+    """Say how far images and compositions err, if it is not as is assumed."""
     if beam.errs_as_assumed:
         return
     so = (
-        "what errs more does not make deviations larger: labels err here, or are of substances "
-        f"not in the library, or scanner.toml is wrong (check filtration, {LINEAR})"
+        "deviations are not larger for what errs more; labels err here, or are of substances not "
+        f"in the library, or scanner.toml is wrong (check filtration, {LINEAR})"
         if beam.errs_farther
         else "deviations are the smaller for it"
     )

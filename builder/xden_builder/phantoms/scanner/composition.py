@@ -12,19 +12,20 @@ from xden_builder.physics.attenuation import mac_cm2_g, scattering_cm2_g
 __all__ = ["MOST_COMPOSITION_SD", "photoelectric_factors"]
 
 MOST_COMPOSITION_SD = 0.05
-"""From here on absorption in plastics, a twenty-fifth of their attenuation, would mostly be nothing
-and now and then a multiple."""
+"""Here plastics, which owe a twenty-fifth of their attenuation to absorption, have six tenths of it
+in the median, and one in twenty three times as much."""
 
 
 def photoelectric_factors(
     phantom: Phantom, composition_sd: float, energy_kev: float
 ) -> Float64[np.ndarray, "parts"]:
-    """Draw by how much the photoelectric coefficient of each part is larger than the library's.
+    """Draw the photoelectric coefficient of each part, over that of the library.
 
     What is added to a material or left out of it hardly changes how a gram of it scatters, which
-    goes by its electrons; what it absorbs goes by the third to fourth power of atomic numbers. All
-    parts of one material in an object are of one composition. Factors are log-normal, since nothing
-    absorbs less than nothing: in plastics, which absorb little, they are skewed as fillers are.
+    goes mostly by its electrons (coherent scatter is left as it is, too); what it absorbs goes by
+    the third to fourth power of atomic numbers. All parts of one material in an object are of one
+    composition. Factors are log-normal, since nothing absorbs less than nothing: in plastics,
+    which absorb little, they are skewed as fillers are.
 
     Parameters
     ----------
