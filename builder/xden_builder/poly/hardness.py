@@ -175,7 +175,7 @@ def join(clues: Mapping[str, Sequence[Clue]], *, calibrated: bool = False) -> Ha
     for mine in filter(None, clues.values()):
         said = np.sum([*map(_log_likelihood, mine)], axis=0)
         log_posterior += said
-        by_object.append(said[AS_ASSUMED, AS_ASSUMED])
+        by_object.append(said[AS_ASSUMED, AS_ASSUMED].copy())
     chance = _chance(log_posterior)
     compositions, images, filters = (chance.sum(axis=others) for others in ((1, 2), (0, 2), (0, 1)))
     mean = float(filters @ GRID_MM)
