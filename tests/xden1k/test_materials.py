@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from xden1k.errors import DataError
 from xden1k.values.materials import (
+    FAMILY_WORDS,
     Material,
     MaterialLibrary,
     check_label,
@@ -50,6 +51,9 @@ def test_label_is_a_name_an_alias_a_family_or_empty():
     assert check_label("Aluminum") == "aluminium"
     assert check_label("Metal") == "metal"
     assert check_label("") == ""
+    assert [check_label(word) for word in FAMILY_WORDS] == list(FAMILY_WORDS.values())
+    assert set(FAMILY_WORDS.values()) <= set(families())
+    assert not any(word in LIBRARY or word in families() for word in FAMILY_WORDS)
     with pytest.raises(DataError, match=r"unknown material 'irn'.*near: iron"):
         check_label("irn")
     with pytest.raises(DataError, match=r"unknown material 'xqzk'.*or nothing$"):

@@ -19,10 +19,12 @@ from functools import cache, reduce
 from importlib.resources import files
 from operator import add
 from types import MappingProxyType
+from typing import Final
 
 from xden1k.errors import DataError
 
 __all__ = [
+    "FAMILY_WORDS",
     "Composition",
     "Material",
     "MaterialLibrary",
@@ -35,6 +37,10 @@ __all__ = [
 Composition = tuple[tuple[str, float], ...]
 """Chemical formulas and their mass fractions, which add up to 1."""
 
+FAMILY_WORDS: Final = MappingProxyType(
+    {"fabric": "textile", "plastic": "polymer", "rubber": "elastomer"}
+)
+"""Everyday words for families."""
 _FORMULA = re.compile(r"(?:[A-Z][a-z]?\d*\.?\d*)+")
 
 
@@ -189,28 +195,29 @@ def check_label(label: str) -> str:
     Parameters
     ----------
     label
-        A name, an alias, a family, or empty for unknown.
+        A name, an alias, a family or an everyday word for one, or empty for unknown.
 
     Raises
     ------
     DataError
-        If it is none of them; the message names the nearest ones.
+        If it is none of them; the message names the nearest ones, and all families.
 
     Examples
     --------
-    >>> check_label("Polypropylene"), check_label("METAL"), check_label("")
-    ('pp', 'metal', '')
+    >>> check_label("Polypropylene"), check_label("METAL"), check_label("plastic"), check_label("")
+    ('pp', 'metal', 'polymer', '')
     """
     lowered = label.lower()
+    lowered = FAMILY_WORDS.get(lowered, lowered)
     if lowered in ("", *families()):
         return lowered
     library = load_materials()
     if lowered in library:
         return library[lowered].name
-    near = difflib.get_close_matches(lowered, (*library.labels, *families()))
+    near = difflib.get_close_matches(lowered, (*library.labels, *families(), *FAMILY_WORDS))
     raise DataError(
-        f"unknown material {label!r}: expected a name of the material library, a family or "
-        f"nothing" + (f"; near: {', '.join(near)}" if near else "")
+        f"unknown material {label!r}: expected a name of the material library, a family "
+        f"({', '.join(families())}) or nothing" + (f"; near: {', '.join(near)}" if near else "")
     )
 
 

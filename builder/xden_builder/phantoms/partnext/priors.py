@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from xden1k.values.materials import load_materials
+from xden1k.values.materials import FAMILY_WORDS, load_materials
 from xden_builder.phantoms.catalogue import CATALOGUE
 from xden_builder.phantoms.partnext.solids import role_of
 
@@ -21,8 +21,6 @@ RANDOM_SHARE: Final = 0.2
 FILLERS: Final = ("cardboard", "cotton_fabric", "foam_eps", "foam_eva_pu", "foam_organic")
 """What loosely fills a room."""
 _NO_SOLID: Final = frozenset({"gas", "liquid", "tissue"})
-_FAMILIES: Final = {"plastic": "polymer", "rubber": "elastomer", "fabric": "textile"}
-"""Words for families of the library."""
 
 
 @cache
@@ -78,7 +76,7 @@ def _told_by(name: str) -> Iterator[tuple[str, ...]]:
         if word in known and known[word].family not in _NO_SOLID and not known[word].grade_of:
             yield (known[word].name,)
     for word in spoken:
-        family = _FAMILIES.get(word, word)
+        family = FAMILY_WORDS.get(word, word)
         if found := tuple(one for one in usual_materials() if known[one].family == family):
             yield found
     for word in spoken:
