@@ -188,7 +188,7 @@ def refused_in_one_line(root: Path, raw: bytes, message: str) -> None:
     [
         ("object_id\npen\n", "column category is missing"),
         (HEADER, "no objects"),
-        ("", "not a table of comma-separated values that can be read: No columns to parse"),
+        ("", "is empty, expected a header and a row for each entry"),
         (
             "object_id,category,colour\npen,pen,red\n",
             "unknown column 'colour'; columns are object_",
@@ -201,8 +201,15 @@ def refused_in_one_line(root: Path, raw: bytes, message: str) -> None:
         ("object_id\tcategory\npen\tpen\n", "columns must be separated by commas, got tabs"),
         ("object_id,category\npen,\n", "row 2, category: must not be empty"),
         ("object_id,category\n,pen\n", "row 2, object_id: must not be empty"),
-        ("object_id,category\npen,pen,blue\n", "not a table of comma-separated values"),
-        ("object_id,category\nmug,mug\npen,pen,blue\n", "not a table of comma-separated values"),
+        ("object_id,category\npen,pen,blue\n", "row 2: 3 fields, expected at most 2 as in the"),
+        (
+            "object_id,category,mass_g\nmug,mug,\n\npen,pen,0,5\n",
+            "row 4: 4 fields, expected at most 3 .*, got 'pen,pen,0,5'; write decimals with a",
+        ),
+        (
+            HEADER + "pen,pen,inch,,,,\nmug,mug,,3,,,\ncup,cup,,-3,,,\nmug,mug,,,,,",
+            "row 2, mesh_units: .* got 'inch'; wrong too: row 4, 5",
+        ),
         (HEADER + "pen,pen,,,,,\n\npen,pen,,,,,", "row 4, object_id: 'pen' stands in row 2 too"),
         ("object_id,category\n../pen,pen\n", "row 2, object_id: must be of A-Z .*, got '../pen'"),
         (

@@ -24,7 +24,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         If it is not TOML, or not UTF-8.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as err:
         raise DataError(f"{path}: not valid TOML: {err}") from err
 

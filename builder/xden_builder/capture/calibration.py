@@ -170,7 +170,10 @@ def _usual_light(light: Field, said: str) -> float:
     """Return the median open field above the dark, which must be one."""
     usual = float(np.median(_sample(light)))
     if usual <= 0:
-        raise DataError(f"{said}, but most of the open field (flat) is no brighter than the dark")
+        raise DataError(
+            f"{said}, but most of the open field (flat) is no brighter than the dark: expected the "
+            "flat brighter, so flat and dark are exchanged, or it is the other polarity"
+        )
     return usual
 
 

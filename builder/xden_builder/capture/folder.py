@@ -355,11 +355,20 @@ class CaptureFolder:
 def _object_rows(path: Path) -> dict[str, ObjectRow]:
     rows: dict[str, ObjectRow] = {}
     lines: dict[str, int] = {}
+    wrong: dict[int, DataError] = {}
     for row in read_csv(path, _REQUIRED, _OPTIONAL):
-        parsed = _object_row(row)
-        if (before := lines.setdefault(parsed.object_id, row.number)) != row.number:
-            raise row.error("object_id", f"{parsed.object_id!r} stands in row {before} too")
-        rows[parsed.object_id] = parsed
+        try:
+            parsed = _object_row(row)
+            if (before := lines.setdefault(parsed.object_id, row.number)) != row.number:
+                raise row.error("object_id", f"{parsed.object_id!r} stands in row {before} too")
+        except DataError as err:
+            wrong[row.number] = err
+        else:
+            rows[parsed.object_id] = parsed
+    if wrong:
+        first, *others = wrong
+        more = f"; wrong too: row {', '.join(map(str, others))}" if others else ""
+        raise DataError(f"{wrong[first]}{more}") from wrong[first]
     if not rows:
         raise DataError(f"{path}: no objects")
     return rows

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import csv
 import io
-import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -168,17 +168,28 @@ def _read_frame(path: Path) -> pd.DataFrame:
     """Read the table as text only: an object called NA or 007 stays what it is."""
     if not path.is_file():
         raise DataError(f"{path}: no such file")
-    kind = "a table of comma-separated values"
-    with decoding(path, kind, pd.errors.ParserWarning), warnings.catch_warnings():
-        # a first row longer than the header is only a warning to pandas
-        warnings.simplefilter("error", pd.errors.ParserWarning)
+    text = _text(path)
+    with decoding(path, "a table of comma-separated values", pd.errors.ParserWarning, csv.Error):
+        _refuse_long_rows(path, text)
         return pd.read_csv(
-            io.StringIO(_text(path)),
+            io.StringIO(text),
             dtype=str,
             keep_default_na=False,
             index_col=False,
             skip_blank_lines=False,
         )
+
+
+def _refuse_long_rows(path: Path, text: str) -> None:
+    """Raise DataError at the first row that is longer than the header."""
+    header, *rows = csv.reader(io.StringIO(text))
+    for number, fields in enumerate(rows, start=2):
+        if len(fields) > len(header):
+            raise DataError(
+                f"{path}: row {number}: {len(fields)} fields, expected at most {len(header)} as in "
+                f"the header, got {','.join(fields)!r}; write decimals with a point, and put text "
+                "with a comma in quotes"
+            )
 
 
 def _text(path: Path) -> str:
@@ -192,7 +203,9 @@ def _text(path: Path) -> str:
             f"{path}: row {row}: must be UTF-8, got byte 0x{raw[err.start]:02x}; save the table as "
             "UTF-8"
         ) from err
-    header, *_ = text.splitlines() or [""]
+    if not text.strip():
+        raise DataError(f"{path}: is empty, expected a header and a row for each entry")
+    header, *_ = text.splitlines()
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         if mark in header and "," not in header:
             raise DataError(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
     from xden_builder.pipeline.check.run import FolderCheck
 
 __all__ = ["check"]
+
+MOST_NAMED: Final = 3
+"""Objects of which the same is said."""
 
 
 @click.command(epilog="Example: xden-build check captures")
@@ -52,13 +56,20 @@ def check(captures: Path, parts: Path | None, workers: int, as_json: bool) -> No
 
 
 def _echo(report: FolderCheck, captures: Path) -> None:
-    for each in report.objects:
-        for finding in each.findings:
-            click.echo(f"{finding.kind}: {each.object_id}: {finding.message}")
+    for finding, object_ids in report.by_finding.items():
+        click.echo(f"{finding.kind}: {_named(object_ids)}: {finding.message}")
     for said in report.remarks:
         click.echo(f"contradicts: {captures}: {said}")
     sound = sum(not each.findings for each in report.objects)
+    together = "; together they contradict what was told" if report.remarks else ""
     click.echo(
         f"{captures}: {len(report.objects)} objects, {sound} sound, {report.count('refused')} "
-        f"refused, {report.count('contradicts')} contradicting themselves"
+        f"refused, {report.count('contradicts')} contradicting themselves{together}"
     )
+
+
+def _named(object_ids: Sequence[str]) -> str:
+    """Name objects, a few of many."""
+    named = ", ".join(object_ids[:MOST_NAMED])
+    more = len(object_ids) - MOST_NAMED
+    return f"{named} and {more} more" if more > 0 else named

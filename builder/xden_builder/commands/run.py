@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -24,6 +25,7 @@ __all__ = ["run"]
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells know it."""
 MOST_LISTED = 30
+MOST_ALIKE = 3
 """Objects that need someone and are printed; the report has them all."""
 
 
@@ -124,6 +126,7 @@ class _Progress:
     total: int = 0
     done: int = 0
     need_you: int = 0
+    reasons: Counter[str] = field(default_factory=Counter)
 
     def start(self, total: int) -> None:
         self.total = total
@@ -136,8 +139,17 @@ class _Progress:
             self.bar.set_postfix_str(f"{self.need_you} need you", refresh=False)
         self.bar.update()
         if outcome.status == "failed":
-            said = f"failed: {outcome.object_id}: {outcome.message}"
-            self.bar.write(said, file=sys.stderr)
+            self.reasons[outcome.message] += 1
+            if self.reasons[outcome.message] <= MOST_ALIKE:
+                said = f"failed: {outcome.object_id}: {outcome.message}"
+                self.bar.write(said, file=sys.stderr)
+
+    def finish(self) -> None:
+        """Say of how many more objects the same was said."""
+        for message, count in self.reasons.items():
+            if count > MOST_ALIKE:
+                said = f"failed: {count - MOST_ALIKE} more objects alike: {message}"
+                self.bar.write(said, file=sys.stderr)
 
 
 @contextmanager
@@ -147,6 +159,7 @@ def _progress() -> Iterator[_Progress]:
         progress = _Progress(bar)
         try:
             yield progress
+            progress.finish()
         except KeyboardInterrupt:
             so_far = f"{progress.done} of {progress.total} done; run again to go on"
             bar.write(so_far if progress.total else "stopped before the start", file=sys.stderr)

@@ -204,7 +204,8 @@ def _uneven(view: Outline) -> Iterator[str]:
             yield (
                 f"air in {view.name} has a transmission of {levels[0]:.2f} at its {one} and of "
                 f"{levels[1]:.2f} at its {other}: the picture or its flat is turned over or "
-                f"mirrored, or the flat is of another view or setting"
+                f"mirrored, the flat is of another view or setting, or the values are not linear "
+                f"in photons (a gamma, a stretched 8 bit export, a painted background)"
             )
 
 

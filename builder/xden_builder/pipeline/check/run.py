@@ -51,6 +51,15 @@ class FolderCheck:
             if size is not None and size.off_by(LONGER)
         )
 
+    @property
+    def by_finding(self) -> dict[Finding, tuple[str, ...]]:
+        """Each finding, and of which objects it was found: a wrong ``scanner.toml`` is of all."""
+        found: dict[Finding, tuple[str, ...]] = {}
+        for each in self.objects:
+            for finding in each.findings:
+                found[finding] = (*found.get(finding, ()), each.object_id)
+        return found
+
     def count(self, kind: Kind) -> int:
         """How many objects have findings of a kind."""
         return sum(any(one.kind == kind for one in each.findings) for each in self.objects)
