@@ -197,10 +197,12 @@ def test_a_body_of_half_the_density_is_measured(hollow):
     assert not {"porous", "at_bound"} & set(found["blade"].flags)
 
 
-def test_a_part_that_is_not_in_the_object_is_told_from_a_foamed_one():
-    """Drawn and labelled, but a cell that nobody put in: its label is not what to check."""
+@pytest.mark.parametrize("label", ["pp", "polymer", ""])
+def test_a_part_that_is_not_in_the_object_is_told_from_a_foamed_one(label):
+    """Drawn, but a cell that nobody put in: its label, if any, is not what to check."""
     for density_g_cm3, gone in ((0.002, True), (0.3, False)):
-        found = fitted(captured(tool(density_g_cm3=density_g_cm3), size=SIZE_PX))
+        mostly_air = tool(density_g_cm3=density_g_cm3, label=label)
+        found = fitted(captured(mostly_air, size=SIZE_PX))
         assert ("hardly_there" in found["grip"].flags) == gone
         assert "hardly_there" not in found["blade"].flags
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -47,6 +48,8 @@ HELD_SDS: Final = 1.0
 HARDLY_THERE: Final = 0.1
 """A part whose density is below this share of the least that its label means is not there, it
 seems, or hollow."""
+LIGHT_G_CM3: Final = 0.1
+"""Of what has no label: foams alone are lighter."""
 TOP: Final = 3
 
 
@@ -171,7 +174,7 @@ def judge(solution: Solution, *, contradicted: float = 0.0) -> PolyFit:
         flags |= _material_flags(part.material, *_probabilities(solution, number))
         if not part.hollow and _porous(solution, number, density[number] + sd[number]):
             flags |= {"porous"}
-        if not part.hollow and _hardly_there(part.material, density[number] + 2 * sd[number]):
+        if not part.hollow and _hardly_there(part.material, density[number], sd[number]):
             flags |= {"hardly_there"}
         found.append(
             PolyPart(
@@ -260,14 +263,20 @@ def _porous(solution: Solution, number: int, most_g_cm3: float) -> bool:
     return bool(pores > MOST or (after[likeliest] > MOST and most_g_cm3 < low_g_cm3))
 
 
-def _hardly_there(label: str, most_g_cm3: float) -> bool:
+def _hardly_there(label: str, density_g_cm3: float, sd_g_cm3: float) -> bool:
     """Whether a part is of hardly anything, for what it is labelled as."""
-    meant = [
-        each.density_low_g_cm3
-        for each in load_materials().values()
-        if label and label not in families() and each.called(label)
-    ]
-    return bool(meant) and most_g_cm3 < HARDLY_THERE * min(meant)
+    if not label:
+        return density_g_cm3 + sd_g_cm3 < LIGHT_G_CM3
+    return density_g_cm3 + 2 * sd_g_cm3 < HARDLY_THERE * _least_g_cm3(label)
+
+
+@cache
+def _least_g_cm3(label: str) -> float:
+    """Least density that a label means."""
+    library = load_materials().values()
+    return min(
+        each.density_low_g_cm3 for each in library if each.family == label or each.called(label)
+    )
 
 
 def _sources(known: Diagnosis) -> Iterator[DensitySource]:
