@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import trimesh
+from scipy.ndimage import gaussian_filter
 
 from tests.builder.poly_scenes import Solid, box, captured, cylinder, relabelled, tool
 from xden1k.errors import DataError
@@ -39,6 +40,16 @@ def seen_as(change: Callable[[Capture], tuple[np.ndarray, np.ndarray]]) -> Captu
     pa, lat = (
         replace(view, transmission=np.ascontiguousarray(image))
         for view, image in zip(capture.views, change(capture), strict=True)
+    )
+    return replace(capture, views=(pa, lat))
+
+
+def blurred(solids: Sequence[Solid]) -> Capture:
+    """As a filter against noise leaves it, or an object that moved."""
+    capture = captured(solids, size=SIZE_PX)
+    pa, lat = (
+        replace(view, transmission=gaussian_filter(view.transmission, 1.0))
+        for view in capture.views
     )
     return replace(capture, views=(pa, lat))
 
@@ -75,6 +86,7 @@ CASES = {
         lambda: seen_as(lambda mine: images(mine)[::-1]),
         {"pa:does_not_fit", "lat:does_not_fit"},
     ),
+    "blurred images": (lambda: blurred(tool()), {"pa:blurred", "lat:blurred"}),
     "a mirrored view": (
         lambda: seen_as(lambda mine: (images(mine)[0][:, ::-1], images(mine)[1])),
         {"pa:does_not_fit"},
@@ -85,7 +97,7 @@ CASES = {
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=() if name.startswith("a core") else SLOW, id=name)
+        pytest.param(name, marks=() if name.startswith(("a core", "blurred")) else SLOW, id=name)
         for name in CASES
     ],
 )

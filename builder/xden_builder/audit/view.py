@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Float64
 from xden1k.rays import PathLengths
 from xden1k.values.arrays import Image, Mask
 from xden1k.values.views import XRayView
+from xden_builder.audit.sharpness import Blur, blur_of
 from xden_builder.audit.unexplained import Unexplained, unexplained
 from xden_builder.capture import Capture
 
@@ -58,6 +59,8 @@ class ViewAudit:
         Number of pixels compared on the object.
     unexplained
         Content and shadow that no part accounts for.
+    blur
+        How much softer edges are than those of the meshes.
     """
 
     name: str
@@ -71,6 +74,7 @@ class ViewAudit:
     background_attenuation_mae: float
     object_pixels: int
     unexplained: Unexplained
+    blur: Blur
 
     @property
     def verdict(self) -> Literal["good", "bad", "not seen"]:
@@ -167,6 +171,7 @@ def audit_image(
         background_attenuation_mae=_mae(_attenuation(beside, floor)),
         object_pixels=int(told.sum()),
         unexplained=unexplained(view, on_object, background, model, gain, floor / FLOOR_SIGMAS),
+        blur=blur_of(view.transmission, view.valid, told, model, gain),
     )
 
 

@@ -89,6 +89,7 @@ def _one_views_flags(audit: ViewAudit) -> Iterator[str]:
         "does_not_fit": audit.object_pixels and not audit.good,
         "unexplained_content": audit.unexplained.content,
         "unexplained_shadow": audit.unexplained.shadow,
+        "blurred": audit.blur.harms,
     }
     return (flag for flag, is_raised in raised.items() if is_raised)
 

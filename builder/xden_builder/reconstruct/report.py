@@ -79,6 +79,7 @@ def _fits(explained: Explained, settings: BuildSettings) -> dict[str, Any]:
                 "transmission_mae": audit.transmission_mae,
                 "transmission_corr": audit.transmission_corr,
                 "unexplained": asdict(audit.unexplained),
+                "blur": asdict(audit.blur),
             }
             for audit in explained.audits
         },

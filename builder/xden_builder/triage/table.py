@@ -47,6 +47,7 @@ def _views(findings: Findings) -> dict[str, Any]:
             (f"{name}_transmission_corr", found["transmission_corr"]),
             (f"{name}_content_share", found["unexplained"]["content_share"]),
             (f"{name}_shadow_share", found["unexplained"]["shadow_share"]),
+            (f"{name}_blur_share", found["blur"]["share"] if "blur" in found else None),
         )
     }
 
