@@ -18,6 +18,7 @@ from xden_builder.reconstruct.object import reconstruct
 from xden_builder.reconstruct.plausible import check_size
 
 SIZE_PX = 96
+SLOPE = np.linspace(0.9, 1.1, SIZE_PX, dtype=np.float32)
 SLOW = pytest.mark.slow
 ALUMINIUM = Solid("block", box((4, 3, 6)), "aluminium", 2.70)
 STEEL_CORE = Solid("core", box((1, 1, 2)), "steel", 7.85)
@@ -85,6 +86,10 @@ CASES = {
     "views exchanged": (
         lambda: seen_as(lambda mine: images(mine)[::-1]),
         {"pa:does_not_fit", "lat:does_not_fit"},
+    ),
+    "another view's flat": (
+        lambda: seen_as(lambda mine: (images(mine)[0] * SLOPE, images(mine)[1])),
+        {"pa:uneven_air"},
     ),
     "blurred images": (lambda: blurred(tool()), {"pa:blurred", "lat:blurred"}),
     "a mirrored view": (

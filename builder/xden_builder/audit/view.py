@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Float64
 from xden1k.rays import PathLengths
 from xden1k.values.arrays import Image, Mask
 from xden1k.values.views import XRayView
+from xden_builder.audit.air import border_air, uneven_air
 from xden_builder.audit.sharpness import Blur, blur_of
 from xden_builder.audit.unexplained import Unexplained, unexplained
 from xden_builder.capture import Capture
@@ -61,6 +62,8 @@ class ViewAudit:
         Content and shadow that no part accounts for.
     blur
         How much softer edges are than those of the meshes.
+    uneven_air
+        Whether air is brighter at one border than at the opposite one, by more than a tenth.
     """
 
     name: str
@@ -75,6 +78,7 @@ class ViewAudit:
     object_pixels: int
     unexplained: Unexplained
     blur: Blur
+    uneven_air: bool
 
     @property
     def verdict(self) -> Literal["good", "bad", "not seen"]:
@@ -172,6 +176,7 @@ def audit_image(
         object_pixels=int(told.sum()),
         unexplained=unexplained(view, on_object, background, model, gain, floor / FLOOR_SIGMAS),
         blur=blur_of(view.transmission, view.valid, told, model, gain),
+        uneven_air=any(uneven_air(border_air(view.transmission, on_object, view.valid))),
     )
 
 

@@ -90,6 +90,7 @@ def _one_views_flags(audit: ViewAudit) -> Iterator[str]:
         "unexplained_content": audit.unexplained.content,
         "unexplained_shadow": audit.unexplained.shadow,
         "blurred": audit.blur.harms,
+        "uneven_air": audit.uneven_air,
     }
     return (flag for flag, is_raised in raised.items() if is_raised)
 

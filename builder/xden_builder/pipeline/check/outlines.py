@@ -15,6 +15,7 @@ from scipy.ndimage import binary_dilation
 from xden1k.rays import path_lengths
 from xden1k.values.arrays import Image, Mask
 from xden1k.values.views import XRayView
+from xden_builder.audit.air import BORDERS, OPAQUE, border_air, uneven_air
 from xden_builder.capture.saturation import completed, gain_bounds
 from xden_builder.poly.model.frames import any_of, binned, coarse
 from xden_builder.poly.model.stray import coarse_binning
@@ -38,20 +39,8 @@ MARGIN_CM: Final = 0.5
 """On the panel: a shadow as near to the parts may be theirs, in another pose."""
 SUBRAYS: Final = 3
 """Rays along each side of a large pixel, so that a sheet that stands edge on is met."""
-MOST_UNEVEN: Final = 1.1
-"""Ratio of air at opposite borders: an open field divides it away, whatever the heel effect."""
 LEAST_RMS_PX: Final = 3.0
 """From the middle of an outline, in large pixels: of smaller ones the rim is too much."""
-OPAQUE: Final = 0.02
-"""Transmission at a border below which something stands before it that is no air."""
-BORDERS: Final = {
-    "top": (slice(None, 2), slice(None)),
-    "bottom": (slice(-2, None), slice(None)),
-    "left": (slice(None), slice(None, 2)),
-    "right": (slice(None), slice(-2, None)),
-}
-"""By name, the outermost of the large pixels."""
-OPPOSITE: Final = (("top", "bottom"), ("left", "right"))
 FLIPS: Final[tuple[tuple[str, Callable[[Mask], Mask]], ...]] = (
     ("mirrored left to right", lambda mask: mask[:, ::-1]),
     ("mirrored top to bottom", lambda mask: mask[::-1]),
@@ -124,7 +113,7 @@ def outline(
     near = binary_dilation(drawn, np.ones((3, 3)), margin)
     shadow = known & ~any_of(saturated, binning) & (image < level - SHADOW_DEPTH)
     full = _share(~view.valid, binning) > 0.5
-    air = _border_air(image, drawn, known)
+    air = border_air(image, drawn, known)
     return Outline(view.name, drawn, shadow, near, full, air), level
 
 
@@ -144,15 +133,6 @@ def length_ratio(view: Outline) -> float | None:
 
 def _touches_border(mask: Mask) -> bool:
     return any(bool(mask[border].any()) for border in BORDERS.values())
-
-
-def _border_air(image: Image, drawn: Mask, known: Mask) -> dict[str, float]:
-    """Return the median transmission along each border that was measured and no part reaches."""
-    return {
-        name: float(np.median(image[border][known[border]]))
-        for name, border in BORDERS.items()
-        if known[border].any() and not drawn[border].any()
-    }
 
 
 def _share(mask: Mask, binning: int) -> Float64[np.ndarray, "rows columns"]:
@@ -196,17 +176,13 @@ def _collimated(view: Outline) -> Iterator[str]:
 
 def _uneven(view: Outline) -> Iterator[str]:
     """Say that an open field is not of this picture: air is brighter at one border."""
-    for one, other in OPPOSITE:
-        levels = [view.air.get(border, 0.0) for border in (one, other)]
-        if min(levels) < OPAQUE:  # a part, or no air
-            continue
-        if max(levels) > MOST_UNEVEN * min(levels):
-            yield (
-                f"air in {view.name} has a transmission of {levels[0]:.2f} at its {one} and of "
-                f"{levels[1]:.2f} at its {other}: the picture or its flat is turned over or "
-                f"mirrored, the flat is of another view or setting, or the values are not linear "
-                f"in photons (a gamma, a stretched 8 bit export, a painted background)"
-            )
+    for found in uneven_air(view.air):
+        yield (
+            f"air in {view.name} has a transmission of {found.level:.2f} at its {found.one} and of "
+            f"{found.other_level:.2f} at its {found.other}: the picture or its flat is turned over "
+            "or mirrored, the flat is of another view or setting, or the values are not linear in "
+            "photons (a gamma, a stretched 8 bit export, a painted background)"
+        )
 
 
 def _mixed_up(pa: Outline, lat: Outline) -> list[str]:
