@@ -327,16 +327,16 @@ def test_a_view_without_shadow_or_with_half_of_one_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    "thing", [np.s_[-40:, 30:36], np.s_[40:46, :]], ids=["a thin end", "a narrow table"]
+    "thing", [np.s_[-140:, 90:96], np.s_[140:146, :]], ids=["a thin end", "a narrow table"]
 )
 def test_what_a_little_of_the_edge_cuts_is_refused_where_it_is_dark(
     thing: tuple[slice, slice],
 ) -> None:
-    for depth, cut in ((0.5, True), (0.01, False)):
-        image = np.ones((64, 64))
-        image[20:30, 8:56] = np.exp(-0.5)  # the object
+    for depth, cut in ((0.5, True), (0.05, False)):
+        image = np.ones((200, 200))
+        image[60:90, 20:180] = np.exp(-0.5)  # the object
         image[thing] *= np.exp(-depth)
-        view = XRayView("pa", image.astype(np.float32), image > 0, panel(0, 64))
+        view = XRayView("pa", image.astype(np.float32), image > 0, panel(0, 200))
         with pytest.raises(DataError, match="cuts the shadow") if cut else nullcontext():
             shadow_of(view)
 

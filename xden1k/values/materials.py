@@ -1,8 +1,8 @@
 """The material library: what things are made of and how dense they can be.
 
 One file, ``materials.csv``, each row with the source of its figures. Names are lower case with
-underscores. A label of a part is a name, an alias, a family (``metal``) or empty; names, aliases
-and families never coincide, and only upper and lower case are forgiven. A grade
+underscores. A label of a part is a name, an alias, a family (``metal``), an everyday word for one
+(``plastic``) or empty; these never coincide, and only upper and lower case are forgiven. A grade
 (``abs_brominated``) is a material of its own, and names the base that an annotator would rather
 write (``abs``).
 """

@@ -176,7 +176,7 @@ def audit_image(
         object_pixels=int(told.sum()),
         unexplained=unexplained(view, on_object, background, model, gain, floor / FLOOR_SIGMAS),
         blur=blur_of(view.transmission, view.valid, told, model, gain),
-        uneven_air=any(uneven_air(border_air(view.transmission, on_object, view.valid))),
+        uneven_air=any(uneven_air(border_air(view.transmission, ~background, background))),
     )
 
 

@@ -41,6 +41,8 @@ _OPTIONAL = (
     "mesh_scale",
     "mesh_sd_mm",
 )
+_MOST_TOLD = 10
+"""Rows that are wrong beside the first."""
 _MOST_MESH_SD_MM = 5.0
 """Meshes that are farther off are none of the object."""
 
@@ -357,18 +359,19 @@ def _object_rows(path: Path) -> dict[str, ObjectRow]:
     lines: dict[str, int] = {}
     wrong: dict[int, DataError] = {}
     for row in read_csv(path, _REQUIRED, _OPTIONAL):
+        object_id = row["object_id"]
         try:
-            parsed = _object_row(row)
-            if (before := lines.setdefault(parsed.object_id, row.number)) != row.number:
-                raise row.error("object_id", f"{parsed.object_id!r} stands in row {before} too")
+            if (before := lines.setdefault(object_id, row.number)) != row.number:
+                raise row.error("object_id", f"{object_id!r} stands in row {before} too")
+            rows[object_id] = _object_row(row)
         except DataError as err:
             wrong[row.number] = err
-        else:
-            rows[parsed.object_id] = parsed
     if wrong:
         first, *others = wrong
-        more = f"; wrong too: row {', '.join(map(str, others))}" if others else ""
-        raise DataError(f"{wrong[first]}{more}") from wrong[first]
+        told = ", ".join(map(str, others[:_MOST_TOLD]))
+        more = f" and {len(others) - _MOST_TOLD} more" if len(others) > _MOST_TOLD else ""
+        too = f"; wrong too: row {told}{more}" if others else ""
+        raise DataError(f"{wrong[first]}{too}") from wrong[first]
     if not rows:
         raise DataError(f"{path}: no objects")
     return rows

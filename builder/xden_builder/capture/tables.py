@@ -169,7 +169,7 @@ def _read_frame(path: Path) -> pd.DataFrame:
     if not path.is_file():
         raise DataError(f"{path}: no such file")
     text = _text(path)
-    with decoding(path, "a table of comma-separated values", pd.errors.ParserWarning, csv.Error):
+    with decoding(path, "a table of comma-separated values", csv.Error):
         _refuse_long_rows(path, text)
         return pd.read_csv(
             io.StringIO(text),
@@ -182,7 +182,7 @@ def _read_frame(path: Path) -> pd.DataFrame:
 
 def _refuse_long_rows(path: Path, text: str) -> None:
     """Raise DataError at the first row that is longer than the header."""
-    header, *rows = csv.reader(io.StringIO(text))
+    header, *rows = csv.reader(io.StringIO(text, newline=None))
     for number, fields in enumerate(rows, start=2):
         if len(fields) > len(header):
             raise DataError(

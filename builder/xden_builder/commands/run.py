@@ -25,8 +25,9 @@ __all__ = ["run"]
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells know it."""
 MOST_LISTED = 30
-MOST_ALIKE = 3
 """Objects that need someone and are printed; the report has them all."""
+MOST_ALIKE = 3
+"""Objects that failed for one and the same reason and are printed."""
 
 
 @click.command(epilog="Example: xden-build run captures --out dataset")
@@ -148,7 +149,7 @@ class _Progress:
         """Say of how many more objects the same was said."""
         for message, count in self.reasons.items():
             if count > MOST_ALIKE:
-                said = f"failed: {count - MOST_ALIKE} more objects alike: {message}"
+                said = f"failed: {count - MOST_ALIKE} more: {message}"
                 self.bar.write(said, file=sys.stderr)
 
 
@@ -158,8 +159,10 @@ def _progress() -> Iterator[_Progress]:
     with progress_bar() as bar:
         progress = _Progress(bar)
         try:
-            yield progress
-            progress.finish()
+            try:
+                yield progress
+            finally:
+                progress.finish()
         except KeyboardInterrupt:
             so_far = f"{progress.done} of {progress.total} done; run again to go on"
             bar.write(so_far if progress.total else "stopped before the start", file=sys.stderr)

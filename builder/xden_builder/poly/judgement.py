@@ -265,7 +265,7 @@ def _porous(solution: Solution, number: int, most_g_cm3: float) -> bool:
 
 def _hardly_there(label: str, density_g_cm3: float, sd_g_cm3: float) -> bool:
     """Whether a part is of hardly anything, for what it is labelled as."""
-    if not label:
+    if not label:  # a deviation holds all that it may be
         return density_g_cm3 + sd_g_cm3 < LIGHT_G_CM3
     return density_g_cm3 + 2 * sd_g_cm3 < HARDLY_THERE * _least_g_cm3(label)
 
@@ -274,9 +274,7 @@ def _hardly_there(label: str, density_g_cm3: float, sd_g_cm3: float) -> bool:
 def _least_g_cm3(label: str) -> float:
     """Least density that a label means."""
     library = load_materials().values()
-    return min(
-        each.density_low_g_cm3 for each in library if each.family == label or each.called(label)
-    )
+    return min(each.density_low_g_cm3 for each in library if each.called(label))
 
 
 def _sources(known: Diagnosis) -> Iterator[DensitySource]:

@@ -28,11 +28,10 @@ NOISE_SD: Final = 6.0
 LEAST_SHARE: Final = 0.003
 """Of all shadow: a smaller piece of it is noise."""
 LEAST_PX: Final = 20
-CUT_SHARE, CUT_DARK_SHARE = 0.1, 0.02
-"""Of the shadow's longer side: a longer stretch on the image's edge is no glow, and where it is
-half as dark as the shadow is typically."""
-CUT_DARK_PX: Final = 4
-"""No shorter stretch of the latter counts."""
+CUT_SHARE: Final = 0.1
+"""Of the shadow's longer side: where more pixels of the image's edge are shadow, it is no glow."""
+CUT_DARK_SHARE, CUT_DARK_PX = 0.02, 4
+"""The same, and so many at least, of pixels half as dark as the shadow is typically."""
 OPAQUE: Final = 2e-3
 """Least transmission that is told from none."""
 

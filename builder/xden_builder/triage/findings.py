@@ -69,7 +69,7 @@ class Findings:
     weighing
         The mass on the scale beside that by the images alone, as ``meta_json`` has it.
     views
-        By view: correlation of transmission, shares and boxes of what is unexplained, as
+        By view: correlation of transmission, shares and boxes of what is unexplained, and blur, as
         ``meta_json`` has them.
     size_factor
         Length of the object over that of its meshes; None where it was not sought.

@@ -54,11 +54,11 @@ class FolderCheck:
     @property
     def by_finding(self) -> dict[Finding, tuple[str, ...]]:
         """Each finding, and of which objects it was found: a wrong ``scanner.toml`` is of all."""
-        found: dict[Finding, tuple[str, ...]] = {}
+        found: dict[Finding, list[str]] = {}
         for each in self.objects:
             for finding in each.findings:
-                found[finding] = (*found.get(finding, ()), each.object_id)
-        return found
+                found.setdefault(finding, []).append(each.object_id)
+        return {finding: tuple(object_ids) for finding, object_ids in found.items()}
 
     def count(self, kind: Kind) -> int:
         """How many objects have findings of a kind."""
