@@ -29,9 +29,7 @@ LEAST_SHARE: Final = 0.003
 """Of all shadow: a smaller piece of it is noise."""
 LEAST_PX: Final = 20
 CUT_SHARE: Final = 0.1
-"""Of the shadow's longer side: where more pixels of the image's edge are shadow, it is no glow."""
-CUT_DARK_SHARE, CUT_DARK_PX = 0.02, 4
-"""The same, and so many at least, of pixels half as dark as the shadow is typically."""
+"""Of the shadow's longer side: a longer stretch on the image's edge is no noise."""
 OPAQUE: Final = 2e-3
 """Least transmission that is told from none."""
 
@@ -113,7 +111,7 @@ def shadow_of(view: XRayView, *, turned: bool = False) -> Shadow:
         raise DataError(f"view {view.name}: no shadow of an object is in the image")
     rows, columns = find_objects(mask.astype(np.int8))[0]
     box = np.array([columns.start, rows.start, columns.stop, rows.stop]) - 0.5
-    _refuse_cut(view.name, mask, smooth, box)
+    _refuse_cut(view.name, mask, box)
     opacity = np.where(mask, 1 - np.exp(-depth), 0.0).clip(0, 1 - OPAQUE)
     return Shadow(view.geometry, opacity, mask, box, turned)
 
@@ -133,20 +131,13 @@ def _large_pieces(mask: Mask) -> Mask:
     return np.asarray((sizes > LEAST_SHARE * max(sizes.sum(), 1))[pieces])
 
 
-def _refuse_cut(
-    name: str,
-    mask: Mask,
-    depth: Float64[np.ndarray, "rows columns"],
-    box_px: Float64[np.ndarray, "4"],
-) -> None:
+def _refuse_cut(name: str, mask: Mask, box_px: Float64[np.ndarray, "4"]) -> None:
+    edges = {"top": mask[0], "bottom": mask[-1], "left": mask[:, 0], "right": mask[:, -1]}
     longest = max(box_px[2:] - box_px[:2])
-    dark = mask & (depth > np.median(depth[mask]) / 2)
-    most, most_dark = CUT_SHARE * longest, max(CUT_DARK_SHARE * longest, CUT_DARK_PX)
-    for edge, there in (("top", 0), ("bottom", -1), ("left", np.s_[:, 0]), ("right", np.s_[:, -1])):
-        pixels = int(mask[there].sum())
-        if pixels > most or dark[there].sum() > most_dark:
+    for edge, pixels in edges.items():
+        if pixels.sum() > CUT_SHARE * longest:
             raise DataError(
-                f"view {name}: the {edge} edge of the image cuts the shadow over {pixels} pixels; "
-                "the whole object must be in the image, and a table or holder masked or annotated "
-                "as a part"
+                f"view {name}: the {edge} edge of the image cuts the shadow over "
+                f"{int(pixels.sum())} pixels; the whole object must be in the image, and a table "
+                "or holder masked or annotated as a part"
             )
