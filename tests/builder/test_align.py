@@ -20,8 +20,9 @@ from tests.builder.registration_scenes import THERE, TrueSearch
 from xden1k.errors import DataError
 from xden1k.rays import path_lengths
 from xden1k.values.views import ViewGeometry, XRayView
-from xden_builder.capture import CaptureFolder
+from xden_builder.capture import Capture, CaptureFolder
 from xden_builder.capture.pose import CoarsePose
+from xden_builder.capture.space import Space
 from xden_builder.capture.writing import write_table
 from xden_builder.cli import cli
 from xden_builder.phantoms import Scanner, write_captures
@@ -31,6 +32,7 @@ from xden_builder.pipeline.align.pictures import FOUND, Sheet
 from xden_builder.pipeline.check.run import check_folder
 from xden_builder.registration import capture as registration_capture
 from xden_builder.registration.capture import registered
+from xden_builder.registration.placement import Registration
 from xden_builder.registration.shadow import shadow_of
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
@@ -168,7 +170,7 @@ def test_where_no_object_can_be_placed_nothing_is_written(
     answer = align(captures, tmp_path / "out")
     assert answer.exit_code == 1
     assert "the first, eraser-0000: view pa: no shadow" in answer.output
-    assert not (tmp_path / "out").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["captures"]
 
 
 def test_an_object_that_is_not_there_is_refused_before_anything(
@@ -177,6 +179,50 @@ def test_an_object_that_is_not_there_is_refused_before_anything(
     answer = align(pristine, tmp_path / "out", "--objects", "eraser-0000,ghost-0001")
     assert answer.exit_code == 1
     assert "objects.csv: no object 'ghost-0001'" in answer.output
+
+
+def test_what_an_interrupted_alignment_has_done_is_not_done_again(
+    pristine: Path, out: Path, tmp_path: Path, search: TrueSearch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(capture: Capture, space: Space) -> Registration:
+        if capture.category == "eraser":
+            raise KeyboardInterrupt
+        return search(capture, space)
+
+    there, looked_for = tmp_path / "there", list[str]()
+    monkeypatch.setattr(registration_capture, "register", interrupted)
+    answer = align(pristine, there)
+    assert answer.exit_code == 130
+    assert "1 of 2 done; run again to go on" in answer.output
+    assert not there.exists()
+
+    def counted(capture: Capture, space: Space) -> Registration:
+        looked_for.append(capture.category)
+        return search(capture, space)
+
+    monkeypatch.setattr(registration_capture, "register", counted)
+    assert align(pristine, there).exit_code == 0
+    assert looked_for == ["eraser"]
+    assert contents(there) == contents(out)
+    assert [path.name for path in tmp_path.iterdir()] == ["there"]
+
+
+def test_an_object_that_has_changed_since_an_interruption_is_looked_for_again(
+    captures: Path, tmp_path: Path, search: TrueSearch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked_for = list[str]()
+
+    def interrupted(capture: Capture, space: Space) -> Registration:
+        looked_for.append(capture.category)
+        if capture.category == "eraser":
+            raise KeyboardInterrupt
+        return search(capture, space)
+
+    monkeypatch.setattr(registration_capture, "register", interrupted)
+    for _ in range(2):
+        assert align(captures, tmp_path / "there").exit_code == 130
+        shutil.copy(captures / "mug-0000" / "lat.tif", captures / "mug-0000" / "pa.tif")
+    assert looked_for == ["mug", "eraser"] * 2
 
 
 def near(captures: Path, object_id: str) -> None:

@@ -19,7 +19,7 @@ from typing import IO
 
 from xden1k.errors import DataError
 
-__all__ = ["exclusive", "new_folder", "publish", "staging"]
+__all__ = ["exclusive", "expect_free", "new_folder", "publish", "staging"]
 
 LOCK_NAME = "writer.lock"
 OLD_NAME = "old"
@@ -52,6 +52,18 @@ def staging(out: Path) -> Iterator[Path]:
             yield Path(beside)
 
 
+def expect_free(out: Path) -> None:
+    """Make sure that a new folder can come to a place.
+
+    Raises
+    ------
+    DataError
+        If there is something in it.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise DataError(f"{out}: expected a folder that is empty or does not exist")
+
+
 @contextmanager
 def new_folder(out: Path) -> Iterator[Path]:
     """Make a folder that comes to its place complete, or not at all where making it fails.
@@ -66,8 +78,7 @@ def new_folder(out: Path) -> Iterator[Path]:
     DataError
         If there is something in its place.
     """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise DataError(f"{out}: expected a folder that is empty or does not exist")
+    expect_free(out)
     out.absolute().parent.mkdir(parents=True, exist_ok=True)
     with staging(out.absolute()) as beside:
         made = beside / "made"

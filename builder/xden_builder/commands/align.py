@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING
 import click
 
 from xden1k.commands import DONE_IN_PART, json_option, print_json
-from xden_builder.commands.shared import FOLDER, parts_option, progress_bar, workers_option
+from xden_builder.commands.shared import (
+    FOLDER,
+    Progress,
+    parts_option,
+    progress_bar,
+    resumable,
+    workers_option,
+)
 
 if TYPE_CHECKING:
     from xden_builder.pipeline.align.run import Alignment
@@ -38,11 +45,12 @@ def align(
     Writes the meshes in the scanner's frame (OBJECT_ID/parts, for `xden-build run --parts`), a
     table of their poses (poses.csv), and index.html, a page with their outlines over the
     radiographs, before and after, and the runners-up. Meshes whose pose is near are written as
-    they are. Exits with 3 if an object could not be put in place.
+    they are. Can be stopped (Ctrl-C) and started again: what is done is kept in OUT.work until OUT
+    is there. Exits with 3 if an object could not be put in place.
     """
     from xden_builder.pipeline.align.run import align_folder
 
-    with progress_bar() as bar:
+    with progress_bar() as bar, resumable(progress := Progress(bar)):
         alignment = align_folder(
             captures,
             out,
@@ -50,8 +58,8 @@ def align(
             near_too=near_too,
             parts=parts,
             workers=workers,
-            on_start=bar.reset,
-            on_done=lambda _: bar.update(),
+            on_start=progress.start,
+            on_done=lambda _: progress.step(),
         )
     if as_json:
         print_json(alignment.to_dict())

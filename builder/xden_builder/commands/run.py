@@ -13,7 +13,13 @@ import click
 from click.core import ParameterSource
 
 from xden1k.commands import DONE_IN_PART, json_option, print_json
-from xden_builder.commands.shared import echo_scanner, progress_bar, workers_option
+from xden_builder.commands.shared import (
+    Progress,
+    echo_scanner,
+    progress_bar,
+    resumable,
+    workers_option,
+)
 
 if TYPE_CHECKING:
     from xden_builder.pipeline.run import BuildReport, Outcome
@@ -22,8 +28,6 @@ if TYPE_CHECKING:
 
 __all__ = ["run"]
 
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells know it."""
 MOST_LISTED = 30
 """Objects that need someone and are printed; the report has them all."""
 MOST_ALIKE = 3
@@ -120,25 +124,17 @@ def run(
 
 
 @dataclass(slots=True)
-class _Progress:
+class _Progress(Progress):
     """How many objects there are, are done, and need a person, on a bar."""
 
-    bar: Any
-    total: int = 0
-    done: int = 0
     need_you: int = 0
     reasons: Counter[str] = field(default_factory=Counter)
 
-    def start(self, total: int) -> None:
-        self.total = total
-        self.bar.reset(total)
-
     def add(self, outcome: Outcome) -> None:
-        self.done += 1
         if outcome.needs_you:
             self.need_you += 1
             self.bar.set_postfix_str(f"{self.need_you} need you", refresh=False)
-        self.bar.update()
+        self.step()
         if outcome.status == "failed":
             self.reasons[outcome.message] += 1
             if self.reasons[outcome.message] <= MOST_ALIKE:
@@ -155,18 +151,14 @@ class _Progress:
 
 @contextmanager
 def _progress() -> Iterator[_Progress]:
-    """Show progress; when interrupted, say how far it got and leave."""
+    """Show progress, and in the end of how many more the same was said."""
     with progress_bar() as bar:
         progress = _Progress(bar)
-        try:
+        with resumable(progress):
             try:
                 yield progress
             finally:
                 progress.finish()
-        except KeyboardInterrupt:
-            so_far = f"{progress.done} of {progress.total} done; run again to go on"
-            bar.write(so_far if progress.total else "stopped before the start", file=sys.stderr)
-            raise SystemExit(INTERRUPTED) from None
 
 
 def _echo_report(report: BuildReport, out: Place) -> None:

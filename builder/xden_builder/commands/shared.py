@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 
-__all__ = ["FOLDER", "echo_scanner", "parts_option", "progress_bar", "workers_option"]
+__all__ = [
+    "FOLDER",
+    "Progress",
+    "echo_scanner",
+    "parts_option",
+    "progress_bar",
+    "resumable",
+    "workers_option",
+]
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells know it."""
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 
@@ -37,6 +50,36 @@ def progress_bar(total: int | None = None, unit: str = "object") -> Iterator[Any
     told = "{l_bar}{bar}| {n_fmt} of {total_fmt}, {rate_noinv_fmt}, {remaining} left{postfix}"
     with tqdm(total=total, unit=f" {unit}s", bar_format=told, smoothing=0.1, disable=None) as bar:
         yield bar
+
+
+@dataclass(slots=True)
+class Progress:
+    """How many objects there are and are done, on a bar."""
+
+    bar: Any
+    total: int = 0
+    done: int = 0
+
+    def start(self, total: int) -> None:
+        """Show how many there are."""
+        self.total = total
+        self.bar.reset(total)
+
+    def step(self) -> None:
+        """Show that another is done."""
+        self.done += 1
+        self.bar.update()
+
+
+@contextmanager
+def resumable(progress: Progress) -> Iterator[None]:
+    """When interrupted, say how far it got and leave."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        so_far = f"{progress.done} of {progress.total} done; run again to go on"
+        progress.bar.write(so_far if progress.total else "stopped before the start", sys.stderr)
+        raise SystemExit(INTERRUPTED) from None
 
 
 def echo_scanner(captures: str) -> None:

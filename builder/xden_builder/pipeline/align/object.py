@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import trimesh
@@ -14,44 +16,71 @@ from xden_builder.capture import CaptureFolder, CapturePart
 from xden_builder.capture.folder import REGISTRATION_NAME
 from xden_builder.capture.writing import write_json, write_parts
 from xden_builder.pipeline.align.card import AlignCard, make_align_card
+from xden_builder.pipeline.align.kept import card_of, row_of
+from xden_builder.pipeline.work import load_row, save_row
 from xden_builder.registration.capture import registered
 
-__all__ = ["align_object"]
+__all__ = ["Placed", "align_object"]
 
 SCHEMA: Final = "xden-registration/1"
 
 
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """What became of an object.
+
+    Parameters
+    ----------
+    digest
+        Of its work file.
+    card
+        None where its meshes were said to be near: they are kept as they are.
+    """
+
+    digest: str
+    card: AlignCard | None
+
+
 def align_object(
-    folder: CaptureFolder, out: Path, near_too: bool, object_id: str
-) -> AlignCard | None:
-    """Write the parts of an object where they stand before the scanner.
+    folder: CaptureFolder, work: Path, made_by: str, near_too: bool, object_id: str
+) -> Placed:
+    """Keep the parts of an object where they stand before the scanner, unless they are kept.
 
     Parameters
     ----------
     folder
         The captures.
-    out
-        Gets ``OBJECT_ID/parts/NAME.ply``, in the units of ``objects.csv``, and
-        ``OBJECT_ID/registration.json``.
+    work
+        Gets a work file (:func:`xden_builder.pipeline.work.save_row`) of ``parts/NAME.ply``, in
+        the units of ``objects.csv``, of ``registration.json`` and of the object's card.
+    made_by
+        Checksum of settings and code.
     near_too
         Whether meshes that are said to be near their place are looked for as well.
     object_id
         Which.
-
-    Returns
-    -------
-    AlignCard or None
-        None where the meshes were said to be near: they are written as they are.
 
     Raises
     ------
     DataError
         If the object cannot be read, or its meshes cannot be registered.
     """
+    digest = hashlib.sha256(f"{made_by}\n{folder.digest(object_id)}".encode()).hexdigest()
+    row = load_row(work, object_id, digest)
+    if row is None:
+        with TemporaryDirectory() as made:
+            card = _placed(folder, Path(made), near_too, object_id)
+            row = row_of(card, Path(made))
+        save_row(work, object_id, digest, row)
+    return Placed(digest, card_of(row))
+
+
+def _placed(folder: CaptureFolder, out: Path, near_too: bool, object_id: str) -> AlignCard | None:
+    """Write an object's meshes in place, and make its card."""
     row = folder.rows[object_id]
     if row.pose == "near" and not near_too:
         parts, _ = folder.parts(object_id)
-        write_parts(out / object_id, _meshes(parts), row.mesh_units)
+        write_parts(out, _meshes(parts), row.mesh_units)
         return None
     capture = folder.read(object_id)
     if capture.pose == "near":
@@ -59,15 +88,14 @@ def align_object(
         capture = replace(capture, pose="unknown", mesh_scale=known)
     there = registered(capture)
     assert there.registration is not None
-    card = make_align_card(capture, there.registration)
-    write_parts(out / object_id, _meshes(there.capture.parts), row.mesh_units)
+    write_parts(out, _meshes(there.capture.parts), row.mesh_units)
     values: dict[str, Any] = plain(there.registration.to_dict())
     flags = list(there.registration.flags)
     write_json(
-        out / object_id / REGISTRATION_NAME,
+        out / REGISTRATION_NAME,
         {"schema": SCHEMA, "object_id": object_id, **values, "flags": flags},
     )
-    return card
+    return make_align_card(capture, there.registration)
 
 
 def _meshes(parts: Sequence[CapturePart]) -> dict[str, trimesh.Trimesh]:

@@ -1,22 +1,27 @@
-"""Register every object of a capture folder: meshes, a table of poses and a page."""
+"""Register every object of a capture folder: meshes, a table of poses and a page; resumable."""
 
 from __future__ import annotations
 
+import hashlib
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from xden1k.errors import DataError, MissingObjectError, require
-from xden1k.folder.place import new_folder
+from xden1k.folder.place import expect_free, new_folder
 from xden_builder.capture import CaptureFolder
 from xden_builder.capture.writing import write_table
 from xden_builder.pipeline.align.card import AlignCard
+from xden_builder.pipeline.align.kept import write_files
 from xden_builder.pipeline.align.object import align_object
 from xden_builder.pipeline.align.page import render
-from xden_builder.pipeline.storage import FULL
+from xden_builder.pipeline.resumable import only_run, refuse_to_go_on, work_folder
+from xden_builder.pipeline.version import made_by_checksum
+from xden_builder.pipeline.work import load_row
 from xden_builder.workers import explain, run_each
 
 __all__ = ["PAGE_NAME", "Alignment", "align_folder"]
@@ -27,6 +32,8 @@ COLUMNS: Final = (
     *("object_id", "candidate", "loss", "runner_up_loss", "candidates", "equal_poses"),
     *("scale", "flags", "pose"),
 )
+NOT_IN_PLACES: Final[frozenset[str]] = frozenset({"calibrate", "phantoms"})
+"""Rooms that neither meshes nor their pictures depend on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,11 +48,14 @@ class Alignment:
         Ids of those that were said to be near their place, and written as they are.
     failures
         Object id and reason of the others.
+    digests
+        Of the work files, by object id.
     """
 
     aligned: tuple[AlignCard, ...]
     near: tuple[str, ...]
     failures: tuple[tuple[str, str], ...]
+    digests: Mapping[str, str]
 
     @property
     def need_you(self) -> tuple[AlignCard, ...]:
@@ -81,7 +91,8 @@ def align_folder(
     captures
         The capture folder, which is left as it is.
     out
-        A folder that is empty or does not exist; it appears complete or not at all.
+        A folder that is empty or does not exist; it appears complete or not at all. Until then
+        what is done is kept in ``OUT.work``, for a run that goes on where one was interrupted.
     object_ids
         Only these, if any.
     near_too
@@ -99,8 +110,8 @@ def align_folder(
     Raises
     ------
     DataError
-        If the capture folder as a whole cannot be read, ``out`` is not empty, or not one object
-        could be put in place; then nothing is written.
+        If the capture folder as a whole cannot be read, ``out`` is not empty, another run is making
+        it, or not one object could be put in place; then nothing is written.
     MissingObjectError
         If one of ``object_ids`` is not in ``objects.csv``.
     OSError
@@ -109,13 +120,30 @@ def align_folder(
     require("matplotlib", "view")
     require("jinja2", "build")
     folder = _chosen(CaptureFolder(captures.absolute(), parts and parts.absolute()), object_ids)
-    with new_folder(out) as made:
+    expect_free(out)
+    work = work_folder(out.absolute())
+    assert isinstance(work, Path)
+    with only_run(work, out):
         on_start(len(folder.rows))
-        alignment = _gather(folder, made, near_too, workers, on_done)
-        _refuse_nothing(alignment, captures, out)
-        _write_poses(alignment, made / TABLE_NAME)
-        render(alignment.aligned, alignment.failures, captures.absolute().name, made / PAGE_NAME)
+        alignment = _gather(folder, work, near_too, workers, on_done)
+        if alignment.digests:
+            with new_folder(out) as made:
+                _write(alignment, work, captures.absolute().name, made)
+    shutil.rmtree(work)
+    _refuse_nothing(alignment, captures, out)
     return alignment
+
+
+@dataclass(frozen=True, slots=True)
+class _Settings:
+    """Whatever changes where meshes are put."""
+
+    near_too: bool
+
+    @property
+    def digest(self) -> str:
+        """Checksum of the settings."""
+        return hashlib.sha256(repr(self).encode()).hexdigest()
 
 
 def _chosen(folder: CaptureFolder, object_ids: Sequence[str]) -> CaptureFolder:
@@ -129,31 +157,44 @@ def _chosen(folder: CaptureFolder, object_ids: Sequence[str]) -> CaptureFolder:
 
 def _gather(
     folder: CaptureFolder,
-    out: Path,
+    work: Path,
     near_too: bool,
     workers: int,
     on_done: Callable[[str], None],
 ) -> Alignment:
     """Take the answers as they come; of an object that failed nothing is kept."""
-    cards, near, failures = [], [], []
-    task = partial(align_object, folder, out, near_too)
-    for object_id, answer in run_each(task, folder.object_ids, workers):
-        if isinstance(answer, OSError) and answer.errno in FULL:
-            raise answer
-        if isinstance(answer, BaseException):
-            shutil.rmtree(out / object_id, ignore_errors=True)
-            failures.append((object_id, explain(object_id, answer)))
-        elif answer is None:
-            near.append(object_id)
-        else:
-            cards.append(answer)
-        on_done(object_id)
+    cards, near, failures, digests = [], [], [], {}
+    made_by = made_by_checksum(_Settings(near_too), NOT_IN_PLACES)
+    task = partial(align_object, folder, work, made_by, near_too)
+    with closing(run_each(task, folder.object_ids, workers)) as answers:
+        for object_id, answer in answers:
+            refuse_to_go_on(answer)
+            if isinstance(answer, BaseException):
+                failures.append((object_id, explain(object_id, answer)))
+            else:
+                digests[object_id] = answer.digest
+                if answer.card is None:
+                    near.append(object_id)
+                else:
+                    cards.append(answer.card)
+            on_done(object_id)
     cards.sort(key=lambda card: (not card.flags, card.object_id))
-    return Alignment(tuple(cards), tuple(sorted(near)), tuple(sorted(failures)))
+    return Alignment(tuple(cards), tuple(sorted(near)), tuple(sorted(failures)), digests)
+
+
+def _write(alignment: Alignment, work: Path, name: str, out: Path) -> None:
+    """Write what is kept, a table of poses and the page."""
+    for object_id, digest in alignment.digests.items():
+        row = load_row(work, object_id, digest)
+        if row is None:
+            raise DataError(f"{object_id}: its file in {work} is gone or has changed")
+        write_files(row, out / object_id)
+    _write_poses(alignment, out / TABLE_NAME)
+    render(alignment.aligned, alignment.failures, name, out / PAGE_NAME)
 
 
 def _refuse_nothing(alignment: Alignment, captures: Path, out: Path) -> None:
-    if not alignment.aligned and not alignment.near:
+    if not alignment.digests:
         object_id, why = alignment.failures[0]
         raise DataError(
             f"{captures}: no object could be put in place, {out} is not written; the first, "
