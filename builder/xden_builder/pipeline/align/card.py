@@ -226,7 +226,10 @@ def _candidates(
 ) -> Iterator[CandidateCard]:
     for number, each in enumerate(registration.candidates, start=1):
         pictures = [
-            (one.name, one.small.outlined(one.name, _moved(each.before(view), meshes), FOUND))
+            (
+                one.name,
+                one.small.outlined(one.name.upper(), _moved(each.before(view), meshes), FOUND),
+            )
             for view, one in enumerate(sheets)
         ]
         yield CandidateCard(
