@@ -65,6 +65,9 @@ share of the radius."""
 LOOKS, MORE_LOOKS = 2, 8
 """How often, while that leaves less: by the first of them; and by all by turns where very much is
 left."""
+FEW_EDGES: Final = 0.6
+"""What neighbouring pixels may differ by (:func:`xden_builder.poly.edges.edge_doubt`) where light
+has led near the right pose already, whatever it leaves: nowhere else is begun then."""
 VERY_MUCH: Final = 4.0
 """Times what is much."""
 COARSEST_PX: Final = 32
@@ -353,10 +356,14 @@ def _by_edges(
     that is far off by the former; and, since all these lead away from where it was found already,
     by small differences of the last images alone. Then it is looked around the best without
     derivatives; poses that are only told from each other, for which no other is told, are left
-    where these led.
+    where these led. Where differences are few at the end already, it is gone on from there alone,
+    on the last images.
     """
     level, starts = levels[-1], [(end.unknowns, levels[-2:])]
     ends = [end.unknowns]
+    differing = partial(edge_doubt, level)
+    if differing(end.unknowns) < FEW_EDGES:
+        starts, told = [(end.unknowns, [level])], None
     if told is not None:
         ends.append(descend_by_edges(level, told, EDGE_SDS[-1:], bounds))
         starts += [(told, levels[-2:])]
@@ -365,7 +372,6 @@ def _by_edges(
         for each in finer:
             unknowns = descend_by_edges(each, unknowns, EDGE_SDS, bounds)
         ends.append(unknowns)
-    differing = partial(edge_doubt, level)
     best = min(ends, key=differing)
     if told is not None:
         very_much = much_left(level, end.unknowns, end.residuals, VERY_MUCH)
