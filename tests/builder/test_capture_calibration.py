@@ -12,6 +12,7 @@ from hypothesis.extra.numpy import arrays
 from xden1k.errors import DataError
 from xden1k.values.views import ViewGeometry
 from xden_builder.capture.calibration import CalibratedView, calibrate
+from xden_builder.capture.saturation import gain_bounds
 from xden_builder.capture.scanner import Polarity, ViewFile
 from xden_builder.physics.source import Detector
 
@@ -146,7 +147,7 @@ def test_saturated_pixels_are_known_from_below_and_flagged(
     top = 4095.0
     counts = np.full(SHAPE, 2000.0) + np.arange(12)
     counts[0, :4] = top
-    flat = np.full(SHAPE, 3000.0)
+    flat = np.full(SHAPE, 3600.0)
     flat[5, 5] = top
     dark = np.full(SHAPE, 100.0)
     if polarity == "inverted":
@@ -157,9 +158,44 @@ def test_saturated_pixels_are_known_from_below_and_flagged(
     expected[0, :4] = True
     np.testing.assert_array_equal(~read.view.valid, expected)
     assert read.at_least is not None
-    np.testing.assert_allclose(read.at_least[expected], (top - 100) / 2900, rtol=1e-6)
+    np.testing.assert_allclose(read.at_least[expected], (top - 100) / 3500, rtol=1e-6)
     assert np.isnan(read.at_least[~expected]).all()
     assert from_counts(tmp_path, counts, flat, dark, polarity).view.valid.all()
+
+
+def test_hot_pixels_and_letters_drawn_into_an_image_are_left_out_as_dead_ones_are(
+    tmp_path: Path,
+) -> None:
+    counts = np.full(LARGE, 30000.0) + np.arange(60)
+    counts[20:40, 20:40] = 8000.0
+    letter = np.zeros(LARGE, dtype=bool)
+    letter[2:8, 2:5] = letter[30, 30] = True
+    counts[letter] = 65535.0
+    read = from_counts(tmp_path, counts, np.full(LARGE, 31000.0), 0.0, bits=16, shape=LARGE)
+    assert read.flags == ()
+    assert read.at_least is None
+    np.testing.assert_array_equal(~read.view.valid, letter)
+
+
+def test_a_few_saturated_pixels_do_not_say_that_air_is_saturated(tmp_path: Path) -> None:
+    counts = np.full(LARGE, 40000.0) + np.arange(60)
+    counts[3, 3:6] = 65535.0
+    read = from_counts(tmp_path, counts, np.full(LARGE, 56000.0), 0.0, bits=16, shape=LARGE)
+    assert read.at_least is not None
+    assert gain_bounds(read.view, read.at_least) is None
+
+
+def test_air_that_is_saturated_beside_a_large_thin_sheet_is_not_taken_for_faults(
+    tmp_path: Path,
+) -> None:
+    counts = np.full(LARGE, 42000.0) + np.arange(60)
+    counts[:, :20] = 65535.0
+    read = from_counts(tmp_path, counts, np.full(LARGE, 50000.0), 0.0, bits=16, shape=LARGE)
+    assert read.at_least is not None
+    assert np.isfinite(read.at_least[:, :20]).all()
+    bounds = gain_bounds(read.view, read.at_least)
+    assert bounds is not None
+    assert bounds[0] == pytest.approx(65535 / 50000)
 
 
 @pytest.mark.parametrize("bits", [None, 16])

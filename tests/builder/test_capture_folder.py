@@ -136,6 +136,14 @@ def test_a_mask_that_does_not_fit_is_refused(root: Path, marked: np.ndarray, sai
     assert CaptureFolder(root).read("pen").object_id == "pen"
 
 
+def test_a_mask_whose_name_is_in_capitals_is_not_passed_over(root: Path) -> None:
+    save_mask(root, np.zeros(SHAPE, dtype=bool))
+    mask = root / "mug-01" / "ignore_lat.png"
+    mask.rename(mask.with_name("Ignore_LAT.PNG"))
+    with pytest.raises(DataError, match=r"Ignore_LAT\.PNG: expected the name ignore_lat\.png"):
+        CaptureFolder(root).read("mug-01")
+
+
 POSED = "object_id,category,pose,mesh_scale\npen,pen,"
 OFF = "object_id,category,mesh_sd_mm\npen,pen,"
 

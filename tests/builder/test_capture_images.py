@@ -32,6 +32,28 @@ def test_tiff_comes_back(tmp_path: Path, dtype: str, compression: str | None) ->
     np.testing.assert_array_equal(read, pixels)
 
 
+@pytest.mark.parametrize("compression", ["tiff_lzw", "packbits"])
+@pytest.mark.parametrize("dtype", ["u1", "u2", "f4"])
+def test_tiff_of_another_compression_comes_back(
+    tmp_path: Path, dtype: str, compression: str
+) -> None:
+    pixels = np.random.default_rng(0).uniform(0, 255, (40, 30)).astype(dtype)
+    Image.fromarray(pixels).save(tmp_path / "a.tif", compression=compression)
+    read = read_image(tmp_path / "a.tif").pixels
+    assert read.dtype == pixels.dtype
+    np.testing.assert_array_equal(read, pixels)
+
+
+def test_several_tiffs_of_another_compression_are_refused(tmp_path: Path) -> None:
+    page = Image.fromarray(np.zeros((40, 30), dtype=np.uint16))
+    pages = {"save_all": True, "append_images": [page], "compression": "tiff_lzw"}
+    page.save(tmp_path / "a.tif", **pages)
+    with pytest.raises(
+        DataError, match=r"a\.tif: expected one image of grey values, got 2 of I;16"
+    ):
+        read_image(tmp_path / "a.tif")
+
+
 @pytest.mark.parametrize("dtype", ["u1", "u2"])
 def test_png_comes_back(tmp_path: Path, dtype: str) -> None:
     top = np.iinfo(dtype).max

@@ -324,6 +324,13 @@ def test_a_wrong_parts_csv_is_named(tmp_path: Path, text: str, message: str) -> 
         read(tmp_path)
 
 
+def test_an_umlaut_of_a_file_of_macos_is_that_of_the_table(tmp_path: Path) -> None:
+    write_part(tmp_path, box(), "ko\u0308rper.ply")
+    (tmp_path / "parts.csv").write_text("name,material\nk\u00f6rper,iron", encoding="utf-8")
+    parts, _ = read(tmp_path)
+    assert {name: part.material for name, part in parts.items()} == {"k\u00f6rper": "iron"}
+
+
 def test_a_table_of_other_meshes_may_name_absent_ones(tmp_path: Path) -> None:
     write_part(tmp_path, box())
     (tmp_path / "parts.csv").write_text("name,material\nlost,iron\nbody,iron")

@@ -22,7 +22,8 @@ from xden_builder.capture import CaptureFolder, ScannerFile, ViewFile, write_sca
 from xden_builder.capture.parts import CapturePart
 from xden_builder.cli import cli
 from xden_builder.physics.source import Tube
-from xden_builder.pipeline.check.outlines import Outline, contradictions, length_ratio
+from xden_builder.pipeline.check.object import ObjectCheck
+from xden_builder.pipeline.check.outlines import Lengths, Outline, contradictions, shadow_lengths
 from xden_builder.pipeline.check.run import FolderCheck, check_folder
 from xden_builder.pipeline.check.weight import weight_contradiction
 from xden_builder.pipeline.remarks import filtration_remark
@@ -228,12 +229,25 @@ def test_a_thin_end_that_casts_no_shadow_hardly_makes_a_shadow_shorter() -> None
     drawn, shadow = np.zeros((2, 40, 40), dtype=np.bool_)
     drawn[14:26, 14:26] = shadow[14:26, 14:26] = True
     drawn[5:14, 20] = True  # an antenna: the outline's longest side is 1.75 times as long
-    ratio = length_ratio(seen("pa", drawn, shadow))
-    assert ratio == pytest.approx(0.91, abs=0.02)
-    assert length_ratio(seen("pa", drawn, drawn)) == 1.0
+    lengths = shadow_lengths(seen("pa", drawn, shadow))
+    assert lengths is not None
+    assert lengths.ratio == pytest.approx(0.91, abs=0.02)
+    assert shadow_lengths(seen("pa", drawn, drawn)) == Lengths(1.0, 1.0)
     cut = shadow.copy()
     cut[14:26, 26:] = True  # goes on beyond the border
-    assert length_ratio(seen("pa", drawn, cut)) is None
+    assert shadow_lengths(seen("pa", drawn, cut)) is None
+
+
+def test_rows_that_are_wider_apart_than_was_told_are_seen_beside_columns_alone() -> None:
+    drawn, shadow = np.zeros((2, 60, 60), dtype=np.bool_)
+    drawn[10:40, 10:40] = shadow[10:37, 10:40] = True
+    lengths = shadow_lengths(seen("pa", drawn, shadow))
+    assert lengths is not None
+    assert lengths.aspect == pytest.approx(0.9, abs=0.01)
+    narrow = np.zeros_like(drawn)
+    narrow[10:40, 30:33] = True
+    lengths = shadow_lengths(seen("pa", narrow, narrow))
+    assert lengths == Lengths(1.0, None)
 
 
 def test_objects_that_were_turned_by_hand_tell_no_pitch(captures: Path) -> None:
@@ -273,6 +287,38 @@ def test_a_pitch_or_a_source_that_is_wrong_for_the_whole_folder_is_told_of_its_v
     result = CliRunner().invoke(cli, ["check", str(captures), "--workers", "1"])
     assert result.exit_code == 1
     assert f"contradicts: {captures}: shadows in lat are" in result.stdout
+
+
+def test_a_pitch_that_is_wrong_in_rows_alone_is_told() -> None:
+    report = FolderCheck(
+        tuple(
+            ObjectCheck(f"key-{number}", (), (), (("pa", Lengths(1.02, 1.05 + 0.002 * number)),))
+            for number in range(6)
+        )
+    )
+    (said,) = report.remarks
+    assert said.startswith("shadows in pa are 1.055 times as tall for their width as the meshes")
+    assert "row_step_cm" in said
+
+
+@pytest.mark.parametrize(
+    ("level", "words"),
+    [
+        (0.25, ["air in pa has a transmission of 0.25, expected 0.8 to 1.25: the picture was"]),
+        (0.004, ["air in pa has a transmission of 0.004, expected 0.8 to 1.25: the picture was"]),
+        (1.4, ["air in pa has a transmission of 1.4, expected 0.8 to 1.25: the picture was"]),
+        (1.03, []),
+        (None, []),
+    ],
+)
+def test_another_exposure_than_that_of_the_flat_is_told_before_all_that_comes_of_it(
+    level: float | None, words: list[str]
+) -> None:
+    mask = np.zeros((20, 20), dtype=np.bool_)
+    mask[5:15, 5:12] = True
+    pa = replace(seen("pa", mask, mask), brightest=level)
+    found = list(contradictions(pa, seen("lat", mask, mask)))
+    assert [said[: len(start)] for said, start in zip(found, words, strict=True)] == words
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ from xden_builder.pipeline.version import OtherVersionError
 from xden_builder.poly.hardness import Hardness
 from xden_builder.reconstruct.object import reconstruct
 from xden_builder.reconstruct.settings import BuildSettings
+from xden_builder.triage.findings import Findings, Remark
 from xden_builder.triage.remarks import folder_remarks
 from xden_builder.workers import run_each
 
@@ -168,6 +169,19 @@ def test_a_filter_that_does_not_explain_the_images_is_told(beam, words):
     said = [str(remark) for remark in folder_remarks(beam, None)]
     assert words in said[0]
     assert said[0].startswith("needs you: ")
+
+
+@pytest.mark.parametrize(("unlike", "said"), [(3, True), (2, False)])
+def test_labels_that_most_objects_contradict_are_said_to_be_of_the_beam(unlike, said):
+    flags = ["unlike_material"] * unlike + ["uncertain"] * 2
+    judged = [
+        Findings(f"mug-{number}", "mug", (Remark(flag, "cap"),), 1.0, 0.1, None, None, {})
+        for number, flag in enumerate(flags)
+    ]
+    remarks = [str(remark) for remark in folder_remarks(None, None, judged)]
+    assert [text.startswith(f"needs you: {unlike} of 5 objects have") for text in remarks] == (
+        [True] if said else []
+    )
 
 
 def test_a_filter_that_explains_the_images_is_not_spoken_of():

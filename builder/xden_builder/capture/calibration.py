@@ -18,6 +18,7 @@ from xden1k.values.arrays import Image, Mask
 from xden1k.values.views import XRayView
 from xden_builder.capture.formats import read_image
 from xden_builder.capture.images import ImageFile, Polarity
+from xden_builder.capture.saturation import brighter_than_light
 from xden_builder.capture.scanner import ViewFile
 from xden_builder.physics.source import Detector
 
@@ -29,6 +30,8 @@ FLAGGED_DEAD_SHARE = 0.01
 """Every detector has some dead pixels; a larger share is flagged."""
 MOST_MEDIAN_TRANSMISSION = 2.0
 """Air is about 1: a larger median is a wrong quantity, polarity or open field."""
+FEWEST_COUNTS = 2.0
+"""An image whose largest count is less is none of counts."""
 OPAQUE = 0.02
 """Transmission below which hardly any light comes straight through."""
 BELOW_DARK, BELOW_DARK_SIGMAS, BELOW_DARK_LEAST = 0.005, 4.0, 100
@@ -120,6 +123,7 @@ def calibrate(
     with np.errstate(over="ignore"):  # infinity is refused as a transmission below
         transmission = values if stored.quantity == "transmission" else np.exp(-values)
     none = np.zeros(transmission.shape, dtype=np.bool_)
+    transmission[brighter_than_light(transmission, none)] = np.nan
     return _checked(name, image.path, stored, transmission, none, None, ())
 
 
@@ -130,6 +134,11 @@ def _from_counts(
         raise DataError(
             f"{image.path}: counts must be linear in photons, but the header says "
             f"PixelIntensityRelationship {image.intensity_relation}"
+        )
+    if image.pixels.dtype.kind == "f" and np.abs(image.pixels).max() < FEWEST_COUNTS:
+        raise DataError(
+            f"{image.path}: expected counts, got fractions of at most {image.pixels.max():.3g}: "
+            f"tell views.{name}.quantity as transmission or attenuation"
         )
     polarity = stored.polarity or image.polarity
     assert polarity is not None  # read_scanner leaves it to DICOM images only
@@ -142,6 +151,8 @@ def _from_counts(
     saturated = _saturated(image, polarity, bits) & ~dead
     transmission = np.full_like(flat, np.nan)
     np.divide(image.pixels - dark, flat - dark, out=transmission, where=~dead)
+    too_bright = brighter_than_light(transmission, saturated)
+    transmission[too_bright], saturated = np.nan, saturated & ~too_bright
     has_frame = isinstance(stored.dark, str)
     noise_sd = _noise_counts(image, dark) / usual_light if has_frame else None
     taken = isinstance(stored.flat, str)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Shaped
 
 from xden1k.errors import DataError, require
 from xden_builder.capture.damage import decoding
@@ -15,6 +16,7 @@ from xden_builder.capture.images import ImageFile
 __all__ = ["read_image"]
 
 _PNG_MODES = ("L", "I;16", "I;16B", "I")
+_TIFF_MODES = (*_PNG_MODES, "F")
 
 
 def read_image(path: Path) -> ImageFile:
@@ -23,7 +25,7 @@ def read_image(path: Path) -> ImageFile:
     Parameters
     ----------
     path
-        ``.tif`` (plain or deflate), ``.png`` (8 or 16 bits), ``.npy`` or ``.dcm``.
+        ``.tif`` (plain, deflate, LZW or PackBits), ``.png`` (8 or 16 bits), ``.npy`` or ``.dcm``.
 
     Raises
     ------
@@ -44,8 +46,24 @@ def read_image(path: Path) -> ImageFile:
 def _read_tiff(path: Path) -> ImageFile:
     tifffile = require("tifffile", "build")
     with decoding(path, "a TIFF image", tifffile.TiffFileError):
-        pixels = tifffile.imread(path)
+        try:
+            pixels = tifffile.imread(path)
+        except ValueError as err:
+            if "imagecodecs" not in str(err):
+                raise
+            pixels = _unpacked(path)
     return ImageFile(path, pixels)
+
+
+def _unpacked(path: Path) -> Shaped[np.ndarray, "rows columns"]:
+    """Read a TIFF image of a compression that tifffile leaves to others, such as LZW."""
+    pillow = require("PIL.Image", "build")
+    with pillow.open(path, formats=["TIFF"]) as image:
+        if image.n_frames != 1 or image.mode not in _TIFF_MODES:
+            raise DataError(
+                f"{path}: expected one image of grey values, got {image.n_frames} of {image.mode}"
+            )
+        return np.asarray(image)
 
 
 def _read_png(path: Path) -> ImageFile:

@@ -39,9 +39,10 @@ def without_ignored(seen: CalibratedView, path: Path) -> CalibratedView:
     Raises
     ------
     DataError
-        If it has another shape, or marks every pixel.
+        If it has another shape, marks every pixel, or has its name in capitals.
     """
     if not path.is_file():
+        _refuse_other_case(path)
         return seen
     view = seen.view
     marked = read_sized(path, view.geometry.shape, ", as the radiograph has").pixels != 0
@@ -59,3 +60,10 @@ def without_ignored(seen: CalibratedView, path: Path) -> CalibratedView:
         at_least = np.where(marked, nothing, at_least)
         at_least = None if np.isnan(at_least).all() else at_least
     return replace(seen, view=left, at_least=at_least)
+
+
+def _refuse_other_case(path: Path) -> None:
+    """Refuse a mask that is not looked at because of the case of its name."""
+    for other in path.parent.glob("*"):
+        if other.name.lower() == path.name.lower():
+            raise DataError(f"{other}: expected the name {path.name}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+import unicodedata
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import trimesh
 from xden1k.errors import DataError
 from xden_builder.capture.damage import decoding
 
-__all__ = ["MESH_SUFFIXES", "read_meshes"]
+__all__ = ["MESH_SUFFIXES", "composed", "read_meshes"]
 
 MESH_SUFFIXES = (".ply", ".stl", ".obj", ".glb")
 SCENE = "mesh.glb"
@@ -44,7 +45,18 @@ def read_meshes(folder: Path) -> dict[str, tuple[Path, trimesh.Trimesh]]:
     found = _scene_parts(scene) if scene.is_file() else _file_parts(parts)
     if not found:
         raise DataError(f"{folder}: no mesh: expected parts/NAME.ply, stl, obj or glb, or {SCENE}")
-    return dict(sorted(found.items()))
+    return {composed(name): found[name] for name in sorted(found)}
+
+
+def composed(name: str) -> str:
+    """Write letters with accents as one character each: macOS tells files' names in two.
+
+    Examples
+    --------
+    >>> len("ko\u0308rper"), len(composed("ko\u0308rper"))
+    (7, 6)
+    """
+    return unicodedata.normalize("NFC", name)
 
 
 def _file_parts(folder: Path) -> dict[str, tuple[Path, trimesh.Trimesh]]:

@@ -12,7 +12,7 @@ import trimesh
 from xden1k.errors import DataError
 from xden1k.values.materials import check_label
 from xden1k.values.ply import CM_PER_UNIT
-from xden_builder.capture.meshes import read_meshes
+from xden_builder.capture.meshes import composed, read_meshes
 from xden_builder.capture.solids import closed_mesh
 from xden_builder.capture.tables import CsvRow, read_csv
 
@@ -92,9 +92,10 @@ def read_parts(
 def _read_table(path: Path) -> dict[str, CsvRow]:
     rows: dict[str, CsvRow] = {}
     for row in read_csv(path, required=("name",), optional=("material", "priority", "hollow")):
-        if row["name"] in rows:
-            raise row.error("name", f"{row['name']!r} stands in row {rows[row['name']].number} too")
-        rows[row["name"]] = row
+        name = composed(row["name"])
+        if name in rows:
+            raise row.error("name", f"{name!r} stands in row {rows[name].number} too")
+        rows[name] = row
     return rows
 
 

@@ -108,7 +108,7 @@ class BuildReport:
     @property
     def remarks(self) -> tuple[FolderRemark, ...]:
         """What all objects show together, if it is not as it was told; the gravest first."""
-        found = folder_remarks(self.beam, self.size)
+        found = folder_remarks(self.beam, self.size, self.judged)
         return tuple(sorted(found, key=lambda each: each.severity != "needs_you"))
 
     def to_dict(self) -> dict[str, Any]:

@@ -73,8 +73,9 @@ def check_exposure(views: Iterable[tuple[str, Mask, Mask]]) -> None:
         share = float(full[shadow].mean()) if shadow.any() else 0.0
         if share > MOST_INVALID_SHARE:
             raise DataError(
-                f"view {name}: {share:.0%} of the object's pixels are saturated or dead, "
-                f"expected at most {MOST_INVALID_SHARE:.0%}: expose it less"
+                f"view {name}: {share:.0%} of the object's pixels are saturated, dead or "
+                f"masked, expected at most {MOST_INVALID_SHARE:.0%}: expose it less, and mask in "
+                f"ignore_{name}.png what is not of the object alone"
             )
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from xden_builder.poly.hardness import Hardness
+from xden_builder.triage.findings import Findings
 from xden_builder.triage.flags import Severity
 from xden_builder.triage.sizes import FolderSize
 
@@ -18,6 +19,8 @@ SAID: Final[Mapping[Severity, str]] = {
 }
 MOST: Final = 0.0145
 """From here on sizes end at what they may be."""
+FEWEST_UNLIKE: Final = 3
+"""Objects with unlikely densities, so that it is not their labels."""
 LINEAR: Final = "quantity, polarity, bits and dark in scanner.toml, and that the images are linear"
 
 
@@ -40,19 +43,38 @@ class FolderRemark:
         return f"{SAID[self.severity]}: {self.text}"
 
 
-def folder_remarks(beam: Hardness | None, size: FolderSize | None) -> Iterator[FolderRemark]:
+def folder_remarks(
+    beam: Hardness | None, size: FolderSize | None, judged: Sequence[Findings] = ()
+) -> Iterator[FolderRemark]:
     """Say what the objects of a folder show together, if it is not as it was told.
 
     Parameters
     ----------
     beam, size
         That were found for all; None where none was.
+    judged
+        What was found of each.
     """
+    yield from _of_energy(judged)
     if beam is not None:
         yield from _of_filter(beam)
         yield from _of_errors(beam)
     if size is not None:
         yield from _of_size(size)
+
+
+def _of_energy(judged: Sequence[Findings]) -> Iterator[FolderRemark]:
+    """Say that most objects' densities do not go with their labels, if it is so."""
+    unlike = sum(
+        any(remark.flag == "unlike_material" for remark in findings.remarks) for findings in judged
+    )
+    if unlike >= max(FEWEST_UNLIKE, len(judged) / 2):
+        yield FolderRemark(
+            "needs_you",
+            f"{unlike} of {len(judged)} objects have densities that do not go with their labels: "
+            "check energy_kev in scanner.toml, the mean energy of the beam (about half of the "
+            "tube's kV), or tell the tube in its place ([tube] kv and filtration)",
+        )
 
 
 def _of_filter(beam: Hardness) -> Iterator[FolderRemark]:
@@ -70,7 +92,8 @@ def _of_filter(beam: Hardness) -> Iterator[FolderRemark]:
         yield FolderRemark(
             "needs_you",
             f"behind any filter metals, glass and liquids show {beam.label_ratio:.2f} times the "
-            f"density of their labels or farther off (check [tube] kv and filtration, {LINEAR})",
+            f"density of their labels or farther off (check [tube] kv and filtration, {LINEAR}; "
+            "or the labels of these are wrong)",
         )
     if beam.contradicts:
         more = "more" if beam.filter_mm_cu > 0 else "less"

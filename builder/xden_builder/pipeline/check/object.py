@@ -11,7 +11,7 @@ from xden1k.errors import XDenError
 from xden_builder.capture import Capture, CaptureFolder
 from xden_builder.capture.space import divide
 from xden_builder.physics.groups import energy_groups
-from xden_builder.pipeline.check.outlines import contradictions, length_ratio, outline
+from xden_builder.pipeline.check.outlines import Lengths, contradictions, outline, shadow_lengths
 from xden_builder.pipeline.check.weight import weight_contradiction
 from xden_builder.reconstruct.plausible import (
     check_exposure,
@@ -65,7 +65,7 @@ class ObjectCheck:
     object_id: str
     findings: tuple[Finding, ...]
     pictures: tuple[tuple[str, str], ...] = ()
-    lengths: tuple[tuple[str, float], ...] = ()
+    lengths: tuple[tuple[str, Lengths], ...] = ()
 
 
 def check_object(folder: CaptureFolder, object_id: str) -> ObjectCheck:
@@ -105,7 +105,7 @@ class _Judged(NamedTuple):
     """What a capture contradicts itself by, and how long its shadows are."""
 
     contradicting: tuple[str, ...] = ()
-    lengths: tuple[tuple[str, float], ...] = ()
+    lengths: tuple[tuple[str, Lengths], ...] = ()
 
 
 def _judged(capture: Capture, refused: list[str]) -> _Judged:
@@ -129,10 +129,8 @@ def _judged(capture: Capture, refused: list[str]) -> _Judged:
     if capture.weighed_mass_g is not None:
         said = weight_contradiction(capture.weighed_mass_g, capture.parts, volumes_cm3)
         found += [said] if said else []
-    ratios = [(view.name, length_ratio(view)) for view in (pa, lat)[: 1 if turned else 2]]
-    return _Judged(
-        tuple(found), tuple((name, ratio) for name, ratio in ratios if ratio is not None)
-    )
+    lengths = [(view.name, shadow_lengths(view)) for view in (pa, lat)[: 1 if turned else 2]]
+    return _Judged(tuple(found), tuple((name, each) for name, each in lengths if each is not None))
 
 
 def _of_pose(registration: Registration | None) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import trimesh
@@ -21,7 +21,7 @@ from xden_builder.poly.model.frames import any_of, binned, coarse
 from xden_builder.poly.model.stray import coarse_binning
 from xden_builder.reconstruct.plausible import SHADOW_DEPTH
 
-__all__ = ["Outline", "air_level", "contradictions", "length_ratio", "outline"]
+__all__ = ["Lengths", "Outline", "air_level", "contradictions", "outline", "shadow_lengths"]
 
 FAR_BETTER: Final = 0.15
 """Of the area that outline and shadow share: so much more of it is no accident of the pose."""
@@ -39,6 +39,10 @@ MARGIN_CM: Final = 0.5
 """On the panel: a shadow as near to the parts may be theirs, in another pose."""
 SUBRAYS: Final = 3
 """Rays along each side of a large pixel, so that a sheet that stands edge on is met."""
+AIR: Final = 0.98
+"""Quantile of the transmission that is air's."""
+DIMMEST, BRIGHTEST = 0.8, 1.25
+"""Transmission of air by an open field of the same exposure: within a few per cent of 1."""
 LEAST_RMS_PX: Final = 3.0
 """From the middle of an outline, in large pixels: of smaller ones the rim is too much."""
 FLIPS: Final[tuple[tuple[str, Callable[[Mask], Mask]], ...]] = (
@@ -71,6 +75,8 @@ class Outline:
         The same: where most pixels are saturated or dead.
     air
         Median transmission along each border of the panel that no part reaches, by its name.
+    brightest
+        Transmission of the brightest pixels; None where air is saturated or in no picture.
     """
 
     name: str
@@ -79,6 +85,7 @@ class Outline:
     near: Mask
     full: Mask
     air: Mapping[str, float] = field(default_factory=dict)
+    brightest: float | None = None
 
 
 def air_level(image: Float32[np.ndarray, "rows columns"], drawn: Mask) -> float:
@@ -114,21 +121,41 @@ def outline(
     shadow = known & ~any_of(saturated, binning) & (image < level - SHADOW_DEPTH)
     full = _share(~view.valid, binning) > 0.5
     air = border_air(image, drawn, known)
-    return Outline(view.name, drawn, shadow, near, full, air), level
+    brightest = float(np.quantile(image[known], AIR)) if bounds is None and air else None
+    return Outline(view.name, drawn, shadow, near, full, air, brightest), level
 
 
-def length_ratio(view: Outline) -> float | None:
-    """Return how long a shadow is beside the outline of the parts; None where nothing tells it.
+class Lengths(NamedTuple):
+    """How long a shadow is beside the outline of the parts.
+
+    Parameters
+    ----------
+    ratio
+        Of the one over the other.
+    aspect
+        Of that ratio along columns over that along rows; None where the outline is too narrow.
+    """
+
+    ratio: float
+    aspect: float | None
+
+
+def shadow_lengths(view: Outline) -> Lengths | None:
+    """Compare a shadow with the outline of the parts; None where nothing tells it.
 
     By the root mean square distance from the middle, which a thin end hardly moves. A shadow that
     reaches a border may go on beyond it.
     """
     if any(_touches_border(mask) or not mask.any() for mask in (view.drawn, view.shadow)):
         return None
-    seen, drawn = (
-        float(np.sqrt(np.argwhere(mask).var(axis=0).sum())) for mask in (view.shadow, view.drawn)
-    )
-    return seen / drawn if drawn >= LEAST_RMS_PX else None
+    seen, drawn = (np.argwhere(mask).std(axis=0) for mask in (view.shadow, view.drawn))
+    whole = float(np.linalg.norm(drawn))
+    if whole < LEAST_RMS_PX:
+        return None
+    down, across = seen / np.where(drawn < LEAST_RMS_PX, np.nan, drawn)
+    aspect = float(down / across)
+    told = bool(np.isfinite(aspect))
+    return Lengths(float(np.linalg.norm(seen)) / whole, aspect if told else None)
 
 
 def _touches_border(mask: Mask) -> bool:
@@ -154,6 +181,9 @@ def contradictions(pa: Outline, lat: Outline, *, turned: bool = False) -> Iterat
     if unseen:
         yield f"the parts lie outside of view {unseen[0]}; check mesh_units and its geometry"
         return
+    if exposed := [said for view in (pa, lat) for said in _exposed(view)]:
+        yield from exposed
+        return
     if blank := [view.name for view in (pa, lat) if not view.shadow.any()]:
         yield f"view {blank[0]} shows no shadow at all: expected {SHADOW_DEPTH:.0%} less than air"
         return
@@ -171,6 +201,17 @@ def _collimated(view: Outline) -> Iterator[str]:
         yield (
             f"no light comes through at the {' and '.join(dark)} of {view.name}: if a collimator "
             f"or a holder is in the picture, mark it in ignore_{view.name}.png"
+        )
+
+
+def _exposed(view: Outline) -> Iterator[str]:
+    """Say that air is not as bright as the open field."""
+    level = view.brightest
+    if level is not None and not DIMMEST <= level <= BRIGHTEST:
+        yield (
+            f"air in {view.name} has a transmission of {level:.2g}, expected {DIMMEST:g} to "
+            f"{BRIGHTEST:g}: the picture was taken with another exposure than its flat, or has "
+            "other bits (an export of 8 or 12 bits beside a flat of 16)"
         )
 
 
@@ -228,7 +269,8 @@ def _beside(view: Outline) -> Iterator[str]:
     if share > MOST_BESIDE:
         yield (
             f"{share:.0%} of the shadow in {view.name} lies beside the parts: is it this object's, "
-            "has every part a mesh, and are mesh_units and geometry right?"
+            "has every part a mesh, are mesh_units and geometry right, and is what is not of it, "
+            f"as a table or a letter, marked in ignore_{view.name}.png?"
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from xden_builder.capture import CaptureFolder
 from xden_builder.pipeline.check.object import Finding, Kind, ObjectCheck, check_object
+from xden_builder.pipeline.check.outlines import Lengths
 from xden_builder.triage.sizes import middle_of
 from xden_builder.workers import Answer, explain, run_each
 
@@ -18,6 +19,8 @@ __all__ = ["FolderCheck", "check_folder"]
 LONGER: Final = 0.08
 """Shadows that are longer or shorter than the parts' outlines by this share, in the median of a
 folder, are of another scanner than was told. Of sound folders it is within 0.03."""
+TALLER: Final = 0.03
+"""So much, and by more than chance, where rows and columns are compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,23 +36,15 @@ class FolderCheck:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What contradicts itself in all objects alike: views in which all are too long or short.
+        """What contradicts itself in all objects alike: shadows of another length or form.
 
-        Where both views are, it may be the meshes.
+        Where both views are too long or short, it may be the meshes.
         """
-        ratios: dict[str, list[float]] = {}
+        lengths: dict[str, list[Lengths]] = {}
         for each in self.objects:
-            for view, ratio in each.lengths:
-                ratios.setdefault(view, []).append(ratio)
-        middles = {view: middle_of(each) for view, each in ratios.items()}
-        return tuple(
-            f"shadows in {view} are {size.factor:.2f} times as long as the meshes are there, in "
-            f"the median of {size.objects} objects: check views.{view}.source_cm, column_step_cm "
-            "and row_step_cm in scanner.toml, how the meshes were scaled, and whether all objects "
-            "have a part without a mesh"
-            for view, size in middles.items()
-            if size is not None and size.off_by(LONGER)
-        )
+            for view, one in each.lengths:
+                lengths.setdefault(view, []).append(one)
+        return tuple(said for view, ones in lengths.items() for said in _of_lengths(view, ones))
 
     @property
     def by_finding(self) -> dict[Finding, tuple[str, ...]]:
@@ -80,6 +75,25 @@ class FolderCheck:
                 for each in self.objects
             ],
         }
+
+
+def _of_lengths(view: str, lengths: Sequence[Lengths]) -> Iterator[str]:
+    """Say that the shadows of a view are longer, or of another form, than the meshes are there."""
+    size = middle_of(each.ratio for each in lengths)
+    if size is not None and size.off_by(LONGER):
+        yield (
+            f"shadows in {view} are {size.factor:.2f} times as long as the meshes are there, in "
+            f"the median of {size.objects} objects: check views.{view}.source_cm, column_step_cm "
+            "and row_step_cm in scanner.toml, how the meshes were scaled, and whether all objects "
+            "have a part without a mesh"
+        )
+    form = middle_of(each.aspect for each in lengths if each.aspect is not None)
+    if form is not None and form.off_by(TALLER):
+        yield (
+            f"shadows in {view} are {form.factor:.3f} times as tall for their width as the meshes "
+            f"are there, in the median of {form.objects} objects: check views.{view}.row_step_cm "
+            "and column_step_cm in scanner.toml, of which one is off by that beside the other"
+        )
 
 
 def check_folder(
