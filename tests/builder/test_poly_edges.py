@@ -192,9 +192,9 @@ def test_a_told_pose_is_gone_on_from_on_the_last_images_alone_too(views, monkeyp
 
     monkeypatch.setattr(pose, "descend_by_edges", astray_but_there)
     monkeypatch.setattr(pose, "sought_by_edges", lambda *_rest: off)
-    residuals = level.residuals(off)
-    evaluated = level.evaluate(off, *level.residuals_and_slopes(off))
-    end = Descent(off, evaluated, residuals, residuals)
+    residuals, slopes = level.residuals_and_slopes(off)
+    evaluated = level.evaluate(off, residuals, slopes)
+    end = Descent(off, evaluated, residuals, residuals, slopes)
     there = pose._by_edges([level], end, true, level.target.bounds(true[: level.parts], 7))
     assert np.array_equal(there.unknowns, true)
 
@@ -218,9 +218,9 @@ def test_a_pose_is_looked_around_where_it_is_begun_again_and_on_while_any_reach_
     monkeypatch.setattr(pose, "descend_by_edges", lambda _level, unknowns, *_rest: unknowns)
     monkeypatch.setattr(pose, "sought_by_edges", around)
     monkeypatch.setattr(pose, "much_left", lambda *_rest: very_much)
-    residuals = level.residuals(off)
-    evaluated = level.evaluate(off, *level.residuals_and_slopes(off))
-    end = Descent(off, evaluated, residuals, residuals)
+    residuals, slopes = level.residuals_and_slopes(off)
+    evaluated = level.evaluate(off, residuals, slopes)
+    end = Descent(off, evaluated, residuals, residuals, slopes)
     told = off if begun_again else None
     there = pose._by_edges([level], end, told, level.target.bounds(true[: level.parts], 7))
     assert np.array_equal(there.unknowns, true if begun_again else off)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,7 @@ from tests.builder.poly_scenes import (
     tool,
 )
 from xden1k.rays import disjoint_regions, ownership_order, path_lengths
-from xden1k.values.views import XRayView
+from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.source import Detector
 from xden_builder.poly import pose as pose_module
@@ -119,6 +120,9 @@ def test_a_coarse_pixel_lies_in_the_middle_of_its_pixels():
 # refinement
 
 
+AS_IT_IS: Mapping[str, float] = MappingProxyType({})
+
+
 def refined(
     true: Pose,
     size: int = 256,
@@ -127,6 +131,8 @@ def refined(
     rays: int = 4,
     unmeshed: Sequence[Solid] = (),
     glare: float = 0.0,
+    told_pitch: Mapping[str, float] = AS_IT_IS,
+    size_sd: float = 0.0,
 ) -> PoseFit:
     """Show an object in a pose, and look for it from rest and from wrong densities."""
     solids, scanner = solids or tool(), geometries(size)
@@ -141,7 +147,7 @@ def refined(
                 ),
                 glare,
             ),
-            geometry=geometry,
+            geometry=of_pitch(geometry, told_pitch.get(name, 1.0)),
         )
         for name, geometry in scanner.items()
     ]
@@ -155,6 +161,20 @@ def refined(
         disjoint_regions(meshes, ownership_order(meshes)),
         np.stack([groups.mac_cm2_g(composition(solid.material)) for solid in solids]),
         np.array([factor * solid.density_g_cm3 for solid in solids]),
+        size_sd=size_sd,
+    )
+
+
+def of_pitch(geometry: ViewGeometry, factor: float) -> ViewGeometry:
+    """Tell pixels to be larger by a factor, about the middle of the panel."""
+    across = [end / 2 * (factor - 1) for end in np.subtract(geometry.shape, 1)]
+    steps = geometry.row_step_cm, geometry.column_step_cm
+    return replace(
+        geometry,
+        pixel00_cm=geometry.pixel00_cm
+        - sum(by * step for by, step in zip(across, steps, strict=True)),
+        row_step_cm=factor * geometry.row_step_cm,
+        column_step_cm=factor * geometry.column_step_cm,
     )
 
 
@@ -197,6 +217,26 @@ def test_refinement_says_how_well_it_went(lost_and_found):
     assert (fit.sd > 0).all()
     assert np.degrees(fit.sd[:3]).max() < 0.5
     assert fit.sd[3:].max() < 0.05
+
+
+@pytest.mark.parametrize(
+    ("told_pitch", "larger_before_lat"), [({"lat": 1.01}, True), ({"pa": 1.01}, False)]
+)
+def test_a_pitch_that_is_wrong_in_one_view_is_told_by_the_size_of_the_object_there(
+    told_pitch, larger_before_lat
+):
+    fit = refined(Pose((0.01, 0.0, -0.01)), told_pitch=told_pitch, size_sd=0.005)
+    assert fit.apart is not None
+    assert fit.apart.contradicts
+    assert (fit.apart.growth > 0) == larger_before_lat
+    assert fit.to_dict(("pa", "lat"))["apart"]["view"] == "lat"
+
+
+def test_views_that_are_as_told_agree_about_the_size():
+    fit = refined(Pose((0.01, 0.0, -0.01)), size_sd=0.005)
+    assert fit.apart is not None
+    assert abs(fit.apart.growth) < 5e-4
+    assert not fit.apart.contradicts
 
 
 @pytest.mark.parametrize("turn_rad", [(0.02, 0.005, -0.01), (-0.012, -0.01, -0.008)])

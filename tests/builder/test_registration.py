@@ -325,6 +325,23 @@ def test_a_view_without_shadow_or_with_half_of_one_is_refused() -> None:
         shadow_of(radiograph("pa", panel(0), half))
 
 
+@pytest.mark.parametrize(("left_px", "refused"), [(4, True), (40, False)])
+def test_what_a_mask_leaves_along_its_edge_is_not_taken_for_the_object(left_px, refused) -> None:
+    image = np.ones((96, 96), dtype=np.float32)
+    image[30:70, 30:70] = 0.3
+    valid = np.ones(image.shape, dtype=np.bool_)
+    valid[: 70 - left_px] = False
+    image[~valid] = np.nan
+    view = XRayView("pa", image, valid, replace(panel(0), shape=image.shape))
+    if refused:
+        with pytest.raises(
+            DataError, match=r"view pa: \d\d% of the outline of what is left .* ign"
+        ):
+            shadow_of(view)
+    else:
+        assert shadow_of(view).mask.sum() == pytest.approx(1600, rel=0.3)
+
+
 def test_a_faint_shadow_keeps_its_rim() -> None:
     depth = np.zeros((64, 64))
     depth[20:40, 10:54] = np.linspace(0.0, 0.06, 44)
@@ -371,7 +388,7 @@ def test_a_shadow_most_of_which_is_hidden_has_a_depth() -> None:
     depth = np.zeros((64, 64))
     depth[10:54, 28:36] = 0.5
     valid = np.ones(depth.shape, dtype=np.bool_)
-    valid[:, 29:35] = False
+    valid[:, 30:34] = False
     image = np.where(valid, np.exp(-depth), np.nan).astype(np.float32)
     assert shadow_of(XRayView("pa", image, valid, panel(0, 64))).typical_depth > 0
 

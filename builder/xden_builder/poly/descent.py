@@ -36,12 +36,15 @@ class Descent(NamedTuple):
         The loss, and half its derivatives.
     before, residuals
         Of each view: residuals where it began, and where it ended.
+    slopes
+        Of each view: derivatives of the residuals by all unknowns, where they were taken last.
     """
 
     unknowns: Float64[np.ndarray, "u"]
     there: Evaluation
     before: Sequence[Float64[np.ndarray, "_n"]]
     residuals: Sequence[Float64[np.ndarray, "_n"]]
+    slopes: Sequence[Float64[np.ndarray, "_n u"]]
 
 
 @runtime_checkable
@@ -115,7 +118,7 @@ def descend(
         if first.loss - here.loss < SETTLED_ROUND * here.loss:
             break
     assert before is not None
-    return Descent(unknowns, here, before, residuals)
+    return Descent(unknowns, here, before, residuals, slopes)
 
 
 def _ahead(

@@ -25,6 +25,7 @@ from jaxtyping import Float64
 from xden1k.values.arrays import Mask
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.poly.alignment import aligned
+from xden_builder.poly.apart import Apart, views_apart
 from xden_builder.poly.descent import Descent, descend
 from xden_builder.poly.edges import descend_by_edges, edge_doubt, sought_by_edges
 from xden_builder.poly.model.beam import ViewBeam
@@ -157,6 +158,9 @@ class PoseFit:
     edges
         What neighbouring pixels of the finest differ by, and light that the model lacks, as of
         :func:`xden_builder.poly.edges.edge_doubt`.
+    apart
+        How much larger the object is before one view than before the others, as of
+        :func:`xden_builder.poly.apart.views_apart`.
     growth_by_light
         Logarithm of the size that light alone would have, where differences of pixels tell it.
     """
@@ -171,6 +175,7 @@ class PoseFit:
     doubt: float
     left: float
     edges: float
+    apart: Apart | None = None
     growth_by_light: float | None = None
 
     @property
@@ -217,10 +222,14 @@ class PoseFit:
             Of the views.
         """
         each = {name: self._values(number) for number, name in enumerate(names)}
+        apart = {}
+        if (one := self.apart) is not None:
+            apart = {"apart": {"view": names[one.view], "growth": one.growth, "sd": one.sd}}
         told = self.poses.turned == (False, False)
         return (
             self._values(self._telling)
             | {"rms_before": self.rms_before, "rms_after": self.rms_after}
+            | apart
             | ({} if told else {"views": each})
         )
 
@@ -305,7 +314,7 @@ def refine_pose(
         coarse = [binning for binning, _ in binnings[:-1]]
         levels = [_level(target, poses, starts[0], each, RAYS, last=False) for each in coarse]
         best = _by_edges([*levels, level], best, told, (low, high))
-    unknowns, there, _, residuals = best
+    unknowns, there, _, residuals, slopes = best
     told = there.hessian + 1e-9 * np.diag(there.hessian.diagonal())
     covariance = np.linalg.pinv(told, hermitian=True)
     return PoseFit(
@@ -319,6 +328,7 @@ def refine_pose(
         doubt=doubt(level, unknowns, residuals),
         left=all_left(level, unknowns, residuals),
         edges=edge_doubt(level, unknowns),
+        apart=views_apart(level, unknowns, residuals, slopes),
         growth_by_light=growth_by_light,
     )
 
@@ -380,7 +390,7 @@ def _by_edges(
     best = min(best, descend_by_edges(level, best, [LAST_EDGE_SD], bounds), key=differing)
     residuals, slopes = level.residuals_and_slopes(best)
     there = level.believed(residuals).evaluate(best, residuals, slopes)
-    return Descent(best, there, end.before, residuals)
+    return Descent(best, there, end.before, residuals, slopes)
 
 
 def _looked_around(

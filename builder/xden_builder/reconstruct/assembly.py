@@ -133,6 +133,10 @@ def _object_flags(explained: Explained) -> tuple[str, ...]:
         "pose_uncertain": poly
         and poly.pose
         and poly.pose.how_sure(explained.space.meshes).uncertain,
+        "views_disagree": poly
+        and poly.pose
+        and poly.pose.apart is not None
+        and poly.pose.apart.contradicts,
         "size_at_bound": explained.size and explained.size.at_bound(capture.mesh_scale),
     }
     views = () if poly is None else tuple(f"{view}:at_bound" for view in poly.views_at_bound)

@@ -7,7 +7,13 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.ndimage import find_objects, gaussian_filter, label
+from scipy.ndimage import (
+    binary_dilation,
+    binary_erosion,
+    find_objects,
+    gaussian_filter,
+    label,
+)
 
 from xden1k.errors import DataError
 from xden1k.values.arrays import Mask
@@ -30,6 +36,12 @@ LEAST_SHARE: Final = 0.003
 LEAST_PX: Final = 20
 CUT_SHARE: Final = 0.1
 """Of the shadow's longer side: a longer stretch on the image's edge is no noise."""
+MASKED_SHARE: Final = 0.5
+"""Of a shadow's outline, along what is masked: more is what a mask has left of a shadow."""
+MASKED_TIMES: Final = 3.0
+"""And so many times its pixels are masked."""
+BESIDE_PX: Final = 3
+"""Of what is masked: as near, an outline lies along it."""
 OPAQUE: Final = 2e-3
 """Least transmission that is told from none."""
 
@@ -99,9 +111,10 @@ def shadow_of(view: XRayView, *, turned: bool = False) -> Shadow:
     Raises
     ------
     DataError
-        If there is none, or the image's edge cuts it.
+        If there is none, or the image's edge cuts it, or it lies along what is masked.
     """
-    depth = -np.log(without_gaps(view).clip(min=OPAQUE))
+    image = without_gaps(view)
+    depth = -np.log(image.clip(min=OPAQUE))
     rim = np.ones(depth.shape, dtype=np.bool_)
     rim[RIM_PX:-RIM_PX, RIM_PX:-RIM_PX] = False
     depth = np.nan_to_num(depth - np.nanmedian(depth[rim]) if view.valid[rim].any() else depth)
@@ -112,6 +125,7 @@ def shadow_of(view: XRayView, *, turned: bool = False) -> Shadow:
     rows, columns = find_objects(mask.astype(np.int8))[0]
     box = np.array([columns.start, rows.start, columns.stop, rows.stop]) - 0.5
     _refuse_cut(view.name, mask, box)
+    _refuse_masked(view.name, mask, np.isnan(image))
     opacity = np.where(mask, 1 - np.exp(-depth), 0.0).clip(0, 1 - OPAQUE)
     return Shadow(view.geometry, opacity, mask, box, turned)
 
@@ -129,6 +143,18 @@ def _large_pieces(mask: Mask) -> Mask:
     sizes = np.bincount(pieces.ravel(), minlength=count + 1)
     sizes[0] = 0
     return np.asarray((sizes > LEAST_SHARE * max(sizes.sum(), 1))[pieces])
+
+
+def _refuse_masked(name: str, mask: Mask, masked: Mask) -> None:
+    outline = mask & ~binary_erosion(mask)
+    beside = binary_dilation(masked, iterations=BESIDE_PX)
+    share = float((outline & beside).sum() / outline.sum())
+    if share > MASKED_SHARE and masked.sum() > MASKED_TIMES * mask.sum():
+        raise DataError(
+            f"view {name}: {share:.0%} of the outline of what is left as a shadow lies along what "
+            f"ignore_{name}.png marks, expected at most {MASKED_SHARE:.0%}: does it cover the "
+            "object?"
+        )
 
 
 def _refuse_cut(name: str, mask: Mask, box_px: Float64[np.ndarray, "4"]) -> None:

@@ -73,6 +73,9 @@ class Findings:
         ``meta_json`` has them.
     size_factor
         Length of the object over that of its meshes; None where it was not sought.
+    apart
+        How much larger it is before one view than before the others, as ``meta_json`` has it; None
+        where that was not asked.
     """
 
     object_id: str
@@ -84,6 +87,7 @@ class Findings:
     weighing: Mapping[str, Any] | None
     views: Mapping[str, Mapping[str, Any]]
     size_factor: float | None = None
+    apart: Mapping[str, Any] | None = None
 
     @property
     def severity(self) -> Severity | None:
@@ -152,6 +156,7 @@ def find(row: Mapping[str, Any]) -> Findings:
         weighing=meta.get("poly", {}).get("weighing"),
         views=meta.get("reprojection", {}),
         size_factor=meta.get("mesh_size", {}).get("factor"),
+        apart=((meta.get("poly") or {}).get("pose") or {}).get("apart"),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -9,7 +10,7 @@ from typing import Final
 from xden_builder.poly.hardness import Hardness
 from xden_builder.triage.findings import Findings
 from xden_builder.triage.flags import Severity
-from xden_builder.triage.sizes import FolderSize
+from xden_builder.triage.sizes import FolderSize, middle_of
 
 __all__ = ["FolderRemark", "folder_remarks"]
 
@@ -19,6 +20,8 @@ SAID: Final[Mapping[Severity, str]] = {
 }
 MOST: Final = 0.0145
 """From here on sizes end at what they may be."""
+CLEARLY_APART: Final = 0.0025
+"""Before one view and the others; of the objects of a sound folder it is 0.0001 in the median."""
 FEWEST_UNLIKE: Final = 3
 """Objects with unlikely densities, so that it is not their labels."""
 LINEAR: Final = "quantity, polarity, bits and dark in scanner.toml, and that the images are linear"
@@ -56,6 +59,7 @@ def folder_remarks(
         What was found of each.
     """
     yield from _of_energy(judged)
+    yield from _of_views(judged)
     if beam is not None:
         yield from _of_filter(beam)
         yield from _of_errors(beam)
@@ -75,6 +79,25 @@ def _of_energy(judged: Sequence[Findings]) -> Iterator[FolderRemark]:
             "check energy_kev in scanner.toml, the mean energy of the beam (about half of the "
             "tube's kV), or tell the tube in its place ([tube] kv and filtration)",
         )
+
+
+def _of_views(judged: Sequence[Findings]) -> Iterator[FolderRemark]:
+    """Say that all objects are larger, or smaller, before one view than before the others."""
+    growths: dict[str, list[float]] = {}
+    for apart in (findings.apart for findings in judged):
+        if apart is not None:
+            growths.setdefault(apart["view"], []).append(math.exp(apart["growth"]))
+    for view, factors in growths.items():
+        size = middle_of(factors)
+        if size is not None and size.off_by(CLEARLY_APART):
+            larger = "larger" if size.factor > 1 else "smaller"
+            yield FolderRemark(
+                "needs_you",
+                f"the objects are at least {abs(size.factor - 1):.1%} {larger} before {view} than "
+                f"before the other views, all of them alike ({size.objects} objects, ± "
+                f"{size.sd:.2%}): check source_cm, column_step_cm and row_step_cm of each view in "
+                "scanner.toml; which of them is wrong the images do not tell",
+            )
 
 
 def _of_filter(beam: Hardness) -> Iterator[FolderRemark]:
