@@ -285,6 +285,11 @@ nan_flat = np.where(np.arange(SHAPE[1]) == 3, np.nan, FLAT)
     [
         (np.zeros(SHAPE), {}, r"pa\.npy: the image is empty or saturated: every pixel holds 0$"),
         (DARK + 1e-9 * COUNTS, {}, r"pa\.npy: the image is empty: its brightest transmission is"),
+        (
+            1e-4 * COUNTS / COUNTS.max(),
+            {},
+            r"pa\.npy: expected counts like those of the flat, .*quantity as transmission",
+        ),
         (COUNTS, {"bits": 12}, r"pa\.npy: 12 bits hold 0 to 4095, but the pixels are"),
         (
             COUNTS[:9],

@@ -30,8 +30,8 @@ FLAGGED_DEAD_SHARE = 0.01
 """Every detector has some dead pixels; a larger share is flagged."""
 MOST_MEDIAN_TRANSMISSION = 2.0
 """Air is about 1: a larger median is a wrong quantity, polarity or open field."""
-FEWEST_COUNTS = 2.0
-"""An image whose largest count is less is none of counts."""
+FEWEST = 1e-3
+"""Share of the open field: floating-point pixels that are all less are no counts."""
 OPAQUE = 0.02
 """Transmission below which hardly any light comes straight through."""
 BELOW_DARK, BELOW_DARK_SIGMAS, BELOW_DARK_LEAST = 0.005, 4.0, 100
@@ -135,11 +135,6 @@ def _from_counts(
             f"{image.path}: counts must be linear in photons, but the header says "
             f"PixelIntensityRelationship {image.intensity_relation}"
         )
-    if image.pixels.dtype.kind == "f" and np.abs(image.pixels).max() < FEWEST_COUNTS:
-        raise DataError(
-            f"{image.path}: expected counts, got fractions of at most {image.pixels.max():.3g}: "
-            f"tell views.{name}.quantity as transmission or attenuation"
-        )
     polarity = stored.polarity or image.polarity
     assert polarity is not None  # read_scanner leaves it to DICOM images only
     assert stored.flat is not None  # and demands a flat of counts
@@ -147,6 +142,12 @@ def _from_counts(
     dark = _dark(image, stored, captures, polarity, bits)
     light = flat - dark if polarity == "linear" else dark - flat
     usual_light = _usual_light(light, f"{image.path}: views.{name}.polarity is {polarity}")
+    if image.pixels.dtype.kind == "f" and np.abs(image.pixels).max() < FEWEST * usual_light:
+        raise DataError(
+            f"{image.path}: expected counts like those of the flat, about {usual_light:.3g}, got "
+            f"fractions of at most {image.pixels.max():.3g}: tell views.{name}.quantity as "
+            "transmission or attenuation"
+        )
     dead = light <= LEAST_OPEN_FIELD * usual_light
     saturated = _saturated(image, polarity, bits) & ~dead
     transmission = np.full_like(flat, np.nan)
