@@ -207,6 +207,15 @@ def test_what_an_interrupted_alignment_has_done_is_not_done_again(
     assert [path.name for path in tmp_path.iterdir()] == ["there"]
 
 
+def test_work_of_a_rebuild_to_the_same_place_is_left_alone(pristine: Path, tmp_path: Path) -> None:
+    work = tmp_path / "there.work"
+    work.mkdir()
+    (work / "mug-0000.h5").write_bytes(b"of a rebuild")
+    assert align(pristine, tmp_path / "there").exit_code == 0
+    assert (work / "mug-0000.h5").read_bytes() == b"of a rebuild"
+    assert {path.name for path in tmp_path.iterdir()} == {"there", "there.work"}
+
+
 def test_an_object_that_has_changed_since_an_interruption_is_looked_for_again(
     captures: Path, tmp_path: Path, search: TrueSearch, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -45,7 +45,7 @@ def align(
     Writes the meshes in the scanner's frame (OBJECT_ID/parts, for `xden-build run --parts`), a
     table of their poses (poses.csv), and index.html, a page with their outlines over the
     radiographs, before and after, and the runners-up. Meshes whose pose is near are written as
-    they are. Can be stopped (Ctrl-C) and started again: what is done is kept in OUT.work until OUT
+    they are. Can be stopped (Ctrl-C) and started again: what is done is kept in OUT.align until OUT
     is there. Exits with 3 if an object could not be put in place.
     """
     from xden_builder.pipeline.align.run import align_folder

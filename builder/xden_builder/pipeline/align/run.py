@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import shutil
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,7 +18,8 @@ from xden_builder.pipeline.align.card import AlignCard
 from xden_builder.pipeline.align.kept import write_files
 from xden_builder.pipeline.align.object import align_object
 from xden_builder.pipeline.align.page import render
-from xden_builder.pipeline.resumable import only_run, refuse_to_go_on, work_folder
+from xden_builder.pipeline.resumable import LOCK_NAME, only_run, refuse_to_go_on
+from xden_builder.pipeline.storage import beside
 from xden_builder.pipeline.version import made_by_checksum
 from xden_builder.pipeline.work import load_row
 from xden_builder.workers import explain, run_each
@@ -92,7 +92,7 @@ def align_folder(
         The capture folder, which is left as it is.
     out
         A folder that is empty or does not exist; it appears complete or not at all. Until then
-        what is done is kept in ``OUT.work``, for a run that goes on where one was interrupted.
+        what is done is kept in ``OUT.align``, for a run that goes on where one was interrupted.
     object_ids
         Only these, if any.
     near_too
@@ -121,7 +121,7 @@ def align_folder(
     require("jinja2", "build")
     folder = _chosen(CaptureFolder(captures.absolute(), parts and parts.absolute()), object_ids)
     expect_free(out)
-    work = work_folder(out.absolute())
+    work = beside(out.absolute(), ".align")
     assert isinstance(work, Path)
     with only_run(work, out):
         on_start(len(folder.rows))
@@ -129,7 +129,11 @@ def align_folder(
         if alignment.digests:
             with new_folder(out) as made:
                 _write(alignment, work, captures.absolute().name, made)
-    shutil.rmtree(work)
+        for kept in (*work.glob("*.h5"), *work.glob("*.seal")):
+            kept.unlink()
+    (work / LOCK_NAME).unlink(missing_ok=True)
+    with suppress(OSError):  # something of others is in it
+        work.rmdir()
     _refuse_nothing(alignment, captures, out)
     return alignment
 

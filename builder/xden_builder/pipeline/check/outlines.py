@@ -152,9 +152,9 @@ def shadow_lengths(view: Outline) -> Lengths | None:
     whole = float(np.linalg.norm(drawn))
     if whole < LEAST_RMS_PX:
         return None
-    down, across = seen / np.where(drawn < LEAST_RMS_PX, np.nan, drawn)
+    told = min(*seen, *drawn) >= LEAST_RMS_PX
+    down, across = seen / drawn if told else (1.0, 1.0)
     aspect = float(down / across)
-    told = bool(np.isfinite(aspect))
     return Lengths(float(np.linalg.norm(seen)) / whole, aspect if told else None)
 
 
