@@ -30,7 +30,7 @@ FLAGGED_DEAD_SHARE = 0.01
 """Every detector has some dead pixels; a larger share is flagged."""
 MOST_MEDIAN_TRANSMISSION = 2.0
 """Air is about 1: a larger median is a wrong quantity, polarity or open field."""
-FEWEST = 1e-3
+LEAST_COUNTS_SHARE = 1e-3
 """Share of the open field: floating-point pixels that are all less are no counts."""
 OPAQUE = 0.02
 """Transmission below which hardly any light comes straight through."""
@@ -142,7 +142,10 @@ def _from_counts(
     dark = _dark(image, stored, captures, polarity, bits)
     light = flat - dark if polarity == "linear" else dark - flat
     usual_light = _usual_light(light, f"{image.path}: views.{name}.polarity is {polarity}")
-    if image.pixels.dtype.kind == "f" and np.abs(image.pixels).max() < FEWEST * usual_light:
+    if (
+        image.pixels.dtype.kind == "f"
+        and np.abs(image.pixels).max() < LEAST_COUNTS_SHARE * usual_light
+    ):
         raise DataError(
             f"{image.path}: expected counts like those of the flat, about {usual_light:.3g}, got "
             f"fractions of at most {image.pixels.max():.3g}: tell views.{name}.quantity as "

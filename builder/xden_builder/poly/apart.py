@@ -73,9 +73,7 @@ def views_apart(
     first = len(unknowns) - poses.count
     places = [first + place for place in [*range(RIGID), *poses.size_places]]
     level = level.believed(residuals)
-    counted = list(level.counted(residuals))
-    weights = [level.share * counts * level.weights_of(off) for counts, off in counted]
-    told = [off for _, off in counted]
+    told, weights = level.weighed(residuals)
     gradient, hessian = level.derivatives(unknowns, told, weights, slopes)
     back = np.linalg.pinv(hessian + 1e-9 * np.diag(hessian.diagonal()), hermitian=True)
     found = []

@@ -166,11 +166,16 @@ class Level:
         slopes: Sequence[Float64[np.ndarray, "_n u"]],
     ) -> Evaluation:
         """Sum of squares, large ones tempered, with priors; and half its derivatives."""
+        gradient, hessian = self.derivatives(unknowns, *self.weighed(residuals), slopes)
+        return Evaluation(self.loss(unknowns, residuals), gradient, hessian, ())
+
+    def weighed(
+        self, residuals: Sequence[Float64[np.ndarray, "_n"]]
+    ) -> tuple[list[Float64[np.ndarray, "_n"]], list[Float64[np.ndarray, "_n"]]]:
+        """Give the residuals of each view, zero where they do not count, and their weights."""
         counted = list(self.counted(residuals))
         weights = [self.share * counts * self.weights_of(off) for counts, off in counted]
-        told = [off for _, off in counted]
-        gradient, hessian = self.derivatives(unknowns, told, weights, slopes)
-        return Evaluation(self.loss(unknowns, residuals), gradient, hessian, ())
+        return [off for _, off in counted], weights
 
     def derivatives(
         self,

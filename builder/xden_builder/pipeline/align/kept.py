@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
@@ -52,15 +52,10 @@ def card_of(row: Mapping[str, Any]) -> AlignCard | None:
 
 def write_files(row: Mapping[str, Any], folder: Path) -> None:
     """Write the files of such a row again."""
-    for name, content in _files(row):
+    for number, name in enumerate(row["names"]):
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
-
-
-def _files(row: Mapping[str, Any]) -> Iterator[tuple[str, bytes]]:
-    for number, name in enumerate(row["names"]):
-        yield name, row[str(number)]
+        path.write_bytes(row[str(number)])
 
 
 def _candidate(values: Mapping[str, Any]) -> CandidateCard:

@@ -152,10 +152,11 @@ def shadow_lengths(view: Outline) -> Lengths | None:
     whole = float(np.linalg.norm(drawn))
     if whole < LEAST_RMS_PX:
         return None
-    told = min(*seen, *drawn) >= LEAST_RMS_PX
-    down, across = seen / drawn if told else (1.0, 1.0)
-    aspect = float(down / across)
-    return Lengths(float(np.linalg.norm(seen)) / whole, aspect if told else None)
+    ratio, aspect = float(np.linalg.norm(seen)) / whole, None
+    if min(*seen, *drawn) >= LEAST_RMS_PX:
+        down, across = seen / drawn
+        aspect = float(down / across)
+    return Lengths(ratio, aspect)
 
 
 def _touches_border(mask: Mask) -> bool:
