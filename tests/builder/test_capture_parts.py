@@ -331,6 +331,17 @@ def test_an_umlaut_of_a_file_of_macos_is_that_of_the_table(tmp_path: Path) -> No
     assert {name: part.material for name, part in parts.items()} == {"k\u00f6rper": "iron"}
 
 
+def test_two_files_whose_names_differ_in_how_an_umlaut_is_told_are_one_part_too_many(
+    tmp_path: Path,
+) -> None:
+    write_part(tmp_path, box(), "ko\u0308rper.ply")
+    write_part(tmp_path, box(at=9.0), "k\u00f6rper.ply")
+    if len(list((tmp_path / "parts").iterdir())) == 1:
+        return  # a file system that takes both for one
+    with pytest.raises(DataError, match=r"is a part of the same name"):
+        read_meshes(tmp_path)
+
+
 def test_a_table_of_other_meshes_may_name_absent_ones(tmp_path: Path) -> None:
     write_part(tmp_path, box())
     (tmp_path / "parts.csv").write_text("name,material\nlost,iron\nbody,iron")

@@ -45,7 +45,11 @@ def read_meshes(folder: Path) -> dict[str, tuple[Path, trimesh.Trimesh]]:
     found = _scene_parts(scene) if scene.is_file() else _file_parts(parts)
     if not found:
         raise DataError(f"{folder}: no mesh: expected parts/NAME.ply, stl, obj or glb, or {SCENE}")
-    return {composed(name): found[name] for name in sorted(found)}
+    names: dict[str, str] = {}
+    for name in found:
+        if (same := names.setdefault(composed(name), name)) != name:
+            raise DataError(f"{found[name][0]}: {found[same][0].name} is a part of the same name")
+    return {name: found[names[name]] for name in sorted(names)}
 
 
 def composed(name: str) -> str:
