@@ -32,25 +32,33 @@ def test_tiff_comes_back(tmp_path: Path, dtype: str, compression: str | None) ->
     np.testing.assert_array_equal(read, pixels)
 
 
-@pytest.mark.parametrize("compression", ["tiff_lzw", "packbits"])
+@pytest.mark.parametrize("compression", ["tiff_lzw", "packbits", "tiff_adobe_deflate"])
 @pytest.mark.parametrize("dtype", ["u1", "u2", "f4"])
-def test_tiff_of_another_compression_comes_back(
-    tmp_path: Path, dtype: str, compression: str
-) -> None:
+def test_tiff_of_another_program_comes_back(tmp_path: Path, dtype: str, compression: str) -> None:
     pixels = np.random.default_rng(0).uniform(0, 255, (40, 30)).astype(dtype)
-    Image.fromarray(pixels).save(tmp_path / "a.tif", compression=compression)
+    predictor = {} if compression == "packbits" or dtype == "f4" else {317: 2}
+    image = Image.fromarray(pixels)
+    image.save(tmp_path / "a.tif", compression=compression, tiffinfo=predictor)
     read = read_image(tmp_path / "a.tif").pixels
     assert read.dtype == pixels.dtype
     np.testing.assert_array_equal(read, pixels)
 
 
-def test_several_tiffs_of_another_compression_are_refused(tmp_path: Path) -> None:
-    page = Image.fromarray(np.zeros((40, 30), dtype=np.uint16))
-    pages = {"save_all": True, "append_images": [page], "compression": "tiff_lzw"}
-    page.save(tmp_path / "a.tif", **pages)
-    with pytest.raises(
-        DataError, match=r"a\.tif: expected one image of grey values, got 2 of I;16"
-    ):
+@pytest.mark.parametrize("compression", [None, "zlib", "lzw", "packbits"])
+def test_what_a_tiff_says_of_how_it_is_shown_changes_no_pixel(
+    tmp_path: Path, compression: str | None
+) -> None:
+    pixels = np.random.default_rng(0).integers(0, 255, (40, 30), dtype="u1")
+    turned = [(274, "H", 1, 6, True)]
+    options: dict[str, Any] = {"photometric": "miniswhite", "extratags": turned}
+    tifffile.imwrite(tmp_path / "a.tif", pixels, compression=compression, **options)
+    np.testing.assert_array_equal(read_image(tmp_path / "a.tif").pixels, pixels)
+
+
+def test_a_tiff_that_lost_something_when_it_was_packed_is_refused(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(0).integers(0, 255, (40, 30), dtype="u1")
+    Image.fromarray(pixels).save(tmp_path / "a.tif", compression="jpeg")
+    with pytest.raises(DataError, match=r"a\.tif: expected a TIFF image that is plain .*got JPEG"):
         read_image(tmp_path / "a.tif")
 
 
@@ -79,7 +87,8 @@ def write_rgb_png(path: Path) -> None:
 
 
 def write_frames(path: Path) -> None:
-    tifffile.imwrite(path, np.zeros((3, 4, 4), dtype="u2"), photometric="minisblack")
+    frames = np.zeros((3, 4, 4), dtype="u2")
+    tifffile.imwrite(path, frames, photometric="minisblack", compression="lzw")
 
 
 def write_objects(path: Path) -> None:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Shaped
 
 from xden1k.errors import DataError, require
 from xden_builder.capture.damage import decoding
@@ -16,7 +15,7 @@ from xden_builder.capture.images import ImageFile
 __all__ = ["read_image"]
 
 _PNG_MODES = ("L", "I;16", "I;16B", "I")
-_TIFF_MODES = (*_PNG_MODES, "F")
+_TIFF_PACKED = {"NONE", "LZW", "DEFLATE", "ADOBE_DEFLATE", "PACKBITS"}
 
 
 def read_image(path: Path) -> ImageFile:
@@ -45,25 +44,15 @@ def read_image(path: Path) -> ImageFile:
 
 def _read_tiff(path: Path) -> ImageFile:
     tifffile = require("tifffile", "build")
-    with decoding(path, "a TIFF image", tifffile.TiffFileError):
-        try:
-            pixels = tifffile.imread(path)
-        except ValueError as err:
-            if "imagecodecs" not in str(err):
-                raise
-            pixels = _unpacked(path)
-    return ImageFile(path, pixels)
-
-
-def _unpacked(path: Path) -> Shaped[np.ndarray, "rows columns"]:
-    """Read a TIFF image of a compression that tifffile leaves to others, such as LZW."""
-    pillow = require("PIL.Image", "build")
-    with pillow.open(path, formats=["TIFF"]) as image:
-        if image.n_frames != 1 or image.mode not in _TIFF_MODES:
+    require("imagecodecs", "build")
+    with decoding(path, "a TIFF image", tifffile.TiffFileError), tifffile.TiffFile(path) as file:
+        if lossy := {page.compression.name for page in file.pages} - _TIFF_PACKED:
             raise DataError(
-                f"{path}: expected one image of grey values, got {image.n_frames} of {image.mode}"
+                f"{path}: expected a TIFF image that is plain or packed without loss by deflate, "
+                f"LZW or PackBits, got {', '.join(sorted(lossy))}"
             )
-        return np.asarray(image)
+        pixels = file.asarray()
+    return ImageFile(path, pixels)
 
 
 def _read_png(path: Path) -> ImageFile:
