@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Shaped
 
 from xden1k.errors import DataError
 from xden1k.values.arrays import Image, Mask
 from xden1k.values.views import XRayView
 from xden_builder.capture.formats import read_image
 from xden_builder.capture.images import ImageFile, Polarity
-from xden_builder.capture.saturation import brighter_than_light
+from xden_builder.capture.saturation import Field, brighter_than_light
 from xden_builder.capture.scanner import ViewFile
 from xden_builder.physics.source import Detector
 
@@ -47,8 +47,6 @@ at, this many times as many as any of the next few values below: noise piles not
 FLOOR_SIGMAS = 3.0
 """No transmission above so many standard deviations of the noise: the image is empty."""
 
-Field = Float[np.ndarray, "rows columns"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedView:
@@ -61,8 +59,9 @@ class CalibratedView:
     flags
         ``VIEW:saturated`` where a pixel is, ``VIEW:saturated_flat`` where one of the open field is,
         ``VIEW:dark_too_bright`` where opaque pixels lie clearly below the dark in the median,
-        ``VIEW:dead_pixels`` where over 1 % have no open field, ``VIEW:polarity_not_as_dicom`` where
-        the scanner file says the contrary of the image's header.
+        ``VIEW:dead_pixels`` where over 1 % have no open field or are brighter than light,
+        ``VIEW:polarity_not_as_dicom`` where the scanner file says the contrary of the image's
+        header.
     noise_sd
         Standard deviation of the transmission behind something opaque: the spread of the dark
         image, rounding of integers included, over the median open field. A fixed pattern of the
@@ -123,8 +122,10 @@ def calibrate(
     with np.errstate(over="ignore"):  # infinity is refused as a transmission below
         transmission = values if stored.quantity == "transmission" else np.exp(-values)
     none = np.zeros(transmission.shape, dtype=np.bool_)
-    transmission[brighter_than_light(transmission, none)] = np.nan
-    return _checked(name, image.path, stored, transmission, none, None, ())
+    too_bright = brighter_than_light(transmission, none)
+    transmission[too_bright] = np.nan
+    flags = (f"{name}:dead_pixels",) if too_bright.mean() > FLAGGED_DEAD_SHARE else ()
+    return _checked(name, image.path, stored, transmission, none, None, flags)
 
 
 def _from_counts(
@@ -164,7 +165,7 @@ def _from_counts(
         "saturated": saturated.any(),
         "saturated_flat": taken and _at_bright_end(flat, image, polarity, bits).any(),
         "dark_too_bright": _lies_below(transmission),
-        "dead_pixels": dead.mean() > FLAGGED_DEAD_SHARE,
+        "dead_pixels": (dead | too_bright).mean() > FLAGGED_DEAD_SHARE,
         "polarity_not_as_dicom": image.polarity not in (None, polarity),
     }
     flags = tuple(f"{name}:{flag}" for flag, is_raised in raised.items() if is_raised)
