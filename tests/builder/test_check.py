@@ -27,6 +27,7 @@ from xden_builder.pipeline.check.outlines import Lengths, Outline, contradiction
 from xden_builder.pipeline.check.run import FolderCheck, check_folder
 from xden_builder.pipeline.check.weight import weight_contradiction
 from xden_builder.pipeline.remarks import filtration_remark
+from xden_builder.reconstruct.plausible import SHADOW_DEPTH
 
 SIZE = 64
 VIEWS = geometries(SIZE)
@@ -248,6 +249,29 @@ def test_rows_that_are_wider_apart_than_was_told_are_seen_beside_columns_alone()
     narrow[10:40, 30:33] = True
     lengths = shadow_lengths(seen("pa", narrow, narrow))
     assert lengths == Lengths(1.0, None)
+
+
+@pytest.mark.parametrize(
+    ("depth", "tells"),
+    [(0.16, (False, False)), (0.25, (True, False)), (0.4, (True, True))],
+)
+def test_the_rim_of_a_faint_round_body_does_not_make_it_shorter_or_of_another_form(
+    depth: float, tells: tuple[bool, bool]
+) -> None:
+    """A cylinder that stands upright: its sides are fainter than its ends."""
+    drawn = np.zeros((100, 100), dtype=np.bool_)
+    drawn[20:80, 30:70] = True
+    across = (np.arange(100) - 49.5) / 20
+    profile = np.sqrt(np.clip(1 - across**2, 0, 1))
+    image = np.where(drawn, 1 - depth * profile, 1.0)
+    shadow = image < 1 - SHADOW_DEPTH
+    view = replace(seen("pa", drawn, shadow), depth=1 - float(np.median(image[shadow])))
+    lengths = shadow_lengths(view)
+    assert (lengths is not None, lengths is not None and lengths.aspect is not None) == tells
+    if lengths is not None:
+        assert lengths.ratio == pytest.approx(1, abs=0.02)
+    if lengths is not None and lengths.aspect is not None:
+        assert lengths.aspect == pytest.approx(1, abs=0.02)
 
 
 def test_objects_that_were_turned_by_hand_tell_no_pitch(captures: Path) -> None:

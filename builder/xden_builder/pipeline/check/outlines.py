@@ -15,7 +15,8 @@ from scipy.ndimage import binary_dilation
 from xden1k.rays import path_lengths
 from xden1k.values.arrays import Image, Mask
 from xden1k.values.views import XRayView
-from xden_builder.audit.air import BORDERS, OPAQUE, border_air, uneven_air
+from xden_builder.audit.air import OPAQUE, border_air, uneven_air
+from xden_builder.capture.borders import BORDERS
 from xden_builder.capture.saturation import completed, gain_bounds
 from xden_builder.poly.model.frames import any_of, binned, coarse
 from xden_builder.poly.model.stray import coarse_binning
@@ -39,12 +40,15 @@ MARGIN_CM: Final = 0.5
 """On the panel: a shadow as near to the parts may be theirs, in another pose."""
 SUBRAYS: Final = 3
 """Rays along each side of a large pixel, so that a sheet that stands edge on is met."""
-AIR: Final = 0.98
-"""Quantile of the transmission that is air's."""
+LIT: Final = 0.98
+"""Quantile of the transmission that is air's where no light reaches the borders."""
 DIMMEST, BRIGHTEST = 0.8, 1.25
 """Transmission of air by an open field of the same exposure: within a few per cent of 1."""
 LEAST_RMS_PX: Final = 3.0
 """From the middle of an outline, in large pixels: of smaller ones the rim is too much."""
+DEEP, DEEPER = 3 * SHADOW_DEPTH, 6 * SHADOW_DEPTH
+"""Of a shadow, in the median: that of a round body ends where it is less deep than SHADOW_DEPTH,
+within 4 and 1 % of its width then. The first tells its length, the second its form."""
 FLIPS: Final[tuple[tuple[str, Callable[[Mask], Mask]], ...]] = (
     ("mirrored left to right", lambda mask: mask[:, ::-1]),
     ("mirrored top to bottom", lambda mask: mask[::-1]),
@@ -76,7 +80,10 @@ class Outline:
     air
         Median transmission along each border of the panel that no part reaches, by its name.
     brightest
-        Transmission of the brightest pixels; None where air is saturated or in no picture.
+        Transmission of air along the brightest border, or of the brightest pixels where none is
+        lit; None where air is saturated or at no border.
+    depth
+        By how much the shadow is darker than air, in the median.
     """
 
     name: str
@@ -86,6 +93,7 @@ class Outline:
     full: Mask
     air: Mapping[str, float] = field(default_factory=dict)
     brightest: float | None = None
+    depth: float = 1.0
 
 
 def air_level(image: Float32[np.ndarray, "rows columns"], drawn: Mask) -> float:
@@ -121,8 +129,11 @@ def outline(
     shadow = known & ~any_of(saturated, binning) & (image < level - SHADOW_DEPTH)
     full = _share(~view.valid, binning) > 0.5
     air = border_air(image, drawn, known)
-    brightest = float(np.quantile(image[known], AIR)) if bounds is None and air else None
-    return Outline(view.name, drawn, shadow, near, full, air, brightest), level
+    brightest = max(air.values(), default=None) if bounds is None else None
+    if brightest is not None and brightest < OPAQUE:
+        brightest = float(np.quantile(image[known], LIT))
+    depth = level - float(np.median(image[shadow])) if shadow.any() else 0.0
+    return Outline(view.name, drawn, shadow, near, full, air, brightest, depth), level
 
 
 class Lengths(NamedTuple):
@@ -133,7 +144,8 @@ class Lengths(NamedTuple):
     ratio
         Of the one over the other.
     aspect
-        Of that ratio along columns over that along rows; None where the outline is too narrow.
+        Of that ratio along columns over that along rows; None where the outline is too narrow, or
+        the shadow too faint.
     """
 
     ratio: float
@@ -144,16 +156,17 @@ def shadow_lengths(view: Outline) -> Lengths | None:
     """Compare a shadow with the outline of the parts; None where nothing tells it.
 
     By the root mean square distance from the middle, which a thin end hardly moves. A shadow that
-    reaches a border may go on beyond it.
+    reaches a border may go on beyond it, and a faint one beyond where it is told from air.
     """
-    if any(_touches_border(mask) or not mask.any() for mask in (view.drawn, view.shadow)):
+    masks = (view.drawn, view.shadow)
+    if view.depth < DEEP or any(_touches_border(mask) or not mask.any() for mask in masks):
         return None
-    seen, drawn = (np.argwhere(mask).std(axis=0) for mask in (view.shadow, view.drawn))
+    drawn, seen = (np.argwhere(mask).std(axis=0) for mask in masks)
     whole = float(np.linalg.norm(drawn))
     if whole < LEAST_RMS_PX:
         return None
     ratio, aspect = float(np.linalg.norm(seen)) / whole, None
-    if min(*seen, *drawn) >= LEAST_RMS_PX:
+    if view.depth >= DEEPER and min(*seen, *drawn) >= LEAST_RMS_PX:
         down, across = seen / drawn
         aspect = float(down / across)
     return Lengths(ratio, aspect)
