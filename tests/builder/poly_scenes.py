@@ -8,7 +8,7 @@ import trimesh
 from tests.builder.fit_scenes import cone
 from xden1k.rays import disjoint_regions, ownership_order, path_lengths
 from xden1k.values.materials import load_materials
-from xden1k.values.views import XRayView
+from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.capture import Capture, CapturePart
 from xden_builder.capture.space import divide
 from xden_builder.physics.attenuation import mac_cm2_g
@@ -165,3 +165,16 @@ def saturated(bright: Capture, limit: float) -> Capture:
         at_least[view.name] = np.where(full, limit, np.nan).astype(np.float32)
     pa, lat = views
     return replace(bright, views=(pa, lat), at_least=at_least)
+
+
+def of_pitch(geometry: ViewGeometry, factor: float) -> ViewGeometry:
+    """Tell pixels to be larger by a factor, about the middle of the panel."""
+    across = [end / 2 * (factor - 1) for end in np.subtract(geometry.shape, 1)]
+    steps = geometry.row_step_cm, geometry.column_step_cm
+    return replace(
+        geometry,
+        pixel00_cm=geometry.pixel00_cm
+        - sum(by * step for by, step in zip(across, steps, strict=True)),
+        row_step_cm=factor * geometry.row_step_cm,
+        column_step_cm=factor * geometry.column_step_cm,
+    )

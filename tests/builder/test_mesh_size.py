@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.builder.poly_scenes import box, captured, cylinder, geometries, tool
+from tests.builder.poly_scenes import box, captured, cylinder, geometries, of_pitch, tool
 from xden1k.rays import path_lengths
 from xden1k.values.types import DensityObject
 from xden1k.values.views import ViewGeometry
@@ -214,6 +214,14 @@ def test_a_size_that_would_have_to_be_larger_than_it_may_is_said(
 ) -> None:
     rebuilt = reconstruction.reconstruct(handed_over(scanned, factor, told))
     assert ("size_at_bound" in rebuilt.flags) == (factor > 1)
+
+
+@pytest.mark.parametrize("pitch", [1.01, 1.0])
+def test_a_pitch_that_is_wrong_in_one_view_is_flagged(scanned: Capture, pitch: float) -> None:
+    pa, lat = scanned.views
+    told = replace(scanned, views=(pa, replace(lat, geometry=of_pitch(lat.geometry, pitch))))
+    rebuilt = reconstruction.reconstruct(handed_over(told, 1.0, "near"))
+    assert ("views_disagree" in rebuilt.flags) == (pitch > 1)
 
 
 def test_without_a_spectrum_the_size_is_sought_where_it_is_asked_for_alone(scanned) -> None:

@@ -26,11 +26,12 @@ from tests.builder.poly_scenes import (
     composition,
     cylinder,
     geometries,
+    of_pitch,
     radiograph,
     tool,
 )
 from xden1k.rays import disjoint_regions, ownership_order, path_lengths
-from xden1k.values.views import ViewGeometry, XRayView
+from xden1k.values.views import XRayView
 from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.source import Detector
 from xden_builder.poly import pose as pose_module
@@ -165,19 +166,6 @@ def refined(
     )
 
 
-def of_pitch(geometry: ViewGeometry, factor: float) -> ViewGeometry:
-    """Tell pixels to be larger by a factor, about the middle of the panel."""
-    across = [end / 2 * (factor - 1) for end in np.subtract(geometry.shape, 1)]
-    steps = geometry.row_step_cm, geometry.column_step_cm
-    return replace(
-        geometry,
-        pixel00_cm=geometry.pixel00_cm
-        - sum(by * step for by, step in zip(across, steps, strict=True)),
-        row_step_cm=factor * geometry.row_step_cm,
-        column_step_cm=factor * geometry.column_step_cm,
-    )
-
-
 def glaring(view: XRayView, share: float) -> XRayView:
     """Spread a share of the light over a centimetre."""
     pixel_cm = float(np.linalg.norm(view.geometry.column_step_cm))
@@ -237,6 +225,29 @@ def test_views_that_are_as_told_agree_about_the_size():
     assert fit.apart is not None
     assert abs(fit.apart.growth) < 5e-4
     assert not fit.apart.contradicts
+
+
+def test_views_are_not_asked_about_a_size_that_is_not_sought():
+    assert refined(Pose((0.01, 0.0, -0.01)), size=96).apart is None
+
+
+@pytest.mark.parametrize(("differ", "elsewhere"), [(0.59, False), (0.61, True)])
+def test_where_neighbouring_pixels_hardly_differ_nowhere_else_is_begun(
+    monkeypatch, differ, elsewhere
+):
+    """Whatever light leaves: it may be all that a part without a mesh takes away."""
+    asked = []
+
+    def descending(level, unknowns, *_):
+        asked.append(level.binning)
+        return unknowns
+
+    monkeypatch.setattr(pose_module, "much_left", lambda *_: True)
+    monkeypatch.setattr(pose_module, "edge_doubt", lambda *_: differ)
+    monkeypatch.setattr(pose_module, "descend_by_edges", descending)
+    refined(Pose((0.01, 0.0, -0.01)), size=96)
+    assert asked
+    assert (len(set(asked)) > 1) == elsewhere
 
 
 @pytest.mark.parametrize("turn_rad", [(0.02, 0.005, -0.01), (-0.012, -0.01, -0.008)])

@@ -171,6 +171,25 @@ def test_a_filter_that_does_not_explain_the_images_is_told(beam, words):
     assert said[0].startswith("needs you: ")
 
 
+@pytest.mark.parametrize(
+    ("growths", "said"),
+    [
+        ((0.0101, 0.0099, 0.0102, 0.0098, 0.01), "larger before lat than before the other views"),
+        ((-0.0101, -0.0099, -0.0102, -0.0098, -0.01), "smaller before lat"),
+        ((0.01, -0.012, 0.001, -0.0005, 0.006), ""),
+        ((0.0101, 0.0099), ""),
+    ],
+)
+def test_a_view_before_which_all_objects_are_larger_is_told_once(growths, said):
+    judged = [
+        Findings(f"mug-{number}", "mug", (), 1.0, 0.1, None, None, {}, apart=apart)
+        for number, apart in enumerate({"view": "lat", "growth": each} for each in growths)
+    ]
+    remarks = [str(remark) for remark in folder_remarks(None, None, judged)]
+    assert len(remarks) == bool(said)
+    assert all(said in text and "source_cm, column_step_cm" in text for text in remarks)
+
+
 @pytest.mark.parametrize(("unlike", "said"), [(3, True), (2, False)])
 def test_labels_that_most_objects_contradict_are_said_to_be_of_the_beam(unlike, said):
     flags = ["unlike_material"] * unlike + ["uncertain"] * 2
