@@ -73,7 +73,7 @@ def _information_shares(fitted: Fitted) -> Float64[np.ndarray, "3 k"]:
         kinds = np.where(on_outline(fit.view.lengths), OUTLINE, PLAIN).astype(np.uint8)
         kinds[fit.gain * fit.transmission < 3 * fit.view.dark_sd] = STARVED
         kernels.information(
-            fit.view.lengths.lengths_cm,
+            fit.view.ways,
             np.where(fit.view.usable, 1 / variance, 0.0),
             kinds,
             fitted.lac_per_cm,

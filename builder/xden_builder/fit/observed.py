@@ -49,6 +49,8 @@ class ViewData:
         The view's.
     lengths
         Its path lengths.
+    ways
+        The same, of the parts that a pixel meets alone.
     measured
         Shape (n,): transmission of the pixels of the path lengths; 1 where not usable.
     usable
@@ -63,6 +65,7 @@ class ViewData:
 
     name: str
     lengths: PathLengths
+    ways: kernels.Ways
     measured: Float64[np.ndarray, "n"]
     usable: Bool[np.ndarray, "n"]
     air: Air
@@ -104,7 +107,8 @@ class ViewData:
         guessed = air.sd * READOUT_SHARE**0.5
         dark = max(guessed if dark_sd is None else dark_sd, NOISE_FLOOR)
         values = measured.astype(np.float64)
-        return cls(view.name, lengths, values, usable, air, dark, gain_bounds)
+        ways = kernels.ways_of(lengths.lengths_cm)
+        return cls(view.name, lengths, ways, values, usable, air, dark, gain_bounds)
 
     @property
     def parts(self) -> int:

@@ -101,7 +101,7 @@ class Problem:
         """Whether a usable ray meets the part, shape (K,)."""
         met = np.zeros(self.parts, dtype=np.bool_)
         for view in self.views:
-            kernels.met_parts(view.lengths.lengths_cm, view.usable, met)
+            kernels.met_parts(view.ways, view.usable, met)
         return met
 
     def bounds(
@@ -128,7 +128,7 @@ class Problem:
             slope, curvature = np.zeros(self.parts + 1), np.zeros((self.parts + 1,) * 2)
             transmission = np.zeros(len(view.measured))
             loss += kernels.normal_equations(
-                view.lengths.lengths_cm,
+                view.ways,
                 view.measured,
                 weights,
                 lac,

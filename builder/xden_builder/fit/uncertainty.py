@@ -91,7 +91,7 @@ def _block_scores(fitted: Fitted) -> Float64[np.ndarray, "blocks u"]:
         blocks = _blocks(fit.view)
         scores = np.zeros((int(blocks.max(initial=-1)) + 1, parts + 1))
         kernels.block_scores(
-            fit.view.lengths.lengths_cm,
+            fit.view.ways,
             fit.weights * fit.residuals,
             blocks,
             fitted.lac_per_cm,

@@ -100,7 +100,7 @@ def _part(
 
 def _unseen_flags(lengths: Sequence[PathLengths]) -> list[tuple[str, ...]]:
     """``partly_unseen`` for each part that one of the views does not show."""
-    met = [view.lengths_cm.any(axis=(0, 1)) for view in lengths]
+    met = [view.lengths_cm.max(axis=(0, 1), initial=0.0) > 0 for view in lengths]
     some, every = np.any(met, axis=0), np.all(met, axis=0)
     return [("partly_unseen",) if flag else () for flag in (some & ~every).tolist()]
 

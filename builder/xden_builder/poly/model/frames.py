@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
+from functools import reduce
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64
+from jaxtyping import Bool, Float, Float64, Num
 from scipy.spatial.transform import Rotation
 
 from xden1k.values.arrays import Image, Mask, Vec3
@@ -145,23 +146,21 @@ def coarse(geometry: ViewGeometry, binning: int) -> ViewGeometry:
 def binned(view: XRayView, binning: int) -> tuple[Image, Mask]:
     """Average transmission over the valid pixels of each bin, and say which bins have any."""
     values = np.where(view.valid, view.transmission, 0).astype(np.float64)
-    counts = _sums(view.valid.astype(np.float64), binning)
-    mean = _sums(values, binning) / np.maximum(counts, 1)
+    counts = _joined(view.valid.astype(np.float64), binning, np.add)
+    mean = _joined(values, binning, np.add) / np.maximum(counts, 1)
     return np.where(counts, mean, 1.0).astype(np.float32), counts > 0
 
 
-def _sums(
-    values: Float64[np.ndarray, "rows columns"], binning: int
-) -> Float64[np.ndarray, "_rows _columns"]:
-    """Add up bins of ``binning * binning`` pixels: row after row, far faster than over two axes."""
+def _joined(
+    values: Num[np.ndarray, "rows columns"], binning: int, join: np.ufunc
+) -> Num[np.ndarray, "_rows _columns"]:
+    """Join bins of ``binning * binning`` pixels: row after row, far faster than over two axes."""
     rows, columns = (size // binning for size in values.shape)
     cut = values[: rows * binning, : columns * binning]
-    down = np.asarray(sum(cut[start::binning] for start in range(binning)))
-    return np.asarray(sum(down[:, start::binning] for start in range(binning)))
+    down = reduce(join, [cut[start::binning] for start in range(binning)])
+    return np.asarray(reduce(join, [down[:, start::binning] for start in range(binning)]))
 
 
 def any_of(mask: Mask, binning: int) -> Bool[np.ndarray, "_rows _columns"]:
     """Say which bins of ``binning * binning`` pixels hold any of the marked ones."""
-    rows, columns = (size // binning for size in mask.shape)
-    cut = mask[: rows * binning, : columns * binning]
-    return np.asarray(cut.reshape(rows, binning, columns, binning).any(axis=(1, 3)))
+    return _joined(mask, binning, np.logical_or)
