@@ -144,6 +144,12 @@ def test_a_mask_whose_name_is_in_capitals_is_not_passed_over(root: Path) -> None
         CaptureFolder(root).read("mug-01")
 
 
+def test_a_mask_that_is_a_broken_link_is_not_passed_over(root: Path) -> None:
+    (root / "mug-01" / "ignore_lat.png").symlink_to("nowhere.png")
+    with pytest.raises(DataError, match=r"ignore_lat\.png: expected a file, got a folder or a"):
+        CaptureFolder(root).read("mug-01")
+
+
 POSED = "object_id,category,pose,mesh_scale\npen,pen,"
 OFF = "object_id,category,mesh_sd_mm\npen,pen,"
 

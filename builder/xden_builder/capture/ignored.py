@@ -39,7 +39,7 @@ def without_ignored(seen: CalibratedView, path: Path) -> CalibratedView:
     Raises
     ------
     DataError
-        If it has another shape, marks every pixel, or has its name in capitals.
+        If it has another shape, marks every pixel, has its name in capitals, or is no file.
     """
     if not path.is_file():
         _refuse_other_case(path)
@@ -63,7 +63,9 @@ def without_ignored(seen: CalibratedView, path: Path) -> CalibratedView:
 
 
 def _refuse_other_case(path: Path) -> None:
-    """Refuse a mask that is not looked at because of the case of its name."""
+    """Refuse a mask that is not looked at: for the case of its name, or because it is no file."""
     for other in path.parent.glob("*"):
+        if other.name == path.name:
+            raise DataError(f"{path}: expected a file, got a folder or a broken link")
         if other.name.lower() == path.name.lower():
             raise DataError(f"{other}: expected the name {path.name}")

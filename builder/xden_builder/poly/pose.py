@@ -160,7 +160,7 @@ class PoseFit:
         :func:`xden_builder.poly.edges.edge_doubt`.
     apart
         How much larger the object is before one view than before the others, as of
-        :func:`xden_builder.poly.apart.views_apart`.
+        :func:`xden_builder.poly.apart.views_apart`; None where that does not tell.
     growth_by_light
         Logarithm of the size that light alone would have, where differences of pixels tell it.
     """

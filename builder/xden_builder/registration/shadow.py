@@ -111,7 +111,7 @@ def shadow_of(view: XRayView, *, turned: bool = False) -> Shadow:
     Raises
     ------
     DataError
-        If there is none, or the image's edge cuts it, or it lies along what is masked.
+        If there is none, or the image's edge cuts it, or it lies along what is masked or dead.
     """
     image = without_gaps(view)
     depth = -np.log(image.clip(min=OPAQUE))
@@ -152,8 +152,8 @@ def _refuse_masked(name: str, mask: Mask, masked: Mask) -> None:
     if share > MASKED_SHARE and masked.sum() > MASKED_TIMES * mask.sum():
         raise DataError(
             f"view {name}: {share:.0%} of the outline of what is left as a shadow lies along what "
-            f"ignore_{name}.png marks, expected at most {MASKED_SHARE:.0%}: does it cover the "
-            "object?"
+            f"was not measured, expected at most {MASKED_SHARE:.0%}: does what ignore_{name}.png "
+            "marks, or an area of dead pixels, cover the object?"
         )
 
 

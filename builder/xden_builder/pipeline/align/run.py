@@ -124,6 +124,7 @@ def align_folder(
     work = beside(out.absolute(), ".align")
     assert isinstance(work, Path)
     with only_run(work, out):
+        expect_free(out)  # another run may have ended meanwhile
         on_start(len(folder.rows))
         alignment = _gather(folder, work, near_too, workers, on_done)
         if alignment.digests:
