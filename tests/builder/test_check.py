@@ -26,7 +26,7 @@ from xden_builder.pipeline.check.object import ObjectCheck
 from xden_builder.pipeline.check.outlines import Lengths, Outline, contradictions, shadow_lengths
 from xden_builder.pipeline.check.run import FolderCheck, check_folder
 from xden_builder.pipeline.check.weight import weight_contradiction
-from xden_builder.pipeline.remarks import filtration_remark
+from xden_builder.pipeline.remarks import calibration_remark, filtration_remark, is_calibrated
 from xden_builder.reconstruct.plausible import SHADOW_DEPTH
 
 SIZE = 64
@@ -353,7 +353,7 @@ def test_another_exposure_than_that_of_the_flat_is_told_before_all_that_comes_of
         ("{ Al = 0.25, Cu = 0.03 }", ""),
         ("{ Al = -2500 }", ""),
         ("{ Al = nan }", ""),
-        ("{ Sn = 0.06 }\n[calibration]\ndate = 2026-01-01", ""),
+        ("{ Sn = 0.06 }\n[calibration]\nkv = 100.0", ""),
         ("{ Unobtainium = 2.5 }", ""),
         ("2.5", ""),
     ],
@@ -363,6 +363,29 @@ def test_filters_told_in_another_unit_are_asked_about(
 ) -> None:
     (tmp_path / "scanner.toml").write_text(f"[tube]\nkv = 100.0\nfiltration = {filtration}\n")
     said = filtration_remark(tmp_path)
+    assert (words in said) if words else said == ""
+
+
+@pytest.mark.parametrize(
+    ("calibration", "words"),
+    [
+        ("", "the scanner was not calibrated: tube and geometry are as told"),
+        ("[calibration]\ndate = 2026-01-01\n", "the tube was not calibrated, by wedges"),
+        ("[calibration]\nkv = 100.0\n", ""),
+        ('[calibration]\nkv = 100.0\nfound = { transmission_sd = { "10 mm Fe" = 0.015 } }', ""),
+        (
+            '[calibration]\nkv = 100.0\nfound = { transmission_sd = { "10 mm Fe" = 1.028 } }',
+            "light through 10 mm Fe is known to 103%, expected 5% or better",
+        ),
+    ],
+)
+def test_a_calibration_that_measured_no_spectrum_does_not_hide_a_filter_nobody_told(
+    tmp_path: Path, calibration: str, words: str
+) -> None:
+    """Of balls alone, or of so few steps that next to nothing is known of the tube."""
+    (tmp_path / "scanner.toml").write_text(f"[tube]\nkv = 100.0\n{calibration}")
+    assert is_calibrated(tmp_path) == (words == "")
+    said = calibration_remark(tmp_path)
     assert (words in said) if words else said == ""
 
 
