@@ -4,6 +4,7 @@ import datetime
 import json
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -113,6 +114,37 @@ def test_too_few_steps_leave_the_voltage_at_its_prior():
     fit = fit_spectrum([read_image_steps(seen(painted()), [aluminium])], told)
     assert "kv" in [term.name for term in fit.at_prior]
     assert fit.response.tube.kv == pytest.approx(TOLD.kv, abs=1.5)
+
+
+@pytest.mark.parametrize(("material", "step", "times"), [("steel", 4, 1.1), ("aluminium", 5, 1.05)])
+def test_a_step_of_another_thickness_than_told_is_named(material, step, times):
+    """One alone moves the spectrum to itself: its own residual is small then."""
+    told = []
+    for wedge in wedges():
+        thick = list(wedge.thickness_cm)
+        if wedge.material.name == material:
+            thick[step - 1] *= times
+        told.append(replace(wedge, thickness_cm=tuple(thick)))
+    with pytest.raises(
+        DataError, match=rf"plate: {material}: step {step} lies .* as if it were .*% thinner: "
+    ):
+        fit_spectrum([read_image_steps(seen(painted()), told)], Response(TOLD, CSI))
+
+
+def test_an_image_of_another_exposure_than_its_flat_is_refused():
+    image = read_image_steps(seen(painted(gain=0.5)), wedges())
+    with pytest.raises(DataError, match=r"plate/pa: was exposed 0\.5\d times as much as its flat"):
+        fit_spectrum([image], Response(TOLD, CSI))
+
+
+def test_a_tube_that_is_far_from_what_was_told_is_said_and_not_called_as_told(fit):
+    told = Response(replace(TOLD, kv=85.0, filtration_cm={"Al": 2.5}), CSI)
+    found = fit_spectrum([read_image_steps(seen(painted(gain=1.03)), wedges())], told)
+    assert {"kv", "Al"} <= {term.name for term in found.elsewhere}
+    said = "\n".join(calibration._of_spectrum(found))
+    assert "needs you: kv was told as 85 kV, within 3, and is found more than 3 times" in said
+    assert "Al stays" not in said
+    assert fit.elsewhere == ()
 
 
 def test_one_plate_before_two_tubes_is_refused():
@@ -262,8 +294,21 @@ def test_balls_elsewhere_than_told_and_balls_too_few_are_refused(monkeypatch):
     stretched[::2, 0] += 0.3
     with pytest.raises(DataError, match=r"balls/pa: shadows lie .* pixels from where the table"):
         bundled(monkeypatch, shadows_of(stretched))
+    one_off = BALLS.centres_cm.copy()
+    one_off[7, 2] += 0.2
+    with pytest.raises(DataError, match=r"and \S+ without ball 8 of it: is that its place\?"):
+        bundled(monkeypatch, shadows_of(one_off))
     with pytest.raises(DataError, match="balls/pa: 23 shadows of balls found, expected 24"):
         bundled(monkeypatch, shadows_of(BALLS.centres_cm[1:]))
+
+
+def test_a_source_that_is_found_far_from_where_it_was_told_is_said(monkeypatch):
+    fit = bundled(monkeypatch, shadows_of(BALLS.centres_cm))
+    near = {name: SimpleNamespace(geometry=view) for name, view in TRUE_VIEWS.items()}
+    far = moved(TRUE_VIEWS["pa"], (0.0, 2.0, 0.0), (0.0,) * 3, (0.0,) * 3)
+    assert len(calibration._of_geometry(fit.views, near)) == 2
+    *_, said = calibration._of_geometry(fit.views, near | {"pa": SimpleNamespace(geometry=far)})
+    assert said.startswith("needs you: pa: the source is found 2.0 cm from where it was told")
 
 
 def test_no_two_shadows_of_the_ball_phantom_meet_from_any_usual_distance():
@@ -334,6 +379,7 @@ def test_steps_that_no_spectrum_explains_are_refused_and_nothing_is_written(tmp_
     answer = CliRunner().invoke(cli, ["calibrate", str(folder), "--out", str(out)])
     assert answer.exit_code == 1
     assert "lie" in answer.output
+    assert "plate: aluminium and plate: copper: readings" in answer.output
     assert "off what any spectrum lets pass" in answer.output
     assert len(answer.output.strip().splitlines()) == 1
     assert not out.exists()

@@ -28,7 +28,7 @@ from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.calibrate.balls import shadow_centres
 from xden_builder.calibrate.told import ToldBalls
 
-__all__ = ["GeometryFit", "ViewFit", "fit_geometry"]
+__all__ = ["TOLD_WITHIN_CM", "GeometryFit", "ViewFit", "fit_geometry", "source_moved_cm"]
 
 TOLD_WITHIN_CM: Final = 0.5
 """Standard deviation of what is told of a source and of a panel's middle, along each axis."""
@@ -38,6 +38,10 @@ CENTRE_SD_PX: Final = 0.01
 """Of the centre of a shadow, before the residuals tell."""
 MOST_RMS_PX: Final = 0.5
 """Above it the balls are not where the table says."""
+LOOKED_INTO_PX: Final = 0.1
+TIMES_BETTER: Final = 3.0
+"""From the first of these on it is asked whether one ball is elsewhere: whether the others lie so
+many times nearer to their shadows without it."""
 ROUNDS: Final = 3
 """Of matching shadows with balls and fitting."""
 _OF_VIEW: Final = 9
@@ -108,6 +112,7 @@ def fit_geometry(balls: ToldBalls, views: Mapping[str, XRayView]) -> GeometryFit
         problem = _Problem(balls, told, _matched(balls, told, seen, unknowns))
         unknowns, covariance = problem.solve(unknowns)
     fit = problem.fit(unknowns, covariance)
+    _refuse_ball(problem, unknowns)
     for name, view in fit.views.items():
         if view.rms_px > MOST_RMS_PX:
             raise DataError(
@@ -115,6 +120,30 @@ def fit_geometry(balls: ToldBalls, views: Mapping[str, XRayView]) -> GeometryFit
                 "has the balls: is it another phantom, or does it stand otherwise?"
             )
     return fit
+
+
+def source_moved_cm(told: ViewGeometry, found: ViewGeometry) -> float:
+    """Return how far a source was found from where it was told."""
+    assert told.source_cm is not None
+    assert found.source_cm is not None
+    return float(np.linalg.norm(found.source_cm - told.source_cm))
+
+
+def _refuse_ball(problem: _Problem, unknowns: Unknowns) -> None:
+    """Refuse a ball that alone keeps the others from their places: a fit without each tells."""
+    whole = problem.rms_px(unknowns)
+    if whole <= LOOKED_INTO_PX:
+        return
+    found = []
+    for ball in range(len(problem.balls.centres_cm)):
+        others = problem.without(ball)
+        found.append(others.rms_px(others.solve(unknowns)[0]))
+    worst = int(np.argmin(found))
+    if found[worst] < whole / TIMES_BETTER:
+        raise DataError(
+            f"{problem.balls.scan}: shadows lie {whole:.2g} pixels from where the table has the "
+            f"balls, and {found[worst]:.2g} without ball {worst + 1} of it: is that its place?"
+        )
 
 
 def _shadows(balls: ToldBalls, name: str, view: XRayView) -> Columns:
@@ -194,6 +223,18 @@ class _Problem:
         expected = self.expected(unknowns)
         off = [((self.seen[name] - expected[name]) / CENTRE_SD_PX).ravel() for name in self.told]
         return np.concatenate([*off, unknowns / self.prior_sd])
+
+    def rms_px(self, unknowns: Unknowns) -> float:
+        """Root mean square distance of all shadows from where they are expected."""
+        expected = self.expected(unknowns)
+        off = np.concatenate([self.seen[name] - expected[name] for name in self.told])
+        return float(np.sqrt((off**2).sum(axis=1).mean()))
+
+    def without(self, ball: int) -> _Problem:
+        """Leave a ball out."""
+        balls = replace(self.balls, centres_cm=np.delete(self.balls.centres_cm, ball, axis=0))
+        seen = {name: np.delete(centres, ball, axis=0) for name, centres in self.seen.items()}
+        return _Problem(balls, self.told, seen)
 
     def solve(self, start: Unknowns) -> tuple[Unknowns, Float64[np.ndarray, "v v"]]:
         """Find the most likely unknowns, and the views' covariance, scaled by the residuals."""

@@ -9,17 +9,22 @@ from typing import Any, Final
 
 from xden1k.errors import DataError
 from xden1k.folder.place import publish, staging
-from xden1k.values.views import XRayView
 from xden_builder.calibrate.figures import draw_balls, draw_steps
-from xden_builder.calibrate.geometry import GeometryFit, ViewFit, fit_geometry
+from xden_builder.calibrate.geometry import (
+    TOLD_WITHIN_CM,
+    GeometryFit,
+    ViewFit,
+    fit_geometry,
+    source_moved_cm,
+)
 from xden_builder.calibrate.readings import ImageReadings, read_image_steps
 from xden_builder.calibrate.response import PROBES, Response
-from xden_builder.calibrate.spectrum import SpectrumFit, fit_spectrum
+from xden_builder.calibrate.spectrum import FAR_SDS, SpectrumFit, fit_spectrum
 from xden_builder.calibrate.told import CalibrationFolder, read_folder
 from xden_builder.capture import ScannerFile, write_scanner
 from xden_builder.capture.calibrated import ScannerCalibration
 from xden_builder.capture.calibration import CalibratedView, calibrate
-from xden_builder.capture.scanner import DATASET_VIEWS
+from xden_builder.capture.scanner import DATASET_VIEWS, ViewFile
 from xden_builder.capture.writing import write_json
 from xden_builder.physics.source import Detector, Tube
 
@@ -52,6 +57,7 @@ class Calibration:
     images: tuple[ImageReadings, ...]
     spectrum: SpectrumFit | None
     geometry: GeometryFit | None
+    flags: tuple[str, ...] = ()
 
     @property
     def scanner(self) -> ScannerFile:
@@ -78,13 +84,15 @@ class Calibration:
             "tube": self.folder.tube,
             "made_from": list(self._made_from()),
             **self._found(),
+            "flags": list(self.flags),
             "sentences": list(self.sentences()),
         }
 
     def sentences(self) -> tuple[str, ...]:
         """Say in words what was found and what was not."""
+        told = self.folder.scanner.views
         spectrum = () if self.spectrum is None else _of_spectrum(self.spectrum)
-        geometry = () if self.geometry is None else _of_geometry(self.geometry.views)
+        geometry = () if self.geometry is None else _of_geometry(self.geometry.views, told)
         missing = [
             text
             for is_missing, text in (
@@ -146,7 +154,9 @@ def calibrate_scanner(root: Path, out: Path) -> Calibration:
 
 
 def _fit(folder: CalibrationFolder) -> Calibration:
-    images, ball_views = _read_images(folder), _ball_views(folder)
+    names = dict.fromkeys((wedge.scan, wedge.view) for wedge in folder.wedges)
+    seen = {name: _seen(folder, *name) for name in names}
+    images, balls = _read_images(folder, seen), _ball_views(folder)
     spectrum, geometry = None, None
     if images:
         if folder.scanner.tube is None:
@@ -154,22 +164,25 @@ def _fit(folder: CalibrationFolder) -> Calibration:
         told = Response(folder.scanner.tube, folder.scanner.detector)
         spectrum = fit_spectrum(images, told)
     if folder.balls is not None:
-        geometry = fit_geometry(folder.balls, ball_views)
-    return Calibration(folder, images, spectrum, geometry)
+        geometry = fit_geometry(folder.balls, {name: each.view for name, each in balls.items()})
+        seen |= {(folder.balls.scan, name): each for name, each in balls.items()}
+    flags = tuple(f"{scan}/{flag}" for (scan, _), each in seen.items() for flag in each.flags)
+    return Calibration(folder, images, spectrum, geometry, flags)
 
 
-def _read_images(folder: CalibrationFolder) -> tuple[ImageReadings, ...]:
-    names = dict.fromkeys((wedge.scan, wedge.view) for wedge in folder.wedges)
+def _read_images(
+    folder: CalibrationFolder, seen: Mapping[tuple[str, str], CalibratedView]
+) -> tuple[ImageReadings, ...]:
     return tuple(
         read_image_steps(
-            _seen(folder, scan, view),
-            [wedge for wedge in folder.wedges if (wedge.scan, wedge.view) == (scan, view)],
+            image,
+            [wedge for wedge in folder.wedges if (wedge.scan, wedge.view) == name],
         )
-        for scan, view in names
+        for name, image in seen.items()
     )
 
 
-def _ball_views(folder: CalibrationFolder) -> dict[str, XRayView]:
+def _ball_views(folder: CalibrationFolder) -> dict[str, CalibratedView]:
     """Read both views of the balls, if they were scanned, and further ones that were.
 
     Raises
@@ -192,7 +205,7 @@ def _ball_views(folder: CalibrationFolder) -> dict[str, XRayView]:
                 f"{folder.root / 'scanner.toml'}: views.{name}.turned must be false where balls "
                 "are scanned, which tell the place of a panel that stands: leave out [balls]"
             )
-    return {name: _seen(folder, scan, name).view for name in names}
+    return {name: _seen(folder, scan, name) for name in names}
 
 
 def _seen(folder: CalibrationFolder, scan: str, view: str) -> CalibratedView:
@@ -264,6 +277,12 @@ def _of_spectrum(fit: SpectrumFit) -> list[str]:
         f"{term.times * term.sd:.3g}: {HINTS.get(term.name, TOGETHER)}"
         for term in fit.at_prior
     ]
+    elsewhere = [
+        f"needs you: {term.name} was told as {term.times * term.mean:.4g} {term.unit}, within "
+        f"{term.times * term.sd:.3g}, and is found more than {FAR_SDS:g} times as far off: is "
+        "scanner.toml of this tube and panel, with filters in cm?"
+        for term in fit.elsewhere
+    ]
     stray = [
         f"{each.name}: stray light behind the steps is {each.mean_share:.2%} of the open field"
         for each in fit.stray
@@ -272,13 +291,23 @@ def _of_spectrum(fit: SpectrumFit) -> list[str]:
         f"spectrum: {said}; steps lie within {fit.rms:.2f} sd",
         f"light that comes through: {through}",
         *stays,
+        *elsewhere,
         *stray,
     ]
 
 
-def _of_geometry(views: Mapping[str, ViewFit]) -> list[str]:
-    return [
+def _of_geometry(views: Mapping[str, ViewFit], told: Mapping[str, ViewFile]) -> tuple[str, ...]:
+    within = [
         f"{name}: balls lie within {view.rms_px:.3f} pixels; source ± "
         f"{10 * max(view.source_sd_cm):.2f} mm in the phantom's frame"
         for name, view in views.items()
     ]
+    far = [
+        f"needs you: {name}: the source is found {moved_cm:.1f} cm from where it was told, "
+        f"expected within {FAR_SDS * TOLD_WITHIN_CM:g}: are source_cm, the pixel pitch and the "
+        "table of the balls right, and does the phantom stand as told?"
+        for name, view in views.items()
+        if (moved_cm := source_moved_cm(told[name].geometry, view.geometry))
+        > FAR_SDS * TOLD_WITHIN_CM
+    ]
+    return (*within, *far)

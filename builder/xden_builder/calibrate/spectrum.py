@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final
 
@@ -14,13 +14,14 @@ from scipy.optimize import least_squares, nnls
 
 from xden1k.errors import DataError
 from xden_builder.calibrate.light import LitImage, PlateStray, light_up
+from xden_builder.calibrate.linear import Linear, covariance, suspects
 from xden_builder.calibrate.readings import ImageReadings
 from xden_builder.calibrate.response import PROBES, Response, Term, terms_of
 from xden_builder.physics.spectrum.tables import TABLE_KV
 from xden_builder.poly.model.radiograph import GAIN
 from xden_builder.poly.model.stray import WIDTHS
 
-__all__ = ["SpectrumFit", "StrayLight", "fit_spectrum"]
+__all__ = ["FAR_SDS", "SpectrumFit", "StrayLight", "fit_spectrum"]
 
 STRAY_PRIOR: Final = ((0.05, 0.2), (0.05, 0.2), (0.02, 0.05), (0.0, 0.01))
 """Mean and standard deviation of each shape; none is negative."""
@@ -39,12 +40,27 @@ PASSES: Final = 2
 """Shapes and weights depend on the spectrum a little; later passes change nothing."""
 AT_PRIOR: Final = 0.7
 """An unknown whose standard deviation is above this share of its prior's was not measured."""
+FAR_SDS: Final = 3.0
+"""One that ends so many of its prior's standard deviations from what was told is of another tube or
+panel."""
+DOUBTED: Final = 4.0
+"""Times as far is what was told believed to be off then, where readings are asked whether they
+contradict each other."""
 SMALL_GAIN: Final = 1e-5
 """Relative, of the sum of squares: far below what a standard deviation changes."""
 MOST_STEPS: Final = 300
 MOST_RMS_SD: Final = 3.0
 """Of the readings of one image, and between two images of one plate: beyond it no spectrum explains
 them, and not one beam."""
+MOST_OFF_SD: Final = 6.0
+"""Of one step or wedge from what all other readings say. Of sound wedges the farthest is 2 off, of
+a step told 4 % too thick 9, of copper told as brass 9."""
+OF_WORST: Final = 0.25
+"""Of how far the worst wedge is off: others that are as far may be the culprit, too."""
+EXPECTED: Final = "expected this material, these thicknesses, the told filters' metals, and one tube for all images"
+MOST_GAIN_SDS: Final = 4.0
+"""A gain farther off was made by another exposure than the flat's."""
+NO_LIGHT: Final = 1e-30
 SAME_SD: Final = 0.002
 """Of a reading against that of the same step in another image."""
 _STEP: Final = 1e-3
@@ -107,8 +123,17 @@ class SpectrumFit:
     @property
     def at_prior(self) -> tuple[Term, ...]:
         """Those of the unknowns that the readings leave where they were."""
-        pairs = zip(self.terms, self.sd, strict=True)
-        return tuple(term for term, sd in pairs if sd > AT_PRIOR * term.sd)
+        found = zip(self.terms, self.response.known(self.terms).tolist(), self.sd, strict=True)
+        return tuple(
+            term
+            for term, value, sd in found
+            if sd > AT_PRIOR * term.sd and abs(value - term.mean) <= term.sd
+        )
+
+    @property
+    def elsewhere(self) -> tuple[Term, ...]:
+        """Those that are far from what was told."""
+        return _elsewhere(self.terms, self.response.known(self.terms))
 
 
 def fit_spectrum(images: Sequence[ImageReadings], told: Response) -> SpectrumFit:
@@ -141,6 +166,11 @@ def fit_spectrum(images: Sequence[ImageReadings], told: Response) -> SpectrumFit
         found = problem.response(values)
         stray = tuple(at.stray for at in problem.lights(values))
     return problem.fit(values)
+
+
+def _elsewhere(terms: Sequence[Term], values: Unknowns) -> tuple[Term, ...]:
+    pairs = zip(terms, values.tolist(), strict=True)
+    return tuple(term for term, value in pairs if abs(value - term.mean) > FAR_SDS * term.sd)
 
 
 def _refuse_unknown_voltage(kv: float | None) -> None:
@@ -280,11 +310,13 @@ class _Problem:
     def fit(self, values: Unknowns) -> SpectrumFit:
         """Put the answer together."""
         lights = self.lights(values)
-        for at, image in zip(lights, self.images, strict=True):
-            _refuse_unexplained(at, image)
         for (one, image), (other, again) in combinations(zip(lights, self.images, strict=True), 2):
             _refuse_two_beams(one, image, other, again)
-        covariance = self._covariance(values, lights)
+        for at, image in zip(lights, self.images, strict=True):
+            _refuse_other_exposure(at, image)
+        self._refuse_unexplained(values)
+        left = self._left(values, lights)[1]
+        of_terms = left[: len(self.terms), : len(self.terms)]
         off = np.concatenate(
             [
                 at.residuals[: len(each.transmission)]
@@ -294,8 +326,8 @@ class _Problem:
         return SpectrumFit(
             response=self.response(values),
             terms=self.terms,
-            sd=tuple(np.sqrt(np.diag(covariance)).tolist()),
-            probe_sd=self._probe_sd(values, covariance),
+            sd=tuple(np.sqrt(np.diag(of_terms)).tolist()),
+            probe_sd=self._probe_sd(values, of_terms),
             stray=tuple(
                 StrayLight(
                     each.image.name, at.gain, tuple(at.amplitudes.tolist()), float(at.stray.mean())
@@ -306,31 +338,49 @@ class _Problem:
             rms=float(np.sqrt((off**2).mean())),
         )
 
-    def _covariance(
+    def _refuse_unexplained(self, values: Unknowns) -> None:
+        """Refuse readings that contradict each other; what is told, if wrong, pulls all off."""
+        if not _elsewhere(self.terms, values[: len(self.terms)]):
+            _refuse_unexplained(*self._left(values, self.lights(values)))
+            return
+        terms = tuple(replace(term, sd=DOUBTED * term.sd) for term in self.terms)
+        doubting = replace(self, terms=terms)
+        found = doubting.solve(self.response(values), values[len(terms) :])
+        _refuse_unexplained(*doubting._left(found, doubting.lights(found)))
+
+    def _left(
         self, values: Unknowns, lights: Sequence[_Light]
-    ) -> Float64[np.ndarray, "terms terms"]:
-        """Of the terms, gain and stray light being free, those that ended at nothing too."""
+    ) -> tuple[list[Linear], Float64[np.ndarray, "u u"]]:
+        """Return the problem near its answer, and the covariance of what is unknown."""
+        near = self._linear(values, lights)
+        own_sd = np.array([GAIN, *STRAY_PRIOR, (0.0, NEAR_WIDTH_SD)]).T[1]
+        return near, covariance(near, self.prior[1][: len(self.terms)], own_sd)
+
+    def _linear(self, values: Unknowns, lights: Sequence[_Light]) -> list[Linear]:
+        """Differentiate what is expected of each image, gain and stray light being free."""
         count = len(self.terms)
         steps, widths = self._steps(values)[:count], values[count:].tolist()
-        sds = np.array([GAIN, *STRAY_PRIOR, (0.0, NEAR_WIDTH_SD)]).T[1]
         moved = [
             self.response(np.append(each, values[count:]))
             for each in values[:count] + np.diag(steps)
         ]
-        information = np.diag(1 / self.prior[1][:count] ** 2)
+        found = []
         for image, at, shapes, errors, width in zip(
             self.images, lights, self.shapes, self.errors, widths, strict=True
         ):
             slopes = [at.gain * (image.direct(each) - at.direct) for each in moved]
             wider = (shapes.at(width + _STEP) - shapes.at(width)) @ at.amplitudes / _STEP
-            own = np.column_stack([at.direct, at.shapes, at.gain * wider])
-            rows = np.column_stack([np.transpose(slopes) / steps, own])
-            weighted = solve_triangular(errors, rows, lower=True)
-            both = weighted.T @ weighted
-            beside = both[count:, count:] + np.diag(1 / sds**2)
-            cross = both[:count, count:]
-            information += both[:count, :count] - cross @ np.linalg.solve(beside, cross.T)
-        return np.asarray(np.linalg.inv(information))
+            found.append(
+                Linear(
+                    image,
+                    -at.residuals[: len(at.direct)],
+                    errors,
+                    np.transpose(slopes) / steps,
+                    np.column_stack([at.direct, at.shapes, at.gain * wider]),
+                    at.gain * at.direct * np.log(np.maximum(at.direct, NO_LIGHT)),
+                )
+            )
+        return found
 
     def _steps(self, values: Unknowns) -> Unknowns:
         high, steps = self.bounds[1], _STEP * self.prior[1]
@@ -352,20 +402,32 @@ class _Problem:
         return tuple(np.sqrt(np.diag(slopes @ covariance @ slopes.T)).tolist())
 
 
-def _refuse_unexplained(at: _Light, image: LitImage) -> None:
+def _refuse_unexplained(near: Sequence[Linear], left: Float64[np.ndarray, "u u"]) -> None:
     """Refuse readings that lie off by far more than steps and stray light err; name the worst."""
-    off = at.residuals[: len(image.transmission)]
-    if (rms := float(np.sqrt((off**2).mean()))) <= MOST_RMS_SD:
-        return
-    steps = [number for number, each in enumerate(image.image.readings) if each.wedge >= 0]
-    share = abs(image.transmission - at.expected)[steps] / at.expected[steps]
-    worst = image.image.readings[steps[int(share.argmax())]]
-    wedge = image.image.wedges[worst.wedge]
-    raise DataError(
-        f"{wedge.name}: its readings lie {rms:.1f} sd off what any spectrum lets pass, farthest at "
-        f"step {worst.step + 1}: expected this material, these thicknesses, and one tube for all "
-        "images"
-    )
+    found = suspects(near, left)
+    wedges = [off for off in found if off.step is None]
+    rms = max(float(np.sqrt((each.residuals**2).mean())) for each in near)
+    if rms > MOST_RMS_SD:
+        worst = [off.place for off in wedges if off.sds > OF_WORST * wedges[0].sds]
+        raise DataError(
+            f"{' and '.join(worst)}: readings lie {rms:.1f} sd off what any spectrum lets pass: "
+            f"{EXPECTED}"
+        )
+    off = next((off for off in found if off.is_near), None)
+    if off is not None and off.sds > MOST_OFF_SD:
+        raise DataError(
+            f"{off.place} lies {off.sds:.1f} sd off what all other readings say, as if it were "
+            f"{abs(off.thicker):.1%} {'thicker' if off.thicker > 0 else 'thinner'}: {EXPECTED}"
+        )
+
+
+def _refuse_other_exposure(at: _Light, image: LitImage) -> None:
+    mean, sd = GAIN
+    if abs(at.gain - mean) > MOST_GAIN_SDS * sd:
+        raise DataError(
+            f"{image.image.name}: was exposed {at.gain:.2f} times as much as its flat, expected "
+            f"{mean - MOST_GAIN_SDS * sd:.2g} to {mean + MOST_GAIN_SDS * sd:.2g} times"
+        )
 
 
 def _refuse_two_beams(one: _Light, image: LitImage, other: _Light, again: LitImage) -> None:

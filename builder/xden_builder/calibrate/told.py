@@ -221,6 +221,8 @@ def _read_balls(table: TomlTable, root: Path) -> ToldBalls:
         centres = [[float(row[axis]) for axis in ("x_cm", "y_cm", "z_cm")] for row in rows]
     except ValueError as err:
         raise DataError(f"{path}: expected numbers: {err}") from err
+    if not np.isfinite(centres).all():
+        raise DataError(f"{path}: expected finite numbers")
     return ToldBalls(
         scan=table.get("scan", _is_name, "the name of a folder"),
         centres_cm=np.array(centres),

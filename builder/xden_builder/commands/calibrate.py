@@ -50,6 +50,7 @@ def calibrate(
 
 def _calibrate(captures: Path, out: Path, as_json: bool) -> None:
     from xden_builder.calibrate.run import calibrate_scanner
+    from xden_builder.triage.flags import flag_kind
 
     found = calibrate_scanner(captures, out)
     if as_json:
@@ -57,6 +58,9 @@ def _calibrate(captures: Path, out: Path, as_json: bool) -> None:
         return
     for sentence in found.sentences():
         click.echo(sentence)
+    for place, flag in (each.rsplit(":", 1) for each in found.flags):
+        kind = flag_kind(flag)
+        click.echo(f"{place}: {flag}: {kind.meaning}; {kind.remedy}")
     click.echo(f"{out / 'scanner.toml'}: copy it to your captures; look at the plots beside it")
 
 
