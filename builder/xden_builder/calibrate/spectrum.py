@@ -57,7 +57,10 @@ MOST_OFF_SD: Final = 6.0
 a step told 4 % too thick 9, of copper told as brass 9."""
 OF_WORST: Final = 0.25
 """Of how far the worst wedge is off: others that are as far may be the culprit, too."""
-EXPECTED: Final = "expected this material, these thicknesses, the told filters' metals, and one tube for all images"
+EXPECTED: Final = (
+    "expected this material, these thicknesses, filters of the told metals, and one tube for all "
+    "images"
+)
 MOST_GAIN_SDS: Final = 4.0
 """A gain farther off was made by another exposure than the flat's."""
 NO_LIGHT: Final = 1e-30
