@@ -144,6 +144,23 @@ def test_a_mask_whose_name_is_in_capitals_is_not_passed_over(root: Path) -> None
         CaptureFolder(root).read("mug-01")
 
 
+@pytest.mark.parametrize("name", ["ignore_lat.tif", "ignore_pa.npy", "ignore_ap.png"])
+def test_a_mask_of_another_format_or_of_no_view_is_not_passed_over(root: Path, name: str) -> None:
+    (root / "mug-01" / name).write_bytes(b"mine")
+    with pytest.raises(DataError, match=rf"{name}: expected the name ignore_pa\.png or ignore_lat"):
+        CaptureFolder(root).read("mug-01")
+
+
+def test_a_column_that_is_there_twice_and_a_number_with_underscores_are_refused(root: Path) -> None:
+    table = root / "objects.csv"
+    table.write_text("object_id,category,mass_g,mass_g\npen,pen,1,2\n")
+    with pytest.raises(DataError, match=r"objects\.csv: column mass_g is there twice"):
+        CaptureFolder(root)
+    table.write_text("object_id,category,mass_g\npen,pen,1_000\n")
+    with pytest.raises(DataError, match=r"must be a positive number of grams, got '1_000'"):
+        CaptureFolder(root)
+
+
 def test_a_mask_that_is_a_broken_link_is_not_passed_over(root: Path) -> None:
     (root / "mug-01" / "ignore_lat.png").symlink_to("nowhere.png")
     with pytest.raises(DataError, match=r"ignore_lat\.png: expected a file, got a folder or a"):

@@ -485,3 +485,12 @@ def test_init_overwrites_nothing_and_then_writes_nothing(tmp_path: Path, name: s
     assert result.exit_code == 1
     assert result.output == f"Error: {tmp_path / name}: is there already; nothing is written\n"
     assert contents(tmp_path) == {name: b"mine"}
+
+
+def test_init_writes_nothing_where_a_file_stands_in_place_of_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "example-0001").touch()
+    result = CliRunner().invoke(cli, ["init", str(tmp_path)])
+    assert result.exit_code == 1
+    said = f"{tmp_path / 'example-0001'}: expected a folder, got a file; nothing is written\n"
+    assert result.output == f"Error: {said}"
+    assert [path.name for path in tmp_path.iterdir()] == ["example-0001"]

@@ -303,9 +303,39 @@ def test_another_folder_is_not_replaced_by_a_report_and_an_older_report_is(
     assert ran.exit_code == 1
     assert f"{tmp_path} is not a report" in ran.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+    (tmp_path / "thesis.txt").unlink()
+    for name, text in (("objects.csv", "object_id,category\n"), ("index.html", "<p>mine</p>")):
+        (tmp_path / name).write_text(text)  # a lab's own table, then with a page of its own
+        ran = CliRunner().invoke(cli, ["report", str(dataset), "-o", str(tmp_path)])
+        assert f"{tmp_path} is not a report" in ran.stderr
+        assert (tmp_path / name).read_text() == text
     before = (report / "index.html").read_bytes()
     assert CliRunner().invoke(cli, ["report", str(dataset)]).exit_code == 0
     assert (report / "index.html").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"[]",
+        b'{"objects": [{"obj',
+        b"\xff\xfe\x00",
+        b'{"schema": "xden-build-report/1", "objects": [], "remarks": []}',
+        b'{"schema": "xden-build-report/3", "objects": [{"id": "a"}], "remarks": []}',
+        b'{"schema": "xden-build-report/3", "objects": [], "remarks": ["text"]}',
+    ],
+)
+def test_a_damaged_file_of_the_last_run_is_one_line_and_the_page_is_made(
+    dataset: Path, report: Path, tmp_path: Path, content: bytes, in_this_process: None
+) -> None:
+    path = dataset.with_name("dataset.work") / "build_report.json"
+    before = path.read_bytes()
+    path.write_bytes(content)
+    ran = CliRunner().invoke(cli, ["report", str(dataset), "-o", str(tmp_path / "out")])
+    path.write_bytes(before)
+    assert ran.exit_code == 0, ran.output
+    assert f"{path}: expected xden-build-report/3, got something else" in ran.stderr
+    assert (tmp_path / "out" / "index.html").is_file()
 
 
 def test_a_damaged_object_is_listed_and_the_others_are_shown(

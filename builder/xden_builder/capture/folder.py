@@ -18,7 +18,7 @@ from xden1k.values.types import CAPTURED, SPLITS, Source, Split
 from xden1k.values.views import XRayView
 from xden_builder.capture.calibration import CalibratedView, calibrate
 from xden_builder.capture.ct import CTReference, read_ct
-from xden_builder.capture.ignored import ignore_name, without_ignored
+from xden_builder.capture.ignored import ignore_name, refuse_other_masks, without_ignored
 from xden_builder.capture.meshes import MESH_SUFFIXES
 from xden_builder.capture.parts import CapturePart, read_parts
 from xden_builder.capture.pose import MeshScale, PoseTold, read_mesh_scale, read_pose
@@ -314,6 +314,7 @@ class CaptureFolder:
         for name in DATASET_VIEWS:
             if name not in scanner.views:
                 raise DataError(f"{self._scanner_path(object_id)}: views.{name} is missing")
+        refuse_other_masks(folder, scanner.views)
         audited = scanner.audit_names
         for name in (*DATASET_VIEWS, *scanner.further_names, *audited):
             stored = scanner.views[name]
@@ -411,8 +412,8 @@ def _mesh_sd_mm(row: CsvRow) -> float:
 
 
 def _number(text: str) -> float:
-    """Read a number; what is none is not a number."""
+    """Read a number; what is none is not a number, as digits with underscores are none."""
     try:
-        return float(text)
+        return math.nan if "_" in text else float(text)
     except ValueError:
         return math.nan

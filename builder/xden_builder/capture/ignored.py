@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from xden1k.errors import DataError
 from xden1k.values.views import XRayView
 from xden_builder.capture.calibration import CalibratedView, read_sized
 
-__all__ = ["ignore_name", "without_ignored"]
+__all__ = ["ignore_name", "refuse_other_masks", "without_ignored"]
 
 
 def ignore_name(view: str) -> str:
@@ -39,10 +40,9 @@ def without_ignored(seen: CalibratedView, path: Path) -> CalibratedView:
     Raises
     ------
     DataError
-        If it has another shape, marks every pixel, has its name in capitals, or is no file.
+        If it has another shape, or marks every pixel.
     """
     if not path.is_file():
-        _refuse_other_case(path)
         return seen
     view = seen.view
     marked = read_sized(path, view.geometry.shape, ", as the radiograph has").pixels != 0
@@ -62,10 +62,29 @@ def without_ignored(seen: CalibratedView, path: Path) -> CalibratedView:
     return replace(seen, view=left, at_least=at_least)
 
 
-def _refuse_other_case(path: Path) -> None:
-    """Refuse a mask that is not looked at: for the case of its name, or because it is no file."""
-    for other in path.parent.glob("*"):
-        if other.name == path.name:
+def refuse_other_masks(folder: Path, views: Iterable[str]) -> None:
+    """Refuse a mask that nobody would look at, for its name, its format, or because it is no file.
+
+    Parameters
+    ----------
+    folder
+        Of an object.
+    views
+        Names of all that may have a mask.
+
+    Raises
+    ------
+    DataError
+        Naming the file, and what was expected.
+    """
+    names = [ignore_name(view) for view in views]
+    for path in folder.glob("[iI][gG][nN][oO][rR][eE]_*"):
+        if path.name not in names:
+            raise DataError(f"{path}: expected the name {_or(names, path.name)}")
+        if not path.is_file():
             raise DataError(f"{path}: expected a file, got a folder or a broken link")
-        if other.name.lower() == path.name.lower():
-            raise DataError(f"{other}: expected the name {path.name}")
+
+
+def _or(names: Sequence[str], like: str) -> str:
+    """Return the name that differs in capitals alone, else all."""
+    return next((name for name in names if name == like.lower()), " or ".join(names))

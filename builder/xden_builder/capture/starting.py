@@ -37,6 +37,10 @@ def write_template(folder: Path) -> tuple[Path, ...]:
     if there := [path for path in paths if path.exists()]:
         raise DataError(f"{there[0]}: is there already; nothing is written")
     for path in paths:
+        above = next(each for each in path.parents if each.exists())
+        if not above.is_dir():
+            raise DataError(f"{above}: expected a folder, got a file; nothing is written")
+    for path in paths:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(_template(path.name), encoding="utf-8")
     return tuple(paths)

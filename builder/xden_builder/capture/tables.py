@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -181,8 +182,10 @@ def _read_frame(path: Path) -> pd.DataFrame:
 
 
 def _refuse_long_rows(path: Path, text: str) -> None:
-    """Raise DataError at the first row that is longer than the header."""
+    """Raise DataError at a column that is there twice, and a row longer than the header."""
     header, *rows = csv.reader(io.StringIO(text, newline=None))
+    if twice := [name for name, count in Counter(header).items() if count > 1]:
+        raise DataError(f"{path}: column {twice[0]} is there twice")
     for number, fields in enumerate(rows, start=2):
         if len(fields) > len(header):
             raise DataError(

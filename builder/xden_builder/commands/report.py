@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from xden1k.commands import DONE_IN_PART, LOCAL_ROOT, json_option, print_json
 from xden_builder.commands.shared import FOLDER, progress_bar, workers_option
+
+if TYPE_CHECKING:
+    from xden_builder.triage.remarks import FolderRemark
 
 __all__ = ["report"]
 
@@ -29,20 +31,17 @@ def report(root: Path, out: Path | None, workers: int, as_json: bool) -> None:
     drawn.
     """
     from xden1k.folder import open_folder
-    from xden_builder.triage.remarks import FolderRemark
     from xden_builder.triage.report import write_report
 
     root = root.absolute()
-    last_run = _last_run(root)
+    not_built, remarks = _last_run(root)
     with progress_bar(len(open_folder(root).ids())) as bar:
         written = write_report(
             root,
             out or root.with_name(f"{root.name}.report"),
             workers=workers,
-            not_built=_not_built(last_run),
-            remarks=[
-                FolderRemark(each["severity"], each["text"]) for each in last_run.get("remarks", [])
-            ],
+            not_built=not_built,
+            remarks=remarks,
             on_done=lambda _: bar.update(),
         )
     if as_json:
@@ -55,17 +54,31 @@ def report(root: Path, out: Path | None, workers: int, as_json: bool) -> None:
         raise SystemExit(DONE_IN_PART)
 
 
-def _last_run(root: Path) -> dict[str, Any]:
-    """Return what the last run said of all objects; nothing where its report is gone."""
+def _last_run(root: Path) -> tuple[list[tuple[str, str]], list[FolderRemark]]:
+    """Return what the last run could not build and why, and what it said of all objects.
+
+    Nothing where its report is gone; where that cannot be read, a line says so.
+    """
+    from xden_builder.pipeline.outcomes import REPORT_SCHEMA
     from xden_builder.pipeline.run import REPORT_NAME, work_folder
     from xden_builder.pipeline.storage import inside, read_bytes
+    from xden_builder.triage.remarks import FolderRemark
 
-    content = read_bytes(inside(work_folder(root), REPORT_NAME))
-    values: dict[str, Any] = {} if content is None else json.loads(content)
-    return values
-
-
-def _not_built(last_run: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return what could not be built, and why."""
-    objects = last_run.get("objects", [])
-    return [(each["object_id"], each["message"]) for each in objects if each["status"] == "failed"]
+    path = inside(work_folder(root), REPORT_NAME)
+    if (content := read_bytes(path)) is None:
+        return [], []
+    try:
+        values = json.loads(content)
+        if values["schema"] != REPORT_SCHEMA:
+            raise ValueError(values["schema"])
+        failed = [each for each in values["objects"] if each["status"] == "failed"]
+        not_built = [(str(each["object_id"]), str(each["message"])) for each in failed]
+        remarks = [FolderRemark(each["severity"], each["text"]) for each in values["remarks"]]
+    except (ValueError, KeyError, TypeError):
+        click.echo(
+            f"{path}: expected {REPORT_SCHEMA}, got something else or a damaged file: the page "
+            "says nothing of what the last run could not build",
+            err=True,
+        )
+        return [], []
+    return not_built, remarks

@@ -13,9 +13,10 @@ from xden_builder.triage.findings import Findings
 from xden_builder.triage.remarks import FolderRemark, folder_remarks
 from xden_builder.triage.sizes import FolderSize, folder_size
 
-__all__ = ["REPORT_NAME", "BuildReport", "Outcome", "Status"]
+__all__ = ["REPORT_NAME", "REPORT_SCHEMA", "BuildReport", "Outcome", "Status"]
 
 REPORT_NAME: Final = "build_report.json"
+REPORT_SCHEMA: Final = "xden-build-report/3"
 COSTS: Final = tuple(field.name for field in fields(Cost))
 
 Status = Literal["built", "kept", "failed"]
@@ -117,7 +118,7 @@ class BuildReport:
         counts = {status: self.count(status) for status in ("built", "kept", "failed")}
         values: dict[str, Any] = plain(
             {
-                "schema": "xden-build-report/3",
+                "schema": REPORT_SCHEMA,
                 "builder": BUILDER,
                 **counts,
                 "beam": None if self.beam is None else asdict(self.beam),

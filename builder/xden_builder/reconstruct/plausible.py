@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float64
 
 from xden1k.errors import DataError
 from xden1k.values.arrays import Mask, Points
@@ -56,13 +56,16 @@ def check_places(parts: Sequence[CapturePart], views: Sequence[XRayView]) -> Non
                 )
 
 
-def check_exposure(views: Iterable[tuple[str, Mask, Mask]]) -> None:
+def check_exposure(
+    views: Iterable[tuple[str, Mask, Mask | Float64[np.ndarray, "rows columns"]]],
+) -> None:
     """Refuse an object most of which is saturated: its densities are known from above alone.
 
     Parameters
     ----------
     views
-        Name of each, where the object is, and which pixels are saturated or dead.
+        Name of each, where the object is, and which pixels are saturated or dead, or which share of
+        each pixel of a coarser image.
 
     Raises
     ------
@@ -73,7 +76,7 @@ def check_exposure(views: Iterable[tuple[str, Mask, Mask]]) -> None:
         share = float(full[shadow].mean()) if shadow.any() else 0.0
         if share > MOST_INVALID_SHARE:
             raise DataError(
-                f"view {name}: {share:.0%} of the object's pixels are saturated, dead or "
+                f"view {name}: {share:.1%} of the object's pixels are saturated, dead or "
                 f"masked, expected at most {MOST_INVALID_SHARE:.0%}: expose it less, and mask in "
                 f"ignore_{name}.png what is not of the object alone"
             )

@@ -16,8 +16,11 @@ from xden_builder.triage.html import figure, render_page, resource
 from xden_builder.triage.pictures import RESIDUAL_LIMIT
 from xden_builder.triage.remarks import FolderRemark
 
-__all__ = ["render"]
+__all__ = ["is_report", "render"]
 
+GENERATOR: Final = "xden-build report"
+HEAD_BYTES: Final = 2000
+"""Of a page, in which it says what made it."""
 COUNTED: Final[Mapping[Severity | None, str]] = {
     "needs_you": "need you",
     "information": "for information",
@@ -62,6 +65,7 @@ def render(
         style=resource("report.css"),
         script=resource("report.js"),
         name=name,
+        generator=GENERATOR,
         cards=cards,
         failures=failures,
         remarks=remarks,
@@ -75,6 +79,12 @@ def render(
         mass=_mass,
         few=FEW,
     )
+
+
+def is_report(path: Path) -> bool:
+    """Whether a page was written by :func:`render`."""
+    with path.open("rb") as stream:
+        return f'content="{GENERATOR}"'.encode() in stream.read(HEAD_BYTES)
 
 
 def _kinds(cards: Iterable[Card]) -> list[tuple[FlagKind, int]]:

@@ -12,7 +12,7 @@ from xden1k.errors import DataError, require
 from xden1k.folder import open_folder
 from xden1k.folder.place import publish, staging
 from xden_builder.triage.card import make_card
-from xden_builder.triage.page import render
+from xden_builder.triage.page import is_report, render
 from xden_builder.triage.remarks import FolderRemark
 from xden_builder.triage.table import table
 from xden_builder.workers import gather
@@ -110,5 +110,6 @@ def _refuse_other_folders(out: Path) -> None:
     """Check that nothing would be lost that is not a report."""
     if not out.exists():
         return
-    if not out.is_dir() or {path.name for path in out.iterdir()} - {PAGE_NAME, TABLE_NAME}:
+    names = {path.name for path in out.iterdir()} if out.is_dir() else {out.name}
+    if names and (names != {PAGE_NAME, TABLE_NAME} or not is_report(out / PAGE_NAME)):
         raise DataError(f"{out} is not a report: remove it yourself, or choose another")

@@ -76,7 +76,7 @@ class Outline:
     near
         The same: on the parts or close to them.
     full
-        The same: where most pixels are saturated or dead.
+        The same: share of the pixels that are saturated or dead.
     air
         Median transmission along each border of the panel that no part reaches, by its name.
     brightest
@@ -90,7 +90,7 @@ class Outline:
     drawn: Mask
     shadow: Mask
     near: Mask
-    full: Mask
+    full: Float64[np.ndarray, "rows columns"]
     air: Mapping[str, float] = field(default_factory=dict)
     brightest: float | None = None
     depth: float = 1.0
@@ -127,7 +127,7 @@ def outline(
     margin = int(np.ceil(MARGIN_CM / np.linalg.norm(geometry.column_step_cm)))
     near = binary_dilation(drawn, np.ones((3, 3)), margin)
     shadow = known & ~any_of(saturated, binning) & (image < level - SHADOW_DEPTH)
-    full = _share(~view.valid, binning) > 0.5
+    full = _share(~view.valid, binning)
     air = border_air(image, drawn, known)
     brightest = max(air.values(), default=None) if bounds is None else None
     if brightest is not None and brightest < OPAQUE:
