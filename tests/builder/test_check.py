@@ -18,7 +18,7 @@ from tests.builder.folders import contents
 from tests.builder.poly_scenes import geometries
 from xden1k.errors import DataError
 from xden1k.rays import path_lengths
-from xden_builder.capture import CaptureFolder, ScannerFile, ViewFile, write_scanner
+from xden_builder.capture import CaptureFolder, ScannerFile, ViewFile, read_scanner, write_scanner
 from xden_builder.capture.parts import CapturePart
 from xden_builder.cli import cli
 from xden_builder.physics.source import Tube
@@ -119,6 +119,20 @@ def take_another(folder: Path) -> None:
     (folder / "lat.npy").write_bytes((folder.parent / "key-02" / "lat.npy").read_bytes())
 
 
+def hand_over_twice(folder: Path) -> None:
+    """One picture as both views, each before a flat of its own."""
+    scanner = read_scanner(folder.parent / "scanner.toml")
+    counts = {"quantity": "counts", "polarity": "linear", "dark": 0.0}
+    views = {
+        name: replace(view, image="both.npy" if name == "pa" else "again.npy", flat=flat, **counts)
+        for (name, view), flat in zip(scanner.views.items(), (1000.0, 1001.0), strict=True)
+    }
+    write_scanner(replace(scanner, views=views), folder / "scanner.toml")
+    picture = 1000 * np.load(folder / "pa.npy")
+    np.save(folder / "both.npy", picture)
+    np.save(folder / "again.npy", picture)
+
+
 def annotate_twice(folder: Path) -> None:
     trimesh.load(folder / "parts" / "grip.ply").export(folder / "parts" / "handle.ply")
 
@@ -154,6 +168,7 @@ def lose_a_picture_and_misspell(folder: Path) -> None:
         (exchange, "contradicts", "the pictures of pa and lat seem exchanged"),
         (mirror, "contradicts", "the picture of pa seems mirrored left to right"),
         (take_another, "contradicts", "the picture of lat is that of lat of key-02 too"),
+        (hand_over_twice, "contradicts", "the picture of lat is that of pa of key-1 too"),
         (annotate_twice, "refused", "parts grip and handle are the same mesh in the same place"),
         (misspell, "refused", "unknown material 'aluminum_alloy'.*near: aluminum"),
         (told_of_objects("key-1,key,mm,"), "refused", r"1/10 of|10 times the"),

@@ -265,6 +265,21 @@ class CaptureFolder:
         meshes, table, strict = self._part_files(object_id)
         return read_parts(meshes, table, self._row(object_id).mesh_units, strict)
 
+    def images(self, object_id: str) -> Mapping[str, Path]:
+        """Return where the radiographs of an object are, those that are there, by view.
+
+        Raises
+        ------
+        MissingObjectError
+            If ``objects.csv`` has no such object.
+        DataError
+            If its ``scanner.toml`` is wrong.
+        """
+        folder = self.root / self._row(object_id).object_id
+        views = self._scanner(object_id).views
+        paths = {name: folder / stored.image for name, stored in views.items()}
+        return {name: path for name, path in paths.items() if path.is_file()}
+
     def ct(self, object_id: str) -> CTReference | None:
         """Read the CT reference of an object, None where it has none.
 

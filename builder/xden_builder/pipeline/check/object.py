@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal, NamedTuple, TypeVar
 
 from xden1k.errors import XDenError
-from xden_builder.capture import Capture, CaptureFolder
+from xden_builder.capture import Capture, CaptureFolder, read_image
 from xden_builder.capture.space import divide
 from xden_builder.physics.groups import energy_groups
 from xden_builder.pipeline.check.outlines import Lengths, contradictions, outline, shadow_lengths
@@ -79,7 +80,9 @@ def check_object(folder: CaptureFolder, object_id: str) -> ObjectCheck:
         *(Finding("refused", said) for said in refused),
         *(Finding("contradicts", said) for said in judged.contradicting),
     ]
-    return ObjectCheck(object_id, tuple(findings), _pictures(capture), judged.lengths)
+    return ObjectCheck(
+        object_id, tuple(findings), _pictures(folder.images(object_id)), judged.lengths
+    )
 
 
 def _read(folder: CaptureFolder, object_id: str, refused: list[str]) -> Capture | None:
@@ -150,8 +153,9 @@ def _check_source(capture: Capture) -> None:
         energy_groups(tube, capture.detector)
 
 
-def _pictures(capture: Capture) -> tuple[tuple[str, str], ...]:
+def _pictures(images: Mapping[str, Path]) -> tuple[tuple[str, str], ...]:
+    """Return a digest of each picture as it was taken: flats may differ before one handed twice."""
     return tuple(
-        (view.name, hashlib.sha256(view.transmission.tobytes()).hexdigest())
-        for view in capture.all_views
+        (view, hashlib.sha256(read_image(path).pixels.tobytes()).hexdigest())
+        for view, path in images.items()
     )
