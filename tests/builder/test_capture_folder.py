@@ -146,7 +146,9 @@ def test_a_mask_whose_name_is_in_capitals_is_not_passed_over(root: Path) -> None
 
 @pytest.mark.parametrize("name", ["ignore_lat.tif", "ignore_pa.npy", "ignore_ap.png"])
 def test_a_mask_of_another_format_or_of_no_view_is_not_passed_over(root: Path, name: str) -> None:
+    before = CaptureFolder(root).digest("mug-01")
     (root / "mug-01" / name).write_bytes(b"mine")
+    assert CaptureFolder(root).digest("mug-01") != before  # a rebuild that is kept is not
     with pytest.raises(DataError, match=rf"{name}: expected the name ignore_pa\.png or ignore_lat"):
         CaptureFolder(root).read("mug-01")
 
@@ -276,6 +278,8 @@ def refused_in_one_line(root: Path, raw: bytes, message: str) -> None:
             HEADER + "pen,pen,,12 g,,,",
             "row 2, mass_g: must be a positive number of grams, got '12 g",
         ),
+        (POSED + "0 0 0 1 0 0 1_0,", "row 2, pose: must be near, .* got '0 0 0 1 0 0 1_0'"),
+        (OFF + "0_1", "row 2, mesh_sd_mm: must be a number of mm from 0 to 5, got '0_1'"),
         (POSED + "far,", "row 2, pose: must be near, unknown, seven numbers qx .* got 'far'"),
         (POSED + "0 0 0 1 0 0,", "row 2, pose: must be near, .*, got '0 0 0 1 0 0'"),
         (POSED + "0 0 0 1 0 0 nan,", "row 2, pose: must be near, .*, got '0 0 0 1 0 0 nan'"),

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,11 +14,13 @@ import numpy as np
 import pytest
 import trimesh
 from click.testing import CliRunner
+from PIL import Image
 
 from tests.builder.folders import contents
 from tests.builder.poly_scenes import geometries
 from xden1k.errors import DataError
 from xden1k.rays import path_lengths
+from xden1k.values.views import XRayView
 from xden_builder.capture import CaptureFolder, ScannerFile, ViewFile, read_scanner, write_scanner
 from xden_builder.capture.parts import CapturePart
 from xden_builder.cli import cli
@@ -27,7 +30,7 @@ from xden_builder.pipeline.check.outlines import Lengths, Outline, contradiction
 from xden_builder.pipeline.check.run import FolderCheck, check_folder
 from xden_builder.pipeline.check.weight import weight_contradiction
 from xden_builder.pipeline.remarks import calibration_remark, filtration_remark, is_calibrated
-from xden_builder.reconstruct.plausible import SHADOW_DEPTH
+from xden_builder.reconstruct.plausible import SHADOW_DEPTH, check_exposure
 
 SIZE = 64
 VIEWS = geometries(SIZE)
@@ -47,13 +50,15 @@ def key(grow=1.0):
     }
 
 
-def write_object(root: Path, object_id: str, parts: dict[str, trimesh.Trimesh]) -> Path:
+def write_object(
+    root: Path, object_id: str, parts: dict[str, trimesh.Trimesh], views=VIEWS
+) -> Path:
     folder = root / object_id
     (folder / "parts").mkdir(parents=True)
     for name, mesh in parts.items():
         mesh.export(folder / "parts" / f"{name}.ply")
     (folder / "parts.csv").write_text("name,material\ngrip,abs\nwing,aluminium\n")
-    for name, geometry in VIEWS.items():
+    for name, geometry in views.items():
         lengths = path_lengths(list(parts.values()), range(len(parts)), geometry, 2)
         noise = np.random.default_rng(len(object_id)).normal(0, 1e-4, geometry.shape)
         image = lengths.image(np.resize(LAC, len(parts))) + noise
@@ -98,6 +103,42 @@ def test_a_sheet_that_stands_edge_on_between_two_rows_of_pixels_is_not_accused(
     write_object(captures, "sheet", sheets)
     (captures / "objects.csv").write_text(f"{HEADER}\nsheet,key,,\n")
     assert told(captures) == []
+
+
+def test_a_pin_in_the_midst_of_dead_pixels_is_refused_no_more_than_by_a_rebuild(
+    tmp_path: Path,
+) -> None:
+    """Its pixels are seen, most of the large pixels it is drawn in are not."""
+    fine = geometries(512)
+    views = {
+        name: ViewFile(f"{name}.npy", "transmission", geometry) for name, geometry in fine.items()
+    }
+    write_scanner(ScannerFile(views, Tube(kv=100.0)), tmp_path / "scanner.toml")
+    pin = {
+        "grip": solid((0.03, 0.03, 3.0), (0.0, 0.0, 2.0)),
+        "wing": solid((0.03, 0.03, 3), (0, 0, -2)),
+    }
+    folder = write_object(tmp_path, "pin", pin, fine)
+    (tmp_path / "objects.csv").write_text(f"{HEADER}\npin,key,,\n")
+    for name, geometry in fine.items():
+        dead = np.full(geometry.shape, 255, dtype=np.uint8)
+        dead.flat[path_lengths(list(pin.values()), range(2), geometry, 3).pixels] = 0
+        Image.fromarray(dead).save(folder / f"ignore_{name}.png")
+    assert [each for each in told(tmp_path) if each[1] == "refused"] == []
+
+
+def test_a_share_of_dead_pixels_that_is_refused_is_not_told_as_the_limit() -> None:
+    geometry = VIEWS["pa"]
+    lengths = path_lengths([solid((3, 3, 3), (0, 0, 0))], [0], geometry)
+    few = len(lengths.pixels) // 2
+    for dead, refused in ((few, False), (few + 1, True)):
+        valid = np.ones(geometry.shape, dtype=np.bool_)
+        valid.flat[lengths.pixels[:dead]] = False
+        view = XRayView("pa", np.ones(geometry.shape, dtype=np.float32), valid, geometry)
+        with (
+            pytest.raises(DataError, match=r"view pa: 50\.[1-9]% of") if refused else nullcontext()
+        ):
+            check_exposure([(view, lengths)])
 
 
 def exchange(folder: Path) -> None:
@@ -191,7 +232,7 @@ def test_what_is_wrong_is_told_of_that_object(
 
 
 def seen(name: str, drawn: np.ndarray, shadow: np.ndarray) -> Outline:
-    return Outline(name, drawn, shadow, drawn, np.zeros_like(drawn))
+    return Outline(name, drawn, shadow, drawn)
 
 
 def flag() -> np.ndarray:

@@ -27,7 +27,7 @@ from xden_builder.triage import report as triage_report
 from xden_builder.triage.card import Card, make_card
 from xden_builder.triage.findings import find
 from xden_builder.triage.flags import flag_kinds
-from xden_builder.triage.page import render
+from xden_builder.triage.page import is_report, render
 from xden_builder.triage.pictures import draw
 
 
@@ -314,10 +314,18 @@ def test_another_folder_is_not_replaced_by_a_report_and_an_older_report_is(
     assert (report / "index.html").read_bytes() == before
 
 
+def test_a_report_of_an_earlier_version_is_known_for_one(tmp_path: Path) -> None:
+    page = tmp_path / "index.html"
+    for title, ours in (("mugs: what needs you", True), ("what needs you", False)):
+        page.write_text(f'<!doctype html>\n<meta charset="utf-8">\n<title>{title}</title>')
+        assert is_report(page) == ours
+
+
 @pytest.mark.parametrize(
     "content",
     [
         b"[]",
+        pytest.param(b"[" * 100_000, id="nested"),
         b'{"objects": [{"obj',
         b"\xff\xfe\x00",
         b'{"schema": "xden-build-report/1", "objects": [], "remarks": []}',

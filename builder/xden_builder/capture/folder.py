@@ -18,12 +18,12 @@ from xden1k.values.types import CAPTURED, SPLITS, Source, Split
 from xden1k.values.views import XRayView
 from xden_builder.capture.calibration import CalibratedView, calibrate
 from xden_builder.capture.ct import CTReference, read_ct
-from xden_builder.capture.ignored import ignore_name, refuse_other_masks, without_ignored
+from xden_builder.capture.ignored import ignore_name, masks, refuse_other_masks, without_ignored
 from xden_builder.capture.meshes import MESH_SUFFIXES
 from xden_builder.capture.parts import CapturePart, read_parts
 from xden_builder.capture.pose import MeshScale, PoseTold, read_mesh_scale, read_pose
 from xden_builder.capture.scanner import DATASET_VIEWS, ScannerFile, read_scanner
-from xden_builder.capture.tables import CsvRow, read_csv
+from xden_builder.capture.tables import CsvRow, number_or_nan, read_csv
 from xden_builder.physics.source import Detector, Tube
 
 __all__ = ["REGISTRATION_NAME", "Capture", "CaptureFolder", "ObjectRow"]
@@ -357,10 +357,11 @@ class CaptureFolder:
         yield "scanner.toml", self._scanner_path(object_id)
         for name, stored in self._scanner(object_id).views.items():
             yield f"views.{name}.image", folder / stored.image
-            yield ignore_name(name), folder / ignore_name(name)
             for key, source in (("flat", stored.flat), ("dark", stored.dark)):
                 if isinstance(source, str):
                     yield f"views.{name}.{key}", self.root / source
+        for path in masks(folder):  # a new one of a wrong name is refused, not passed over
+            yield path.name, path
         meshes, table, _ = self._part_files(object_id)
         yield "parts.csv", table
         yield "mesh.glb", meshes / "mesh.glb"
@@ -412,23 +413,15 @@ def _object_row(row: CsvRow) -> ObjectRow:
 
 
 def _mass_g(row: CsvRow) -> float:
-    mass_g = _number(row["mass_g"])
+    mass_g = number_or_nan(row["mass_g"])
     if not 0 < mass_g < math.inf:
         raise row.error("mass_g", f"must be a positive number of grams, got {row['mass_g']!r}")
     return mass_g
 
 
 def _mesh_sd_mm(row: CsvRow) -> float:
-    sd_mm = _number(row["mesh_sd_mm"])
+    sd_mm = number_or_nan(row["mesh_sd_mm"])
     if not 0 <= sd_mm <= _MOST_MESH_SD_MM:
         most, told = f"{_MOST_MESH_SD_MM:g}", row["mesh_sd_mm"]
         raise row.error("mesh_sd_mm", f"must be a number of mm from 0 to {most}, got {told!r}")
     return sd_mm
-
-
-def _number(text: str) -> float:
-    """Read a number; what is none is not a number, as digits with underscores are none."""
-    try:
-        return math.nan if "_" in text else float(text)
-    except ValueError:
-        return math.nan

@@ -12,7 +12,7 @@ from xden1k.errors import DataError
 from xden1k.values.views import XRayView
 from xden_builder.capture.calibration import CalibratedView, read_sized
 
-__all__ = ["ignore_name", "refuse_other_masks", "without_ignored"]
+__all__ = ["ignore_name", "masks", "refuse_other_masks", "without_ignored"]
 
 
 def ignore_name(view: str) -> str:
@@ -62,6 +62,11 @@ def without_ignored(seen: CalibratedView, path: Path) -> CalibratedView:
     return replace(seen, view=left, at_least=at_least)
 
 
+def masks(folder: Path) -> list[Path]:
+    """Everything in an object's folder that is named as a mask, in any case."""
+    return sorted(folder.glob("[iI][gG][nN][oO][rR][eE]_*"))
+
+
 def refuse_other_masks(folder: Path, views: Iterable[str]) -> None:
     """Refuse a mask that nobody would look at, for its name, its format, or because it is no file.
 
@@ -78,7 +83,7 @@ def refuse_other_masks(folder: Path, views: Iterable[str]) -> None:
         Naming the file, and what was expected.
     """
     names = [ignore_name(view) for view in views]
-    for path in folder.glob("[iI][gG][nN][oO][rR][eE]_*"):
+    for path in masks(folder):
         if path.name not in names:
             raise DataError(f"{path}: expected the name {_or(names, path.name)}")
         if not path.is_file():

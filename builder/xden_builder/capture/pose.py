@@ -9,7 +9,7 @@ from typing import Final, Literal, cast
 
 from scipy.spatial.transform import Rotation
 
-from xden_builder.capture.tables import CsvRow
+from xden_builder.capture.tables import CsvRow, number_or_nan
 
 __all__ = [
     "Candidate",
@@ -94,10 +94,7 @@ def read_pose(row: CsvRow) -> PoseTold:
 
 
 def _read_coarse(row: CsvRow, text: str) -> CoarsePose:
-    try:
-        numbers = [float(number) for number in text.split()]
-    except ValueError:
-        numbers = []
+    numbers = [number_or_nan(number) for number in text.split()]
     if len(numbers) != 7 or not all(map(math.isfinite, numbers)):
         raise row.error("pose", f"{_EXPECTED}, got {text!r}")
     norm = math.hypot(*numbers[:4])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +16,15 @@ import pandas as pd
 from xden1k.errors import DataError
 from xden_builder.capture.damage import decoding
 
-__all__ = ["CsvRow", "TomlTable", "is_number", "is_positive", "is_vector", "read_csv"]
+__all__ = [
+    "CsvRow",
+    "TomlTable",
+    "is_number",
+    "is_positive",
+    "is_vector",
+    "number_or_nan",
+    "read_csv",
+]
 
 Check = Callable[[Any], bool]
 
@@ -33,6 +42,20 @@ def is_positive(value: Any) -> bool:
 def is_vector(value: object) -> bool:
     """Whether a TOML value is three finite numbers."""
     return isinstance(value, list) and len(value) == 3 and all(map(is_number, value))
+
+
+def number_or_nan(text: str) -> float:
+    """Read a number of a CSV file; what is none is not a number.
+
+    Examples
+    --------
+    >>> number_or_nan("1e3"), number_or_nan("1_000")
+    (1000.0, nan)
+    """
+    try:
+        return math.nan if "_" in text else float(text)
+    except ValueError:
+        return math.nan
 
 
 @dataclass(frozen=True)
@@ -184,7 +207,7 @@ def _read_frame(path: Path) -> pd.DataFrame:
 def _refuse_long_rows(path: Path, text: str) -> None:
     """Raise DataError at a column that is there twice, and a row longer than the header."""
     header, *rows = csv.reader(io.StringIO(text, newline=None))
-    if twice := [name for name, count in Counter(header).items() if count > 1]:
+    if twice := [name for name, count in Counter(header).items() if name and count > 1]:
         raise DataError(f"{path}: column {twice[0]} is there twice")
     for number, fields in enumerate(rows, start=2):
         if len(fields) > len(header):

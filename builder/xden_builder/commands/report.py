@@ -74,7 +74,7 @@ def _last_run(root: Path) -> tuple[list[tuple[str, str]], list[FolderRemark]]:
         failed = [each for each in values["objects"] if each["status"] == "failed"]
         not_built = [(str(each["object_id"]), str(each["message"])) for each in failed]
         remarks = [FolderRemark(each["severity"], each["text"]) for each in values["remarks"]]
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         click.echo(
             f"{path}: expected {REPORT_SCHEMA}, got something else or a damaged file: the page "
             "says nothing of what the last run could not build",

@@ -6,8 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from xden1k.rays import PathLengths
-from xden1k.values.arrays import Mask
 from xden1k.values.types import DensityObject
 from xden1k.values.views import XRayView
 from xden_builder.capture import Capture
@@ -59,10 +57,7 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
     check_places(capture.parts, capture.fitted_views)
     space = divide(capture.parts)
     explained = explain(there, space, settings)
-    check_exposure(
-        (view.name, _shadow(lengths), ~view.valid)
-        for view, lengths in zip(capture.fitted_views, explained.lengths, strict=True)
-    )
+    check_exposure(zip(capture.fitted_views, explained.lengths, strict=True))
     views = explained.capture.fitted_views
     gains = (audit.gain for audit in explained.audits)
     check_size(capture.parts, views, list(map(_air, views, gains)))
@@ -72,10 +67,3 @@ def reconstruct(capture: Capture, settings: BuildSettings = DEFAULT) -> DensityO
 def _air(view: XRayView, gain: float) -> float:
     """Transmission beside the object, by the fit or, if that found none there, by the image."""
     return max(gain, float(np.quantile(view.transmission[view.valid], AIR)))
-
-
-def _shadow(lengths: PathLengths) -> Mask:
-    """Return the pixels whose ray meets the object."""
-    met = np.zeros(lengths.shape, dtype=np.bool_)
-    met.flat[lengths.pixels] = True
-    return met

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool
 
 from xden1k.errors import DataError
-from xden1k.values.arrays import Mask, Points
+from xden1k.rays import PathLengths
+from xden1k.values.arrays import Points
 from xden1k.values.views import XRayView
 from xden_builder.audit.view import ViewAudit
 from xden_builder.capture import CapturePart
@@ -56,29 +57,28 @@ def check_places(parts: Sequence[CapturePart], views: Sequence[XRayView]) -> Non
                 )
 
 
-def check_exposure(
-    views: Iterable[tuple[str, Mask, Mask | Float64[np.ndarray, "rows columns"]]],
-) -> None:
+def check_exposure(views: Iterable[tuple[XRayView, PathLengths]]) -> None:
     """Refuse an object most of which is saturated: its densities are known from above alone.
 
     Parameters
     ----------
     views
-        Name of each, where the object is, and which pixels are saturated or dead, or which share of
-        each pixel of a coarser image.
+        Each with what its rays pass through.
 
     Raises
     ------
     DataError
         Naming the view and the share.
     """
-    for name, shadow, full in views:
-        share = float(full[shadow].mean()) if shadow.any() else 0.0
+    for view, lengths in views:
+        dead = ~view.valid.flat[lengths.pixels]
+        share = float(dead.mean()) if dead.size else 0.0
         if share > MOST_INVALID_SHARE:
+            told = np.ceil(1000 * share) / 1000  # never the limit itself
             raise DataError(
-                f"view {name}: {share:.1%} of the object's pixels are saturated, dead or "
+                f"view {view.name}: {told:.1%} of the object's pixels are saturated, dead or "
                 f"masked, expected at most {MOST_INVALID_SHARE:.0%}: expose it less, and mask in "
-                f"ignore_{name}.png what is not of the object alone"
+                f"ignore_{view.name}.png what is not of the object alone"
             )
 
 

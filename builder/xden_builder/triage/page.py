@@ -18,9 +18,10 @@ from xden_builder.triage.remarks import FolderRemark
 
 __all__ = ["is_report", "render"]
 
-GENERATOR: Final = "xden-build report"
-HEAD_BYTES: Final = 2000
-"""Of a page, in which it says what made it."""
+TITLE: Final = ": what needs you</title>"
+"""Ends that of every page, of all versions."""
+HEAD_BYTES: Final = 4096
+"""Of a page, in which its title stands."""
 COUNTED: Final[Mapping[Severity | None, str]] = {
     "needs_you": "need you",
     "information": "for information",
@@ -65,7 +66,6 @@ def render(
         style=resource("report.css"),
         script=resource("report.js"),
         name=name,
-        generator=GENERATOR,
         cards=cards,
         failures=failures,
         remarks=remarks,
@@ -84,7 +84,7 @@ def render(
 def is_report(path: Path) -> bool:
     """Whether a page was written by :func:`render`."""
     with path.open("rb") as stream:
-        return f'content="{GENERATOR}"'.encode() in stream.read(HEAD_BYTES)
+        return TITLE.encode() in stream.read(HEAD_BYTES)
 
 
 def _kinds(cards: Iterable[Card]) -> list[tuple[FlagKind, int]]:

@@ -5,12 +5,17 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Literal, NamedTuple, TypeVar
+from typing import Final, Literal, NamedTuple, TypeVar
+
+import numpy as np
 
 from xden1k.errors import XDenError
+from xden1k.rays import PathLengths, path_lengths
+from xden1k.values.views import XRayView
 from xden_builder.capture import Capture, CaptureFolder, read_image
-from xden_builder.capture.space import divide
+from xden_builder.capture.space import Space, divide
 from xden_builder.physics.groups import energy_groups
 from xden_builder.pipeline.check.outlines import Lengths, contradictions, outline, shadow_lengths
 from xden_builder.pipeline.check.weight import weight_contradiction
@@ -19,6 +24,7 @@ from xden_builder.reconstruct.plausible import (
     check_places,
     check_size,
 )
+from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.registration.capture import registered
 from xden_builder.registration.placement import Registration
 from xden_builder.triage.flags import flag_kind
@@ -27,6 +33,9 @@ __all__ = ["Finding", "Kind", "ObjectCheck", "check_object"]
 
 Kind = Literal["refused", "contradicts"]
 Result = TypeVar("Result")
+
+SUBRAYS: Final = BuildSettings().subrays
+"""Of a rebuild: what it refuses is judged by its rays."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,12 +127,13 @@ def _judged(capture: Capture, refused: list[str]) -> _Judged:
         there = registered(capture)
         capture = there.capture
         check_places(capture.parts, capture.fitted_views)
-        volumes_cm3 = divide(capture.parts).volumes_cm3.tolist()
+        space = divide(capture.parts)
+        volumes_cm3 = space.volumes_cm3.tolist()
         meshes = [part.mesh for part in capture.parts]
         seen = [outline(view, capture.at_least.get(view.name), meshes) for view in capture.views]
         (pa, _), (lat, _) = seen
         check_size(capture.parts, capture.views, [level for _, level in seen])
-        check_exposure([(one.name, one.drawn, one.full) for one, _ in seen])
+        check_exposure((view, _lengths(space, view)) for view in capture.fitted_views)
     except XDenError as err:
         refused.append(str(err))
         return _Judged()
@@ -134,6 +144,16 @@ def _judged(capture: Capture, refused: list[str]) -> _Judged:
         found += [said] if said else []
     lengths = [(view.name, shadow_lengths(view)) for view in (pa, lat)[: 1 if turned else 2]]
     return _Judged(tuple(found), tuple((name, each) for name, each in lengths if each is not None))
+
+
+def _lengths(space: Space, view: XRayView) -> PathLengths:
+    """Cast the rays of a rebuild; one a pixel where too few are dead to be half of what it meets.
+
+    More rays meet those pixels and others, and take several times as long.
+    """
+    rays = partial(path_lengths, space.meshes, space.order, view.geometry)
+    fewer = rays(1)
+    return fewer if 2 * np.count_nonzero(~view.valid) <= len(fewer.pixels) else rays(SUBRAYS)
 
 
 def _of_pose(registration: Registration | None) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import trimesh
-from jaxtyping import Float32, Float64
+from jaxtyping import Float32
 from scipy.ndimage import binary_dilation
 
 from xden1k.rays import path_lengths
@@ -75,8 +75,6 @@ class Outline:
         The same: where the radiograph is darker than air.
     near
         The same: on the parts or close to them.
-    full
-        The same: share of the pixels that are saturated or dead.
     air
         Median transmission along each border of the panel that no part reaches, by its name.
     brightest
@@ -90,7 +88,6 @@ class Outline:
     drawn: Mask
     shadow: Mask
     near: Mask
-    full: Float64[np.ndarray, "rows columns"]
     air: Mapping[str, float] = field(default_factory=dict)
     brightest: float | None = None
     depth: float = 1.0
@@ -127,13 +124,12 @@ def outline(
     margin = int(np.ceil(MARGIN_CM / np.linalg.norm(geometry.column_step_cm)))
     near = binary_dilation(drawn, np.ones((3, 3)), margin)
     shadow = known & ~any_of(saturated, binning) & (image < level - SHADOW_DEPTH)
-    full = _share(~view.valid, binning)
     air = border_air(image, drawn, known)
     brightest = max(air.values(), default=None) if bounds is None else None
     if brightest is not None and brightest < OPAQUE:
         brightest = float(np.quantile(image[known], LIT))
     depth = level - float(np.median(image[shadow])) if shadow.any() else 0.0
-    return Outline(view.name, drawn, shadow, near, full, air, brightest, depth), level
+    return Outline(view.name, drawn, shadow, near, air, brightest, depth), level
 
 
 class Lengths(NamedTuple):
@@ -174,13 +170,6 @@ def shadow_lengths(view: Outline) -> Lengths | None:
 
 def _touches_border(mask: Mask) -> bool:
     return any(bool(mask[border].any()) for border in BORDERS.values())
-
-
-def _share(mask: Mask, binning: int) -> Float64[np.ndarray, "rows columns"]:
-    """Return the share of the marked pixels in each bin."""
-    rows, columns = (size // binning for size in mask.shape)
-    cut = mask[: rows * binning, : columns * binning]
-    return np.asarray(cut.reshape(rows, binning, columns, binning).mean(axis=(1, 3)))
 
 
 def contradictions(pa: Outline, lat: Outline, *, turned: bool = False) -> Iterator[str]:
