@@ -431,7 +431,7 @@ def test_filters_told_in_another_unit_are_asked_about(
         ('[calibration]\nkv = 100.0\nfound = { transmission_sd = { "10 mm Fe" = 0.015 } }', ""),
         (
             '[calibration]\nkv = 100.0\nfound = { transmission_sd = { "10 mm Fe" = 1.028 } }',
-            "light through 10 mm Fe is known to 103%, expected 5% or better",
+            "light through 10 mm Fe is known to 102.8%, expected 10% or better",
         ),
     ],
 )

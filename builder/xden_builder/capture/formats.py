@@ -46,13 +46,20 @@ def _read_tiff(path: Path) -> ImageFile:
     tifffile = require("tifffile", "build")
     require("imagecodecs", "build")
     with decoding(path, "a TIFF image", tifffile.TiffFileError), tifffile.TiffFile(path) as file:
-        if lossy := {page.compression.name for page in file.pages} - _TIFF_PACKED:
+        if lossy := {_packing(page.compression) for page in file.series[0].pages} - _TIFF_PACKED:
             raise DataError(
                 f"{path}: expected a TIFF image that is plain or packed without loss by deflate, "
                 f"LZW or PackBits, got {', '.join(sorted(lossy))}"
             )
         pixels = file.asarray()
     return ImageFile(path, pixels)
+
+
+def _packing(compression: int) -> str:
+    """Name a compression; a file that tells none has the plain one's number."""
+    tifffile = require("tifffile", "build")
+    known: dict[int, str] = {each.value: each.name for each in tifffile.COMPRESSION}
+    return known.get(int(compression), f"compression {int(compression)}")
 
 
 def _read_png(path: Path) -> ImageFile:

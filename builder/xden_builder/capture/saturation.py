@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import median_abs_deviation
 
 from xden1k.values.arrays import Image, Mask
 from xden1k.values.views import XRayView
-from xden_builder.capture.borders import BORDERS
 
 __all__ = ["MOST_GAIN", "GainBounds", "brighter_than_light", "completed", "gain_bounds"]
 
@@ -22,30 +20,20 @@ TOP: Final = 0.95
 """Quantile of the saturation that stands for the brightest one: dust on the flat is left out."""
 FEWEST: Final = 50
 """Pixels that tell the level of air."""
+AIR: Final = 0.99
+"""Quantile of pixels within the panel's range that stands for air, where they tell it."""
 ALIKE: Final = 0.1
-"""Pixels that differ from air by less are air, too."""
+"""Pixels that differ from it by less are air, too."""
 FEW: Final = 0.1
 """Beside so many, fewer saturated ones by this factor are faults or letters, and air is not
 saturated."""
-LEAST_AIR: Final = 1 / MOST_GAIN
-"""Transmission: along a border, what is darker is no air."""
 BRIGHTEST: Final = 1.25
 """Times air and times the open field: no light is as bright."""
-NOISE_SIGMAS: Final = 8.0
-"""Above air, pixels that are saturated and as bright are no noise of it."""
 
 Field = Float[np.ndarray, "rows columns"]
 
 GainBounds = tuple[float, float]
 """Least and most factor on the open field; equal where air tells it."""
-
-
-class Air(NamedTuple):
-    """Air within the panel's range: its transmission, its noise's deviation, and its pixels."""
-
-    level: float
-    noise_sd: float
-    pixels: int
 
 
 def brighter_than_light(transmission: Field, saturated: Mask) -> Mask:
@@ -61,37 +49,21 @@ def brighter_than_light(transmission: Field, saturated: Mask) -> Mask:
     Returns
     -------
     array
-        Shape (rows, columns). Nowhere if no border tells that air is within the panel's range, or
-        they are no exceptions.
+        Shape (rows, columns). Nowhere if air is saturated, or they are no exceptions.
     """
-    air = _air(transmission, saturated)
-    if air is None:
+    seen = transmission[~saturated & np.isfinite(transmission)]
+    if not seen.size:
         return np.zeros_like(saturated)
-    full = saturated & (transmission > air.level + NOISE_SIGMAS * air.noise_sd)
-    above = full | (np.isfinite(transmission) & (transmission > BRIGHTEST * max(air.level, 1.0)))
-    return above if above.sum() < FEW * air.pixels else np.zeros_like(saturated)
+    air, level = _air(seen)
+    above = np.isfinite(transmission) & (transmission > BRIGHTEST * max(level, 1.0))
+    few = max(above.sum(), saturated.sum()) < FEW * air
+    return above if few else np.zeros_like(saturated)
 
 
-def _air(transmission: Field, saturated: Mask) -> Air | None:
-    """Tell air by the border that is brightest in its median; None where it is saturated."""
-    found = [_along(transmission[border], saturated[border]) for border in BORDERS.values()]
-    level, noise_sd = max(found)
-    if not LEAST_AIR <= level < np.inf:
-        return None
-    alike = ~saturated & (np.abs(transmission - level) < ALIKE * level)
-    return Air(level, noise_sd, int(alike.sum()))
-
-
-def _along(transmission: Field, saturated: Mask) -> tuple[float, float]:
-    """Return median and deviation of what was measured along a border."""
-    measured = np.isfinite(transmission)
-    if not measured.any():
-        return 0.0, 0.0
-    seen = np.where(saturated, np.inf, transmission)[measured]
-    level = float(np.median(seen))
-    if not np.isfinite(level):
-        return level, 0.0
-    return level, float(median_abs_deviation(seen, scale="normal"))
+def _air(seen: Float[np.ndarray, "n"]) -> tuple[int, float]:
+    """Count pixels like the brightest within the panel's range, and give their level."""
+    level = float(np.quantile(seen, AIR))
+    return int((np.abs(seen - level) < ALIKE * level).sum()), level
 
 
 def completed(view: XRayView, at_least: Image | None) -> tuple[XRayView, Mask]:
@@ -135,11 +107,7 @@ def gain_bounds(view: XRayView, at_least: Image | None) -> GainBounds | None:
     limits = at_least[np.isfinite(at_least)]
     low, top = (float(each) for each in np.quantile(limits, (1 - TOP, TOP)))
     seen = view.transmission[view.valid]
-    if (seen > NEARLY * low).sum() >= len(limits):
-        return None
-    whole, saturated = completed(view, at_least)
-    air = _air(np.where(whole.valid, whole.transmission, np.nan), saturated)
-    if air is not None and len(limits) < FEW * air.pixels:
+    if (seen > NEARLY * low).sum() >= len(limits) or len(limits) < FEW * _air(seen)[0]:
         return None
     bright = seen[seen >= top]
     if len(bright) >= FEWEST:

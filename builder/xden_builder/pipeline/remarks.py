@@ -18,7 +18,7 @@ __all__ = ["calibration_remark", "filtration_remark", "is_calibrated"]
 SCANNER: Final = "scanner.toml"
 FILTER_KEV: Final = 60.0
 LEAST_LIGHT: Final = 0.35
-MEASURED_WITHIN: Final = 0.05
+MEASURED_WITHIN: Final = 0.1
 """Of the light behind each probe of a calibration, in shares of it: 0.1 mm of copper more or less
 changes it by a quarter."""
 MOST_KV: Final = 160.0
@@ -60,7 +60,7 @@ def _left_open(values: Mapping[str, Any]) -> str | None:
     except (KeyError, TypeError, ValueError):
         return None  # it was not written by us, and is believed
     return (
-        f"the calibration leaves the tube open: light through {probe} is known to {spread:.0%}, "
+        f"the calibration leaves the tube open: light through {probe} is known to {spread:.1%}, "
         f"expected {MEASURED_WITHIN:.0%} or better"
     )
 
@@ -71,7 +71,8 @@ def filtration_remark(captures: Place) -> str:
     They are told in centimetres, and elsewhere mostly in millimetres.
     """
     values = _scanner(captures) or {}
-    if "kv" in (values.get("calibration") or {}):
+    calibration = values.get("calibration")
+    if isinstance(calibration, dict) and "kv" in calibration:
         return ""  # it was measured
     try:
         kv, told = float(values["tube"]["kv"]), values["tube"]["filtration"]

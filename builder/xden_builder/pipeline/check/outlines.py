@@ -78,8 +78,8 @@ class Outline:
     air
         Median transmission along each border of the panel that no part reaches, by its name.
     brightest
-        Transmission of air along the brightest border, or of the brightest pixels where none is
-        lit; None where air is saturated or at no border.
+        Transmission of air along the brightest border, or of the brightest pixels where all
+        are dim; None where air is saturated or at no border.
     depth
         By how much the shadow is darker than air, in the median.
     """
@@ -126,7 +126,7 @@ def outline(
     shadow = known & ~any_of(saturated, binning) & (image < level - SHADOW_DEPTH)
     air = border_air(image, drawn, known)
     brightest = max(air.values(), default=None) if bounds is None else None
-    if brightest is not None and brightest < OPAQUE:
+    if brightest is not None and brightest < DIMMEST:
         brightest = float(np.quantile(image[known], LIT))
     depth = level - float(np.median(image[shadow])) if shadow.any() else 0.0
     return Outline(view.name, drawn, shadow, near, air, brightest, depth), level
