@@ -8,14 +8,20 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from xden1k.values.arrays import Image, Mask
-from xden_builder.capture.borders import BORDERS
 
-__all__ = ["OPAQUE", "Uneven", "border_air", "uneven_air"]
+__all__ = ["BORDERS", "OPAQUE", "Uneven", "border_air", "uneven_air"]
 
 MOST_UNEVEN: Final = 1.1
 """Ratio of air at opposite borders: an open field divides it away, whatever the heel effect."""
 OPAQUE: Final = 0.02
 """Transmission at a border below which something stands before it that is no air."""
+BORDERS: Final = {
+    "top": (slice(None, 2), slice(None)),
+    "bottom": (slice(-2, None), slice(None)),
+    "left": (slice(None), slice(None, 2)),
+    "right": (slice(None), slice(-2, None)),
+}
+"""By name, the outermost pixels."""
 OPPOSITE: Final = (("top", "bottom"), ("left", "right"))
 
 

@@ -15,8 +15,7 @@ from scipy.ndimage import binary_dilation
 from xden1k.rays import path_lengths
 from xden1k.values.arrays import Image, Mask
 from xden1k.values.views import XRayView
-from xden_builder.audit.air import OPAQUE, border_air, uneven_air
-from xden_builder.capture.borders import BORDERS
+from xden_builder.audit.air import BORDERS, OPAQUE, border_air, uneven_air
 from xden_builder.capture.saturation import completed, gain_bounds
 from xden_builder.poly.model.frames import any_of, binned, coarse
 from xden_builder.poly.model.stray import coarse_binning
