@@ -311,6 +311,28 @@ def test_a_source_that_is_found_far_from_where_it_was_told_is_said(monkeypatch):
     assert said.startswith("needs you: pa: the source is found 2.0 cm from where it was told")
 
 
+@pytest.mark.parametrize("noise", range(4))
+def test_noise_of_few_balls_is_not_blamed_on_one_of_them(monkeypatch, noise):
+    few, rng = BALLS.centres_cm[::5], np.random.default_rng(noise)
+    shadows = {
+        name: bundle._shadow_middles(view, few, BALLS.ball_cm / 2) + rng.normal(0, 0.12, (5, 2))
+        for name, view in TRUE_VIEWS.items()
+    }
+    fit = bundled(monkeypatch, shadows, replace(BALLS_TOLD, centres_cm=few))
+    assert max(view.rms_px for view in fit.views.values()) < 0.5
+
+
+@pytest.mark.parametrize("text", ["nan", "1_0", "here"])
+def test_a_ball_whose_place_is_no_number_is_named_by_its_row(tmp_path, text):
+    folder = write_folder(tmp_path / "scans")
+    (folder / "balls.csv").write_text(f"x_cm,y_cm,z_cm\n1,2,3\n1,{text},3\n")
+    table = folder / "calibration.toml"
+    balls = '[balls]\nscan = "balls"\ntable = "balls.csv"\ndiameter_cm = 0.6\n'
+    table.write_text(f"{table.read_text()}\n{balls}")
+    with pytest.raises(DataError, match=rf"balls\.csv: row 3, y_cm: must be a number.*{text}"):
+        read_folder(folder)
+
+
 def test_no_two_shadows_of_the_ball_phantom_meet_from_any_usual_distance():
     for distance_cm in (90.0, 120.0, 150.0):
         for across, along in ((0, 1), (1, 0)):

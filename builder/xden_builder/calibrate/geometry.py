@@ -40,8 +40,10 @@ MOST_RMS_PX: Final = 0.5
 """Above it the balls are not where the table says."""
 LOOKED_INTO_PX: Final = 0.1
 TIMES_BETTER: Final = 3.0
-"""From the first of these on it is asked whether one ball is elsewhere: whether the others lie so
-many times nearer to their shadows without it."""
+ENOUGH_BALLS: Final = 8
+"""From the first of these on it is asked whether one ball is elsewhere: whether the others, if
+there are enough, lie so many times nearer to their shadows without it. Of 5 or 6 balls, noise alone
+makes one seem so."""
 ROUNDS: Final = 3
 """Of matching shadows with balls and fitting."""
 _OF_VIEW: Final = 9
@@ -132,7 +134,7 @@ def source_moved_cm(told: ViewGeometry, found: ViewGeometry) -> float:
 def _refuse_ball(problem: _Problem, unknowns: Unknowns) -> None:
     """Refuse a ball that alone keeps the others from their places: a fit without each tells."""
     whole = problem.rms_px(unknowns)
-    if whole <= LOOKED_INTO_PX:
+    if whole <= LOOKED_INTO_PX or len(problem.balls.centres_cm) < ENOUGH_BALLS:
         return
     found = []
     for ball in range(len(problem.balls.centres_cm)):

@@ -51,6 +51,8 @@ class Calibration:
         None where there is no wedge.
     geometry
         None where there are no balls.
+    flags
+        Of the images, as ``SCAN/VIEW:flag``.
     """
 
     folder: CalibrationFolder

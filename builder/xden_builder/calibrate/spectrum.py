@@ -317,8 +317,9 @@ class _Problem:
             _refuse_two_beams(one, image, other, again)
         for at, image in zip(lights, self.images, strict=True):
             _refuse_other_exposure(at, image)
-        self._refuse_unexplained(values)
-        left = self._left(values, lights)[1]
+        near, left = self._left(values, lights)
+        told_wrong = _elsewhere(self.terms, values[: len(self.terms)])
+        _refuse_unexplained(*(self._doubting(values) if told_wrong else (near, left)))
         of_terms = left[: len(self.terms), : len(self.terms)]
         off = np.concatenate(
             [
@@ -341,15 +342,12 @@ class _Problem:
             rms=float(np.sqrt((off**2).mean())),
         )
 
-    def _refuse_unexplained(self, values: Unknowns) -> None:
-        """Refuse readings that contradict each other; what is told, if wrong, pulls all off."""
-        if not _elsewhere(self.terms, values[: len(self.terms)]):
-            _refuse_unexplained(*self._left(values, self.lights(values)))
-            return
+    def _doubting(self, values: Unknowns) -> tuple[list[Linear], Float64[np.ndarray, "u u"]]:
+        """Fit again, believing less of what was told: if wrong, it pulls all readings off."""
         terms = tuple(replace(term, sd=DOUBTED * term.sd) for term in self.terms)
         doubting = replace(self, terms=terms)
         found = doubting.solve(self.response(values), values[len(terms) :])
-        _refuse_unexplained(*doubting._left(found, doubting.lights(found)))
+        return doubting._left(found, doubting.lights(found))
 
     def _left(
         self, values: Unknowns, lights: Sequence[_Light]

@@ -15,7 +15,14 @@ from xden1k.values.materials import Material, load_materials
 from xden1k.values.settings import read_toml
 from xden_builder.capture import ScannerFile, read_scanner
 from xden_builder.capture.calibrated import is_date
-from xden_builder.capture.tables import TomlTable, is_number, is_positive, read_csv
+from xden_builder.capture.tables import (
+    CsvRow,
+    TomlTable,
+    is_number,
+    is_positive,
+    number_or_nan,
+    read_csv,
+)
 
 __all__ = ["SCHEMA", "CalibrationFolder", "ToldBalls", "Wedge", "read_folder"]
 
@@ -213,16 +220,17 @@ def _read_material(table: TomlTable) -> Material:
     return known[name]
 
 
+def _coordinate(row: CsvRow, axis: str) -> float:
+    if not np.isfinite(number := number_or_nan(row[axis])):
+        raise row.error(axis, f"must be a number of cm, got {row[axis]!r}")
+    return number
+
+
 def _read_balls(table: TomlTable, root: Path) -> ToldBalls:
     table.refuse_unknown(_BALL_KEYS)
     path = root / table.get("table", _is_name, "the name of a CSV file")
     rows = read_csv(path, ("x_cm", "y_cm", "z_cm"), ("ball",))
-    try:
-        centres = [[float(row[axis]) for axis in ("x_cm", "y_cm", "z_cm")] for row in rows]
-    except ValueError as err:
-        raise DataError(f"{path}: expected numbers: {err}") from err
-    if not np.isfinite(centres).all():
-        raise DataError(f"{path}: expected finite numbers")
+    centres = [[_coordinate(row, axis) for axis in ("x_cm", "y_cm", "z_cm")] for row in rows]
     return ToldBalls(
         scan=table.get("scan", _is_name, "the name of a folder"),
         centres_cm=np.array(centres),
