@@ -55,6 +55,36 @@ def test_what_a_tiff_says_of_how_it_is_shown_changes_no_pixel(
     np.testing.assert_array_equal(read_image(tmp_path / "a.tif").pixels, pixels)
 
 
+def test_several_tiffs_of_another_program_are_refused(tmp_path: Path) -> None:
+    page = Image.fromarray(np.zeros((40, 30), dtype=np.uint16))
+    pages = {"save_all": True, "append_images": [page], "compression": "tiff_lzw"}
+    page.save(tmp_path / "a.tif", **pages)
+    with pytest.raises(
+        DataError, match=r"a\.tif: expected rows x columns of numbers, got shape \(2, 40, 30\)"
+    ):
+        read_image(tmp_path / "a.tif")
+
+
+def test_a_thumbnail_beside_an_image_is_not_asked_how_it_was_packed(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(0).integers(0, 255, (64, 64), dtype="u1")
+    with tifffile.TiffWriter(tmp_path / "a.tif") as file:
+        file.write(pixels)
+        file.write(pixels[::8, ::8], compression="lzma")
+    np.testing.assert_array_equal(read_image(tmp_path / "a.tif").pixels, pixels)
+
+
+def test_a_tiff_that_does_not_say_how_it_is_packed_is_plain(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(0).integers(0, 255, (40, 30), dtype="u2")
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, pixels)
+    with tifffile.TiffFile(path) as file:
+        tag = file.pages[0].tags["Compression"]
+    content = bytearray(path.read_bytes())
+    content[tag.offset : tag.offset + 2] = (65000).to_bytes(2, "little")  # a private tag
+    path.write_bytes(content)
+    np.testing.assert_array_equal(read_image(path).pixels, pixels)
+
+
 def test_a_tiff_that_lost_something_when_it_was_packed_is_refused(tmp_path: Path) -> None:
     pixels = np.random.default_rng(0).integers(0, 255, (40, 30), dtype="u1")
     Image.fromarray(pixels).save(tmp_path / "a.tif", compression="jpeg")
@@ -87,6 +117,10 @@ def write_rgb_png(path: Path) -> None:
 
 
 def write_frames(path: Path) -> None:
+    tifffile.imwrite(path, np.zeros((3, 4, 4), dtype="u2"), photometric="minisblack")
+
+
+def write_packed_frames(path: Path) -> None:
     frames = np.zeros((3, 4, 4), dtype="u2")
     tifffile.imwrite(path, frames, photometric="minisblack", compression="lzw")
 
@@ -110,6 +144,11 @@ def write_text(path: Path) -> None:
         (
             "a.tif",
             write_frames,
+            r"expected rows x columns of numbers, got shape (3, 4, 4) of uint16",
+        ),
+        (
+            "a.tif",
+            write_packed_frames,
             r"expected rows x columns of numbers, got shape (3, 4, 4) of uint16",
         ),
         ("a.npy", write_objects, "not a NumPy array that can be read: Object arrays cannot be"),

@@ -26,7 +26,13 @@ from xden_builder.capture.parts import CapturePart
 from xden_builder.cli import cli
 from xden_builder.physics.source import Tube
 from xden_builder.pipeline.check.object import ObjectCheck
-from xden_builder.pipeline.check.outlines import Lengths, Outline, contradictions, shadow_lengths
+from xden_builder.pipeline.check.outlines import (
+    Lengths,
+    Outline,
+    contradictions,
+    outline,
+    shadow_lengths,
+)
 from xden_builder.pipeline.check.run import FolderCheck, check_folder
 from xden_builder.pipeline.check.weight import weight_contradiction
 from xden_builder.pipeline.remarks import calibration_remark, filtration_remark, is_calibrated
@@ -401,6 +407,18 @@ def test_another_exposure_than_that_of_the_flat_is_told_before_all_that_comes_of
     assert [said[: len(start)] for said, start in zip(found, words, strict=True)] == words
 
 
+@pytest.mark.parametrize(("rim", "brightest"), [(0.3, 1.0), (0.01, 1.0), (1.0, 1.0), (1.4, 1.4)])
+def test_a_holder_around_the_picture_is_not_taken_for_another_exposure(
+    rim: float, brightest: float
+) -> None:
+    """Borders tell what air is like where they are lit, else what is brightest within."""
+    image = np.full(VIEWS["pa"].shape, rim, dtype=np.float32)
+    image[6:-6, 6:-6] = 1.0
+    view = XRayView("pa", image, np.ones(image.shape, dtype=np.bool_), VIEWS["pa"])
+    found, _ = outline(view, None, list(key().values()))
+    assert found.brightest == pytest.approx(brightest)
+
+
 @pytest.mark.parametrize(
     ("filtration", "words"),
     [
@@ -410,6 +428,7 @@ def test_another_exposure_than_that_of_the_flat_is_told_before_all_that_comes_of
         ("{ Al = -2500 }", ""),
         ("{ Al = nan }", ""),
         ("{ Sn = 0.06 }\n[calibration]\nkv = 100.0", ""),
+        ("{ Sn = 0.06 }\n[calibration]\ndate = 2026-01-01", "told as 0.6 mm Sn, which lets"),
         ("{ Unobtainium = 2.5 }", ""),
         ("2.5", ""),
     ],
@@ -443,6 +462,19 @@ def test_a_calibration_that_measured_no_spectrum_does_not_hide_a_filter_nobody_t
     assert is_calibrated(tmp_path) == (words == "")
     said = calibration_remark(tmp_path)
     assert (words in said) if words else said == ""
+
+
+def test_a_calibration_that_is_no_table_is_none(tmp_path: Path) -> None:
+    tube = "[tube]\nkv = 100.0\nfiltration = { Al = 2.5 }\n"
+    (tmp_path / "scanner.toml").write_text(f"calibration = 1\n{tube}")
+    assert "told as 25 mm Al" in filtration_remark(tmp_path)
+    assert "was not calibrated" in calibration_remark(tmp_path)
+
+
+def test_balls_before_a_beam_of_one_energy_leave_nothing_to_be_told(tmp_path: Path) -> None:
+    tube = "[tube]\nenergy_kev = 60.0\n[calibration]\ndate = 2026-01-01\n"
+    (tmp_path / "scanner.toml").write_text(tube)
+    assert calibration_remark(tmp_path) == ""
 
 
 def test_heavy_filters_of_an_industrial_tube_are_not_asked_about(tmp_path: Path) -> None:

@@ -159,7 +159,7 @@ def test_saturated_air_costs_no_density_and_is_no_shadow(bright, rebuilt):
 
 
 def test_an_object_most_of_which_is_saturated_is_refused(bright):
-    with pytest.raises(DataError, match=r"view pa: [\d.]+% of the object's pixels are saturated,"):
+    with pytest.raises(DataError, match=r"view pa: \d+\.\d% of the object's pixels are saturated,"):
         reconstruct(saturated(bright, 0.2))
 
 

@@ -331,6 +331,8 @@ def test_a_report_of_an_earlier_version_is_known_for_one(tmp_path: Path) -> None
         b'{"schema": "xden-build-report/1", "objects": [], "remarks": []}',
         b'{"schema": "xden-build-report/3", "objects": [{"id": "a"}], "remarks": []}',
         b'{"schema": "xden-build-report/3", "objects": [], "remarks": ["text"]}',
+        b'{"schema": "xden-build-report/3", "objects": [],'
+        b' "remarks": [{"severity": "odd", "text": ""}]}',
     ],
 )
 def test_a_damaged_file_of_the_last_run_is_one_line_and_the_page_is_made(

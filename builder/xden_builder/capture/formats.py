@@ -46,10 +46,10 @@ def _read_tiff(path: Path) -> ImageFile:
     tifffile = require("tifffile", "build")
     require("imagecodecs", "build")
     with decoding(path, "a TIFF image", tifffile.TiffFileError), tifffile.TiffFile(path) as file:
-        if lossy := {_packing(page.compression) for page in file.series[0].pages} - _TIFF_PACKED:
+        if others := {_packing(page.compression) for page in file.series[0].pages} - _TIFF_PACKED:
             raise DataError(
                 f"{path}: expected a TIFF image that is plain or packed without loss by deflate, "
-                f"LZW or PackBits, got {', '.join(sorted(lossy))}"
+                f"LZW or PackBits, got {', '.join(sorted(others))}"
             )
         pixels = file.asarray()
     return ImageFile(path, pixels)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import click
 
@@ -62,6 +62,7 @@ def _last_run(root: Path) -> tuple[list[tuple[str, str]], list[FolderRemark]]:
     from xden_builder.pipeline.outcomes import REPORT_SCHEMA
     from xden_builder.pipeline.run import REPORT_NAME, work_folder
     from xden_builder.pipeline.storage import inside, read_bytes
+    from xden_builder.triage.flags import Severity
     from xden_builder.triage.remarks import FolderRemark
 
     path = inside(work_folder(root), REPORT_NAME)
@@ -73,7 +74,9 @@ def _last_run(root: Path) -> tuple[list[tuple[str, str]], list[FolderRemark]]:
             raise ValueError(values["schema"])
         failed = [each for each in values["objects"] if each["status"] == "failed"]
         not_built = [(str(each["object_id"]), str(each["message"])) for each in failed]
-        remarks = [FolderRemark(each["severity"], each["text"]) for each in values["remarks"]]
+        remarks = [FolderRemark(each["severity"], str(each["text"])) for each in values["remarks"]]
+        if not {each.severity for each in remarks} <= {*get_args(Severity)}:
+            raise ValueError(remarks)
     except (ValueError, KeyError, TypeError, RecursionError):
         click.echo(
             f"{path}: expected {REPORT_SCHEMA}, got something else or a damaged file: the page "

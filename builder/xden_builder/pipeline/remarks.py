@@ -47,10 +47,13 @@ def calibration_remark(captures: Place) -> str:
 
 def _left_open(values: Mapping[str, Any]) -> str | None:
     """Say what a scanner file leaves open of its beam; None where that was measured."""
-    calibration = values.get("calibration")
-    if not isinstance(calibration, dict):
+    calibration = _calibration(values)
+    if calibration is None:
         return "the scanner was not calibrated: tube and geometry are as told"
     if "kv" not in calibration:
+        tube = values.get("tube")
+        if not isinstance(tube, dict) or "kv" not in tube:
+            return None  # wedges calibrate a tube's spectrum, and none is told
         return "the tube was not calibrated, by wedges: kv and filtration are as told"
     try:
         spreads = dict(calibration["found"]["transmission_sd"])
@@ -71,8 +74,7 @@ def filtration_remark(captures: Place) -> str:
     They are told in centimetres, and elsewhere mostly in millimetres.
     """
     values = _scanner(captures) or {}
-    calibration = values.get("calibration")
-    if isinstance(calibration, dict) and "kv" in calibration:
+    if "kv" in (_calibration(values) or {}):
         return ""  # it was measured
     try:
         kv, told = float(values["tube"]["kv"]), values["tube"]["filtration"]
@@ -88,6 +90,12 @@ def filtration_remark(captures: Place) -> str:
         f"{inside(captures, SCANNER)}: tube.filtration is in cm, and told as {words}, which lets "
         f"{through:.1%} of {FILTER_KEV:g} keV through: is that what stood there?"
     )
+
+
+def _calibration(values: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """Return the calibration's table; None where there is none."""
+    found = values.get("calibration")
+    return found if isinstance(found, dict) else None
 
 
 def _scanner(captures: Place) -> dict[str, Any] | None:
