@@ -104,6 +104,45 @@ def test_aligned_meshes_are_taken_as_near_and_stand_where_they_were_found(
             assert part.material == other.material
 
 
+@pytest.mark.parametrize(
+    ("changed", "named"),
+    [("pa.tif", "radiographs"), ("parts/*.ply", "meshes"), ("units", "meshes")],
+)
+def test_aligned_meshes_of_captures_that_have_changed_since_are_refused(
+    captures: Path, out: Path, changed: str, named: str
+) -> None:
+    if changed == "units":
+        rows = read_rows(captures / "objects.csv")
+        write_rows(captures / "objects.csv", [row | {"mesh_units": "m"} for row in rows])
+    else:
+        (changes, *_), (other, *_) = (
+            sorted((captures / object_id).glob(changed))
+            for object_id in ("mug-0000", "eraser-0000")
+        )
+        shutil.copy(other, changes)
+    expected = rf"mug-0000.registration\.json: .* with other {named} than .* `xden-build align`"
+    with pytest.raises(DataError, match=expected):
+        CaptureFolder(captures, out).read("mug-0000")
+
+
+def test_aligned_meshes_outlive_a_new_label_and_a_weighed_mass(captures: Path, out: Path) -> None:
+    rows = read_rows(captures / "objects.csv")
+    write_rows(captures / "objects.csv", [row | {"mass_g": "12.5"} for row in rows])
+    labels = captures / "mug-0000" / "parts.csv"
+    labels.write_text(labels.read_text() + "\n")
+    assert CaptureFolder(captures, out).read("mug-0000").weighed_mass_g == 12.5
+
+
+@pytest.mark.parametrize("said", ["[]", "{", '{"made_from": 3}'])
+def test_a_damaged_registration_is_one_line(captures: Path, out: Path, said: str) -> None:
+    (aligned := captures.parent / "damaged").mkdir()
+    shutil.copytree(out / "mug-0000", aligned / "mug-0000")
+    (aligned / "mug-0000" / "registration.json").write_text(said)
+    with pytest.raises(DataError, match=r"registration\.json: expected a JSON object") as caught:
+        CaptureFolder(captures, aligned).read("mug-0000")
+    assert "\n" not in str(caught.value)
+
+
 def test_poses_of_the_table_can_be_pasted_into_objects_csv(out: Path, captures: Path) -> None:
     found = {row["object_id"]: row["pose"] for row in read_rows(out / "poses.csv")}
     told = [row | {"pose": found[row["object_id"]]} for row in read_rows(captures / "objects.csv")]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import re
 from collections.abc import Iterator, Mapping
@@ -20,16 +19,15 @@ from xden_builder.capture.calibration import CalibratedView, calibrate
 from xden_builder.capture.ct import CTReference, read_ct
 from xden_builder.capture.ignored import ignore_name, masks, refuse_other_masks, without_ignored
 from xden_builder.capture.meshes import MESH_SUFFIXES
+from xden_builder.capture.origin import REGISTRATION_NAME, files_digest, refuse_stale
 from xden_builder.capture.parts import CapturePart, read_parts
 from xden_builder.capture.pose import MeshScale, PoseTold, read_mesh_scale, read_pose
 from xden_builder.capture.scanner import DATASET_VIEWS, ScannerFile, read_scanner
 from xden_builder.capture.tables import CsvRow, number_or_nan, read_csv
 from xden_builder.physics.source import Detector, Tube
 
-__all__ = ["REGISTRATION_NAME", "Capture", "CaptureFolder", "ObjectRow"]
+__all__ = ["Capture", "CaptureFolder", "ObjectRow"]
 
-REGISTRATION_NAME = "registration.json"
-"""Beside parts that were put into the scanner's frame: how."""
 _REQUIRED = ("object_id", "category")
 _OPTIONAL = (
     "mesh_units",
@@ -180,7 +178,8 @@ class CaptureFolder:
         Another folder of ``OBJECT_ID/parts/NAME.ply`` (or ``OBJECT_ID/mesh.glb``), in the same
         units, in place of the annotated meshes. ``OBJECT_ID/parts.csv`` there, if any, replaces the
         annotated one; without it a part keeps what the annotated one says of its name. Parts
-        beside a ``registration.json`` stand in the scanner's frame, whatever ``objects.csv`` says.
+        beside a ``registration.json`` stand in the scanner's frame, whatever ``objects.csv`` says;
+        they are refused where it names other radiographs or annotated meshes than there are.
     rows
         The objects by id; those of ``objects.csv`` where none are given. A folder of one row is
         small enough to be sent to another process.
@@ -217,7 +216,9 @@ class CaptureFolder:
             If a package that decoding needs is not installed.
         """
         row = self._row(object_id)
-        in_place = self._is_registered(object_id)
+        in_place = self._in_place(object_id)
+        if in_place:
+            refuse_stale(self._registration(object_id), self.made_from(object_id))
         scanner = self._scanner(object_id)
         views = {view.view.name: view for view in self._views(object_id, scanner)}
         pa, lat = (views[name].view for name in DATASET_VIEWS)
@@ -303,13 +304,30 @@ class CaptureFolder:
         DataError
             If its ``scanner.toml``, which says what else is read, is wrong.
         """
-        digest = hashlib.sha256(repr(self._row(object_id)).encode())
-        for name, path in sorted(self._inputs(object_id)):
-            if path.is_file():
-                with path.open("rb") as stream:
-                    content = hashlib.file_digest(stream, "sha256").hexdigest()
-                digest.update(json.dumps([name, content]).encode())
-        return digest.hexdigest()
+        row = repr(self._row(object_id))
+        return hashlib.sha256(
+            f"{row}\n{files_digest(self._inputs(object_id))}".encode()
+        ).hexdigest()
+
+    def made_from(self, object_id: str) -> dict[str, str]:
+        """Return the checksums of what a pose of the object is found from, by what they are of.
+
+        ``radiographs`` are the images of all views, ``meshes`` the annotated ones and their units;
+        those of another folder of parts are not in it.
+
+        Raises
+        ------
+        MissingObjectError
+            If ``objects.csv`` has no such object.
+        DataError
+            If its ``scanner.toml`` is wrong.
+        """
+        row = self._row(object_id)
+        checksums = {"radiographs": files_digest(self.images(object_id).items())}
+        if self.parts_root is None or self._in_place(object_id):
+            meshes = files_digest(_mesh_files(self.root / object_id))
+            checksums["meshes"] = hashlib.sha256(f"{row.mesh_units}\n{meshes}".encode()).hexdigest()
+        return checksums
 
     def _row(self, object_id: str) -> ObjectRow:
         if object_id not in self.rows:
@@ -346,10 +364,14 @@ class CaptureFolder:
         own_table = (other / "parts.csv").is_file()
         return other, (other if own_table else annotated) / "parts.csv", own_table
 
-    def _is_registered(self, object_id: str) -> bool:
-        """Whether the parts that are read were put into the scanner's frame."""
+    def _registration(self, object_id: str) -> Path:
+        """Return where it is said how the parts that are read came into the scanner's frame."""
         meshes, _, _ = self._part_files(object_id)
-        return (meshes / REGISTRATION_NAME).is_file()
+        return meshes / REGISTRATION_NAME
+
+    def _in_place(self, object_id: str) -> bool:
+        """Whether the parts that are read were put into the scanner's frame."""
+        return self._registration(object_id).is_file()
 
     def _inputs(self, object_id: str) -> Iterator[tuple[str, Path]]:
         """Yield every file that reading may open, under a name that does not tell the root."""
@@ -364,11 +386,16 @@ class CaptureFolder:
             yield path.name, path
         meshes, table, _ = self._part_files(object_id)
         yield "parts.csv", table
-        yield "mesh.glb", meshes / "mesh.glb"
-        yield REGISTRATION_NAME, meshes / REGISTRATION_NAME
-        for path in (meshes / "parts").glob("*"):
-            if path.suffix.lower() in MESH_SUFFIXES:
-                yield f"parts/{path.name}", path
+        yield REGISTRATION_NAME, self._registration(object_id)
+        yield from _mesh_files(meshes)
+
+
+def _mesh_files(folder: Path) -> Iterator[tuple[str, Path]]:
+    """Yield the files that the meshes of an object are read from, and their names."""
+    yield "mesh.glb", folder / "mesh.glb"
+    for path in (folder / "parts").glob("*"):
+        if path.suffix.lower() in MESH_SUFFIXES:
+            yield f"parts/{path.name}", path
 
 
 def _object_rows(path: Path) -> dict[str, ObjectRow]:

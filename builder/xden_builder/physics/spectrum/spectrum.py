@@ -57,8 +57,12 @@ class Spectrum:
     counting: bool = False
 
     def __post_init__(self) -> None:
-        if not (self.signal_kev_per_cm2 > 0).all():
-            raise DataError("a bin of the spectrum leaves no signal in the detector")
+        dark = ~(self.signal_kev_per_cm2 > 0)
+        if dark.any():
+            raise DataError(
+                f"no signal in the detector at {self.energies_kev[dark][0]:g} keV: "
+                "too much tube.filtration, or nothing that stops photons"
+            )
 
     @property
     def quanta_per_cm2(self) -> Float[np.ndarray, "n"]:

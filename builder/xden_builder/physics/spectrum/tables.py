@@ -73,7 +73,8 @@ def bare_fluence(
     """
     if not TABLE_KV[0] <= kv <= TABLE_KV[-1]:
         raise DataError(
-            f"tube spectra are tabulated from {TABLE_KV[0]:g} to {TABLE_KV[-1]:g} kV, got {kv:g}"
+            f"tube.kv: tube spectra are tabulated from {TABLE_KV[0]:g} to {TABLE_KV[-1]:g} kV, "
+            f"got {kv:g}"
         )
     if slopes.size and not np.abs(slopes).max() <= TABLE_SLOPES[-1]:
         raise DataError(

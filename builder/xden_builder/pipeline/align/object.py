@@ -13,7 +13,7 @@ import trimesh
 
 from xden1k.values.plain import plain
 from xden_builder.capture import CaptureFolder, CapturePart
-from xden_builder.capture.folder import REGISTRATION_NAME
+from xden_builder.capture.origin import REGISTRATION_NAME
 from xden_builder.capture.writing import write_json, write_parts
 from xden_builder.pipeline.align.card import AlignCard, make_align_card
 from xden_builder.pipeline.align.kept import card_of, row_of
@@ -90,11 +90,14 @@ def _placed(folder: CaptureFolder, out: Path, near_too: bool, object_id: str) ->
     assert there.registration is not None
     write_parts(out, _meshes(there.capture.parts), row.mesh_units)
     values: dict[str, Any] = plain(there.registration.to_dict())
-    flags = list(there.registration.flags)
-    write_json(
-        out / REGISTRATION_NAME,
-        {"schema": SCHEMA, "object_id": object_id, **values, "flags": flags},
-    )
+    about = {
+        "schema": SCHEMA,
+        "object_id": object_id,
+        **values,
+        "flags": list(there.registration.flags),
+        "made_from": folder.made_from(object_id),
+    }
+    write_json(out / REGISTRATION_NAME, about)
     return make_align_card(capture, there.registration)
 
 
