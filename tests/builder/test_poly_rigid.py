@@ -7,6 +7,8 @@ import pytest
 
 from tests.builder.poly_scenes import box, cylinder
 from xden1k.values.mass import mass_of_meshes
+from xden_builder.poly.posterior.problem import Mass
+from xden_builder.poly.scale import COMMON_SHARE, compare
 from xden_builder.reconstruct.rigid import SURFACE_SD_CM, Weighed, rigid_sd
 
 MESHES = [box((2, 3, 4), (-3, 0, 0)), box((1, 1, 5), (2, 1, 0)), cylinder(0.8, 3, (0, -3, 1))]
@@ -46,6 +48,17 @@ def test_deviations_are_those_of_random_draws(scale_sd):
         com = np.std([each.com_cm for each in bodies], axis=0)
         np.testing.assert_allclose(found.com_cm, np.hypot(com, SURFACE_SD_CM), rtol=0.12)
         np.testing.assert_allclose(found.inertia_g_cm2, inertia, rtol=0.12)
+
+
+@pytest.mark.parametrize("told_by_images", [True, False])
+def test_a_mass_beside_the_scales_is_as_unsure_as_the_bodys(told_by_images):
+    together = by_size(0.03, DENSITY * told_by_images)
+    covariance = COVARIANCE + np.outer(together, together)
+    body = rigid_sd(MESHES, DENSITY, covariance, together, 0.03)
+    mass = Mass(100.0, np.array([mesh.volume for mesh in MESHES]))
+    beside = compare(mass, DENSITY, covariance, together, 0.03)
+    common_g = COMMON_SHARE * beside.by_images_g
+    assert beside.by_images_sd_g == pytest.approx(np.hypot(body.mass_g, common_g), rel=1e-6)
 
 
 def test_densities_that_err_together_move_the_mass_but_not_the_centre():

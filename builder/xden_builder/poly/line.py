@@ -96,7 +96,13 @@ def with_mass(
     solution = by_images.solution
     volume_sd = solution.scene.walls.mass_sd(volumes_cm3 * solution.density_g_cm3)
     mass = Mass(mass_g, volumes_cm3, volume_sd)
-    weighing = compare(mass, solution.density_g_cm3, by_images.covariance)
+    weighing = compare(
+        mass,
+        solution.density_g_cm3,
+        by_images.covariance,
+        by_images.by_size_g_cm3,
+        by_images.size.sd,
+    )
     ended = weighed(solution, mass)
     contradicted = weighing.contradiction(float(volumes_cm3 @ ended.density_g_cm3))
     return replace(judge(ended, contradicted=contradicted), weighing=weighing)

@@ -63,6 +63,8 @@ def compare(
     mass: Mass,
     density_g_cm3: Float64[np.ndarray, "k"],
     covariance: Float64[np.ndarray, "k k"],
+    by_size_g_cm3: Float64[np.ndarray, "k"],
+    size_sd: float,
 ) -> Weighing:
     """Put the mass on the scale beside that of a fit which did not know it.
 
@@ -72,9 +74,14 @@ def compare(
         From the scale, with the volumes of the parts.
     density_g_cm3, covariance
         Of the parts by images alone, and their covariance in g²/cm⁶.
+    by_size_g_cm3, size_sd
+        How densities change for an object that is so much larger than its meshes (relative, a
+        standard deviation); that change is in the covariance. Volumes grow by thrice as much.
     """
-    by_images_g = float(mass.volumes_cm3 @ density_g_cm3)
-    variance = float(mass.volumes_cm3 @ covariance @ mass.volumes_cm3)
+    volumes, by_images_g = mass.volumes_cm3, float(mass.volumes_cm3 @ density_g_cm3)
+    by_size_g = float(volumes @ by_size_g_cm3)
+    larger_g = by_size_g + 3 * size_sd * by_images_g
+    variance = float(volumes @ covariance @ volumes) - by_size_g**2 + larger_g**2
     common = np.hypot(COMMON_SHARE, mass.volume_sd)
     sd_g = float(np.hypot(np.sqrt(variance), common * by_images_g))
     return Weighing(mass.mass_g, by_images_g, sd_g)
