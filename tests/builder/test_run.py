@@ -127,6 +127,17 @@ def test_the_beam_that_was_found_holds_while_most_objects_are_as_they_were(captu
         assert (settings["extra_filter_mm_cu"] == 0.0123) == holds
 
 
+def test_a_beam_of_a_few_objects_is_asked_for_anew_where_there_are_many(captures, half_built):
+    beam = work_folder(half_built) / "beam.json"
+    said = json.loads(beam.read_text())
+    first, *_ = said["objects"]
+    few = said | {"objects": {first: said["objects"][first]}}
+    beam.write_text(json.dumps(few))
+    report = build(captures, half_built, SETTINGS, workers=1)
+    assert report.shared_processor_s is not None
+    assert json.loads(beam.read_text()) == said
+
+
 def test_a_damaged_record_of_the_beam_is_made_again(captures, half_built):
     beam = work_folder(half_built) / "beam.json"
     before = beam.read_bytes()

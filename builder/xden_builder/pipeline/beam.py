@@ -102,7 +102,7 @@ def shared_beam(
         asked = [rows[name] for name in kept.digests if name in rows]
         now = _answers(run(partial(_digest, made_by, captures, parts), asked))
         same = sum(kept.digests[name] == digest for name, digest in now)
-        if same > MOST * len(kept.digests):
+        if same > MOST * max(len(kept.digests), len(pilots(rows))):
             return SharedBeam(kept.found, None)
     task = partial(_ask, settings, made_by, captures, parts)
     said = sorted(_answers(run(task, [rows[name] for name in pilots(rows)])))
