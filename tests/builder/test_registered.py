@@ -94,7 +94,7 @@ def test_meshes_of_another_frame_say_the_same_of_the_beam(near: Capture, unknown
 
 def test_densities_that_move_together_make_the_mass_as_unsure_as_they_are() -> None:
     parts = [PartDensity(d, 0.03 * d, "xray", ()) for d in (1.0, 2.0)]
-    wider, covariance = spread(parts, np.diag([0.03**2, 0.06**2]), np.array([0.04, 0.04]))
+    wider, covariance = spread(parts, np.diag([0.03**2, 0.06**2]), np.array([0.04, 0.04]), 0.06)
     assert [part.sd_g_cm3 for part in wider] == pytest.approx([0.05, 0.1])
     assert all(part.flags == () for part in wider)
     volumes_cm3 = np.array([1.0, 1.0])
@@ -102,8 +102,16 @@ def test_densities_that_move_together_make_the_mass_as_unsure_as_they_are() -> N
     assert together == pytest.approx(0.03**2 + 0.06**2 + (0.04 * 3.0) ** 2)
 
 
+@pytest.mark.parametrize(("most", "flags"), [(0.06, ("uncertain",)), (0.1, ())])
+def test_a_density_that_other_poses_make_too_unsure_is_uncertain_by_the_fits_own_share(most, flags):
+    parts = [PartDensity(1.0, 0.05, "xray", ())]
+    (wider,), _ = spread(parts, np.eye(1), np.array([0.07]), most)
+    assert wider.sd_g_cm3 == pytest.approx(0.086, abs=1e-4)
+    assert wider.flags == flags
+
+
 def test_densities_that_no_other_pose_changes_keep_their_deviations_and_flags() -> None:
     parts = [PartDensity(1.0, 0.5, "prior", ("hidden",))]
-    wider, covariance = spread(parts, np.eye(1), np.zeros(1))
+    wider, covariance = spread(parts, np.eye(1), np.zeros(1), 0.06)
     assert list(wider) == parts
     assert covariance == 1

@@ -33,7 +33,7 @@ from xden_builder.evaluate.quality import SHOWN, QualityPair, quality_of
 from xden_builder.evaluate.truth import Errors, Truth, errors_of, read_truth
 from xden_builder.fit.spread import spread
 from xden_builder.poly.hardness import Hardness, join, pilots
-from xden_builder.poly.judgement import PolyFit
+from xden_builder.poly.judgement import UNCERTAIN, PolyFit
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.survey import Clue
 from xden_builder.reconstruct.clues import find_clues
@@ -254,7 +254,7 @@ class _Bench:
 def _as_unsure_as_its_pose(fit: PolyFit, registration: Registration | None) -> PolyFit:
     if registration is None:
         return fit
-    parts, covariance = spread(fit.parts, fit.covariance, registration.density_spread())
+    parts, covariance = spread(fit.parts, fit.covariance, registration.density_spread(), UNCERTAIN)
     return replace(fit, parts=parts, covariance=covariance)
 
 

@@ -8,7 +8,9 @@ import numpy as np
 from jaxtyping import Float64
 
 from xden_builder.fit.density import PartDensity, part_densities
+from xden_builder.fit.diagnostics import UNCERTAIN_SHARE
 from xden_builder.fit.spread import spread
+from xden_builder.poly.judgement import UNCERTAIN
 from xden_builder.poly.model.size import SIZE_SDS
 from xden_builder.reconstruct.explained import Explained
 
@@ -47,7 +49,10 @@ def densities_of(explained: Explained) -> Densities:
     known, registration = _by_fit(explained), explained.registration
     if registration is None:
         return known
-    parts, covariance = spread(known.parts, known.covariance, registration.density_spread())
+    uncertain = UNCERTAIN_SHARE if explained.poly is None else UNCERTAIN
+    parts, covariance = spread(
+        known.parts, known.covariance, registration.density_spread(), uncertain
+    )
     return replace(known, parts=parts, covariance=covariance)
 
 
@@ -57,7 +62,8 @@ def _by_fit(explained: Explained) -> Densities:
         return Densities(poly.parts, poly.covariance, poly.by_size_g_cm3, poly.size.sd)
     parts = part_densities(explained.fit, capture.parts, capture.tube)
     size_sd = SIZE_SDS["known"] if explained.size is None else explained.size.sd
-    by_size = -size_sd * np.array([part.density_g_cm3 for part in parts])
+    seen_g_cm3 = [0.0 if part.source == "prior" else part.density_g_cm3 for part in parts]
+    by_size = -size_sd * np.array(seen_g_cm3)
     alone = np.diag(np.array([part.sd_g_cm3 for part in parts]) ** 2)
     covariance = alone + np.outer(by_size, by_size)
     sds = np.sqrt(covariance.diagonal()).tolist()
