@@ -109,7 +109,7 @@ def test_aligned_meshes_are_taken_as_near_and_stand_where_they_were_found(
     [("pa.tif", "radiographs"), ("parts/*.ply", "meshes"), ("units", "meshes")],
 )
 def test_aligned_meshes_of_captures_that_have_changed_since_are_refused(
-    captures: Path, out: Path, changed: str, named: str
+    pristine: Path, captures: Path, out: Path, changed: str, named: str
 ) -> None:
     if changed == "units":
         rows = read_rows(captures / "objects.csv")
@@ -123,6 +123,8 @@ def test_aligned_meshes_of_captures_that_have_changed_since_are_refused(
     expected = rf"mug-0000.registration\.json: .* with other {named} than .* `xden-build align`"
     with pytest.raises(DataError, match=expected):
         CaptureFolder(captures, out).read("mug-0000")
+    was, now = (CaptureFolder(each, out).digest("mug-0000") for each in (pristine, captures))
+    assert was != now  # no row of before stands for it
 
 
 def test_aligned_meshes_outlive_a_new_label_and_a_weighed_mass(captures: Path, out: Path) -> None:

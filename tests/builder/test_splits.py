@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from collections import Counter
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -12,6 +15,7 @@ from hypothesis import strategies as st
 from xden1k.errors import DataError
 from xden1k.values.types import SPLITS
 from xden_builder.capture import ObjectRow
+from xden_builder.pipeline import splits
 from xden_builder.pipeline.splits import SPLITS_NAME, draw_splits, with_splits
 
 SHARES = {"train": 0.7, "val": 0.1, "test": 0.2}
@@ -79,6 +83,24 @@ def test_the_first_build_writes_the_splits_and_the_next_keeps_them(tmp_path: Pat
     assert (tmp_path / SPLITS_NAME).read_text() == written
     more = with_splits(tmp_path, rows("a", "b", "c", "d"))
     assert {name: more[name] for name in first} == first
+
+
+@pytest.mark.parametrize("kind", [errno.EROFS, errno.EACCES])
+def test_captures_that_cannot_be_written_to_are_built_by_splits_of_the_moment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, kind: int
+) -> None:
+    expected = with_splits(tmp_path, rows("a", "b"))
+    (tmp_path / SPLITS_NAME).unlink()
+
+    def refused(number: int, *_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(splits, "write_bytes", partial(refused, kind))
+    assert with_splits(tmp_path, rows("a", "b")) == expected
+    assert "cannot be written" in caplog.text
+    monkeypatch.setattr(splits, "write_bytes", partial(refused, errno.ENOSPC))
+    with pytest.raises(OSError, match="No space"):
+        with_splits(tmp_path, rows("a", "b"))
 
 
 def test_an_object_that_is_gone_for_a_while_comes_back_to_its_split(tmp_path: Path) -> None:

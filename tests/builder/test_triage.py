@@ -251,6 +251,21 @@ def test_what_could_not_be_built_stands_on_the_page(report: Path) -> None:
     assert "&lt;script&gt;alert(&#39;x&#39;)" in text
 
 
+def test_objects_that_the_last_run_could_not_build_are_said_to_be_of_an_earlier_one(
+    dataset: Path, report: Path, tmp_path: Path, in_this_process: None
+) -> None:
+    path = dataset.with_name("dataset.work") / "build_report.json"
+    before = path.read_bytes()
+    ended = [Outcome(each, "failed", "no tube") for each in open_folder(dataset).ids()]
+    path.write_text(json.dumps(BuildReport(tuple(ended)).to_dict()))
+    ran = CliRunner().invoke(cli, ["report", str(dataset), "-o", str(tmp_path / "out")])
+    path.write_bytes(before)
+    assert ran.exit_code == 0, ran.output
+    text = (tmp_path / "out" / "index.html").read_text()
+    assert f"could not build {len(ended)} of the objects below" in text
+    assert "Not shown" not in text
+
+
 def test_what_all_objects_show_stands_on_the_page(report: Path) -> None:
     page = (report / "index.html").read_text()
     assert "The whole folder" in page

@@ -304,10 +304,9 @@ class CaptureFolder:
         DataError
             If its ``scanner.toml``, which says what else is read, is wrong.
         """
-        row = repr(self._row(object_id))
-        return hashlib.sha256(
-            f"{row}\n{files_digest(self._inputs(object_id))}".encode()
-        ).hexdigest()
+        row, files = repr(self._row(object_id)), files_digest(self._inputs(object_id))
+        placed = self.made_from(object_id) if self._in_place(object_id) else None
+        return hashlib.sha256(f"{row}\n{files}\n{placed}".encode()).hexdigest()
 
     def made_from(self, object_id: str) -> dict[str, str]:
         """Return the checksums of what a pose of the object is found from, by what they are of.

@@ -7,6 +7,7 @@ beside the captures remembers it: a new object changes nothing for the others.
 from __future__ import annotations
 
 import csv
+import errno
 import hashlib
 import io
 import logging
@@ -138,7 +139,9 @@ def _write(captures: Place, splits: Mapping[str, Split]) -> None:
     file = inside(captures, SPLITS_NAME)
     try:
         write_bytes(file, text.getvalue().encode())
-    except PermissionError as err:
+    except OSError as err:
+        if not isinstance(err, PermissionError) and err.errno != errno.EROFS:
+            raise
         logger.warning(
             "%s cannot be written (%s): the splits drawn now hold for this build alone; state them "
             "in objects.csv",

@@ -74,7 +74,8 @@ def write_report(
     workers
         Number of processes.
     not_built
-        Object id and reason of captures that are not in the dataset.
+        Object id and reason of captures that the last run could not build. Where all of them are
+        such, it has left the dataset as it was, and the page says so.
     remarks
         What all objects show together.
     on_done
@@ -92,7 +93,12 @@ def write_report(
     require("numba", "build")
     _refuse_other_folders(out)
     task = partial(make_card, root)
-    made, not_shown = gather(task, open_folder(root).ids(), workers, on_done)
+    object_ids = open_folder(root).ids()
+    older = [each for each in not_built if each[0] in {*object_ids}]
+    if older:
+        not_built = [each for each in not_built if each not in older]
+        remarks = [*remarks, _of_an_older_run(older)]
+    made, not_shown = gather(task, object_ids, workers, on_done)
     cards = sorted(made.values(), key=lambda card: (card.findings.order, card.findings.object_id))
     failures = sorted([*not_built, *not_shown])
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -104,6 +110,16 @@ def write_report(
         publish(folder, out)
     need_you = sum(card.findings.severity == "needs_you" for card in cards)
     return Report(out / PAGE_NAME, len(cards), need_you, tuple(not_shown))
+
+
+def _of_an_older_run(not_built: Failures) -> FolderRemark:
+    """Say that objects are shown as an earlier run left them."""
+    object_id, why = not_built[0]
+    return FolderRemark(
+        "needs_you",
+        f"the last run could not build {len(not_built)} of the objects below, which are shown as "
+        f"an earlier one left them: the first, {object_id}: {why}",
+    )
 
 
 def _refuse_other_folders(out: Path) -> None:
