@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import trimesh
 from click.testing import CliRunner, Result
+from PIL import Image
 
 from tests.builder.folders import contents
 from tests.builder.registration_scenes import THERE, TrueSearch
@@ -104,45 +105,89 @@ def test_aligned_meshes_are_taken_as_near_and_stand_where_they_were_found(
             assert part.material == other.material
 
 
+def changed(captures: Path, what: str) -> None:
+    """Change something that the pose of the mug was found from."""
+    mug, eraser = captures / "mug-0000", captures / "eraser-0000"
+    rows = read_rows(captures / "objects.csv")
+    told = {"units": {"mesh_units": "m"}, "candidate": {"pose": "candidate 1"}}
+    if what in told:
+        write_rows(captures / "objects.csv", [row | told[what] for row in rows])
+    elif what == "mask":
+        Image.fromarray(np.eye(48, dtype=np.uint8)).save(mug / "ignore_pa.png")
+    else:
+        first, *_ = sorted(mug.glob(what))
+        other, *_ = sorted(eraser.glob(what))
+        shutil.copy(other, first)
+
+
 @pytest.mark.parametrize(
-    ("changed", "named"),
-    [("pa.tif", "radiographs"), ("parts/*.ply", "meshes"), ("units", "meshes")],
+    ("what", "named"),
+    [
+        ("pa.tif", "radiographs"),
+        ("parts/*.ply", "meshes"),
+        ("units", "meshes"),
+        ("candidate", "poses"),
+        ("mask", "masks"),
+    ],
 )
 def test_aligned_meshes_of_captures_that_have_changed_since_are_refused(
-    pristine: Path, captures: Path, out: Path, changed: str, named: str
+    pristine: Path, captures: Path, out: Path, what: str, named: str
 ) -> None:
-    if changed == "units":
-        rows = read_rows(captures / "objects.csv")
-        write_rows(captures / "objects.csv", [row | {"mesh_units": "m"} for row in rows])
-    else:
-        (changes, *_), (other, *_) = (
-            sorted((captures / object_id).glob(changed))
-            for object_id in ("mug-0000", "eraser-0000")
-        )
-        shutil.copy(other, changes)
-    expected = rf"mug-0000.registration\.json: .* with other {named} than .* `xden-build align`"
+    changed(captures, what)
+    expected = rf"mug-0000.made_from\.json: .* with other {named} than .* `xden-build align`"
     with pytest.raises(DataError, match=expected):
         CaptureFolder(captures, out).read("mug-0000")
     was, now = (CaptureFolder(each, out).digest("mug-0000") for each in (pristine, captures))
     assert was != now  # no row of before stands for it
 
 
-def test_aligned_meshes_outlive_a_new_label_and_a_weighed_mass(captures: Path, out: Path) -> None:
+def test_meshes_that_were_near_as_told_are_refused_where_they_have_changed(
+    captures: Path, tmp_path: Path
+) -> None:
+    near(captures, "mug-0000")
+    assert align(captures, tmp_path / "aligned").exit_code == 0
+    assert CaptureFolder(captures, tmp_path / "aligned").read("mug-0000").pose == "near"
+    changed(captures, "parts/*.ply")
+    with pytest.raises(DataError, match="with other meshes than"):
+        CaptureFolder(captures, tmp_path / "aligned").read("mug-0000")
+
+
+def test_aligned_meshes_outlive_a_label_a_mass_and_a_view_that_is_not_fitted(
+    captures: Path, out: Path
+) -> None:
     rows = read_rows(captures / "objects.csv")
     write_rows(captures / "objects.csv", [row | {"mass_g": "12.5"} for row in rows])
     labels = captures / "mug-0000" / "parts.csv"
     labels.write_text(labels.read_text() + "\n")
-    assert CaptureFolder(captures, out).read("mug-0000").weighed_mass_g == 12.5
+    table = (captures / "scanner.toml").read_text()
+    lat = table[table.index("[views.lat]") :]
+    oblique = lat.split("\n[", 1)[0].replace("views.lat", "views.oblique")
+    (captures / "scanner.toml").write_text(f"{table}\n{oblique.replace('lat.tif', 'ob.tif', 1)}\n")
+    shutil.copy(captures / "mug-0000" / "lat.tif", captures / "mug-0000" / "ob.tif")
+    capture = CaptureFolder(captures, out).read("mug-0000")
+    assert capture.weighed_mass_g == 12.5
+    assert [view.name for view in capture.audit_views] == ["oblique"]
 
 
-@pytest.mark.parametrize("said", ["[]", "{", '{"made_from": 3}'])
-def test_a_damaged_registration_is_one_line(captures: Path, out: Path, said: str) -> None:
+@pytest.mark.parametrize("said", ["[]", "{"])
+def test_a_damaged_origin_is_one_line(captures: Path, out: Path, said: str) -> None:
     (aligned := captures.parent / "damaged").mkdir()
     shutil.copytree(out / "mug-0000", aligned / "mug-0000")
-    (aligned / "mug-0000" / "registration.json").write_text(said)
-    with pytest.raises(DataError, match=r"registration\.json: expected a JSON object") as caught:
+    (aligned / "mug-0000" / "made_from.json").write_text(said)
+    with pytest.raises(DataError, match=r"made_from\.json: expected a JSON object") as caught:
         CaptureFolder(captures, aligned).read("mug-0000")
     assert "\n" not in str(caught.value)
+
+
+def test_labels_that_came_with_other_meshes_go_with_them(captures: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    for object_id in CaptureFolder(captures).object_ids:
+        shutil.copytree(captures / object_id / "parts", other / object_id / "parts")
+    labels = read_rows(captures / "mug-0000" / "parts.csv")
+    write_rows(other / "mug-0000" / "parts.csv", [row | {"material": "lead"} for row in labels])
+    assert align(captures, tmp_path / "aligned", "--parts", str(other)).exit_code == 0
+    read = CaptureFolder(captures, tmp_path / "aligned").read("mug-0000")
+    assert {part.material for part in read.parts} == {"lead"}
 
 
 def test_poses_of_the_table_can_be_pasted_into_objects_csv(out: Path, captures: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
+import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,15 +20,17 @@ from xden_builder.capture.calibration import CalibratedView, calibrate
 from xden_builder.capture.ct import CTReference, read_ct
 from xden_builder.capture.ignored import ignore_name, masks, refuse_other_masks, without_ignored
 from xden_builder.capture.meshes import MESH_SUFFIXES
-from xden_builder.capture.origin import REGISTRATION_NAME, files_digest, refuse_stale
+from xden_builder.capture.origin import ORIGIN_NAME, files_digest, refuse_stale
 from xden_builder.capture.parts import CapturePart, read_parts
 from xden_builder.capture.pose import MeshScale, PoseTold, read_mesh_scale, read_pose
 from xden_builder.capture.scanner import DATASET_VIEWS, ScannerFile, read_scanner
 from xden_builder.capture.tables import CsvRow, number_or_nan, read_csv
 from xden_builder.physics.source import Detector, Tube
 
-__all__ = ["Capture", "CaptureFolder", "ObjectRow"]
+__all__ = ["REGISTRATION_NAME", "Capture", "CaptureFolder", "ObjectRow"]
 
+REGISTRATION_NAME = "registration.json"
+"""Beside parts that were put into the scanner's frame: how."""
 _REQUIRED = ("object_id", "category")
 _OPTIONAL = (
     "mesh_units",
@@ -178,8 +181,8 @@ class CaptureFolder:
         Another folder of ``OBJECT_ID/parts/NAME.ply`` (or ``OBJECT_ID/mesh.glb``), in the same
         units, in place of the annotated meshes. ``OBJECT_ID/parts.csv`` there, if any, replaces the
         annotated one; without it a part keeps what the annotated one says of its name. Parts
-        beside a ``registration.json`` stand in the scanner's frame, whatever ``objects.csv`` says;
-        they are refused where it names other radiographs or annotated meshes than there are.
+        beside a ``registration.json`` stand in the scanner's frame, whatever ``objects.csv`` says.
+        They are refused where a ``made_from.json`` beside them is not :meth:`made_from`.
     rows
         The objects by id; those of ``objects.csv`` where none are given. A folder of one row is
         small enough to be sent to another process.
@@ -216,9 +219,10 @@ class CaptureFolder:
             If a package that decoding needs is not installed.
         """
         row = self._row(object_id)
-        in_place = self._in_place(object_id)
-        if in_place:
-            refuse_stale(self._registration(object_id), self.made_from(object_id))
+        meshes, _, _ = self._part_files(object_id)
+        in_place = (meshes / REGISTRATION_NAME).is_file()
+        if (origin := meshes / ORIGIN_NAME).is_file():
+            refuse_stale(origin, self.made_from(object_id))
         scanner = self._scanner(object_id)
         views = {view.view.name: view for view in self._views(object_id, scanner)}
         pa, lat = (views[name].view for name in DATASET_VIEWS)
@@ -266,6 +270,12 @@ class CaptureFolder:
         meshes, table, strict = self._part_files(object_id)
         return read_parts(meshes, table, self._row(object_id).mesh_units, strict)
 
+    def copy_own_table(self, object_id: str, out: Path) -> None:
+        """Put the table that the other folder of parts has of an object, if any, beside meshes."""
+        _, table, is_own = self._part_files(object_id)
+        if is_own and self.parts_root is not None:
+            shutil.copyfile(table, out / table.name)
+
     def images(self, object_id: str) -> Mapping[str, Path]:
         """Return where the radiographs of an object are, those that are there, by view.
 
@@ -305,14 +315,16 @@ class CaptureFolder:
             If its ``scanner.toml``, which says what else is read, is wrong.
         """
         row, files = repr(self._row(object_id)), files_digest(self._inputs(object_id))
-        placed = self.made_from(object_id) if self._in_place(object_id) else None
-        return hashlib.sha256(f"{row}\n{files}\n{placed}".encode()).hexdigest()
+        meshes, _, _ = self._part_files(object_id)
+        made_from = self.made_from(object_id) if (meshes / ORIGIN_NAME).is_file() else None
+        return hashlib.sha256(f"{row}\n{files}\n{made_from}".encode()).hexdigest()
 
     def made_from(self, object_id: str) -> dict[str, str]:
-        """Return the checksums of what a pose of the object is found from, by what they are of.
+        """Return what a pose of the object is found from, by what it is.
 
-        ``radiographs`` are the images of all views, ``meshes`` the annotated ones and their units;
-        those of another folder of parts are not in it.
+        ``radiographs`` are checksums of the images of fitted views, ``masks`` of what is not looked
+        at in them, ``meshes`` of the annotated ones and their units, ``poses`` are told. Where
+        parts come from another folder whose own origin is not known, ``meshes`` are left out.
 
         Raises
         ------
@@ -321,12 +333,22 @@ class CaptureFolder:
         DataError
             If its ``scanner.toml`` is wrong.
         """
-        row = self._row(object_id)
-        checksums = {"radiographs": files_digest(self.images(object_id).items())}
-        if self.parts_root is None or self._in_place(object_id):
-            meshes = files_digest(_mesh_files(self.root / object_id))
-            checksums["meshes"] = hashlib.sha256(f"{row.mesh_units}\n{meshes}".encode()).hexdigest()
-        return checksums
+        row, scanner = self._row(object_id), self._scanner(object_id)
+        folder = self.root / object_id
+        fitted = [
+            each for each in (*DATASET_VIEWS, *scanner.further_names) if each in scanner.views
+        ]
+        images = [(each, folder / scanner.views[each].image) for each in fitted]
+        found = {
+            "radiographs": files_digest(images),
+            "masks": files_digest((each, folder / ignore_name(each)) for each in fitted),
+            "poses": f"{row.pose}, {row.mesh_scale}",
+        }
+        parts, _, _ = self._part_files(object_id)
+        if self.parts_root is None or (parts / ORIGIN_NAME).is_file():
+            meshes = files_digest(_mesh_files(folder))
+            found["meshes"] = hashlib.sha256(f"{row.mesh_units}\n{meshes}".encode()).hexdigest()
+        return found
 
     def _row(self, object_id: str) -> ObjectRow:
         if object_id not in self.rows:
@@ -363,15 +385,6 @@ class CaptureFolder:
         own_table = (other / "parts.csv").is_file()
         return other, (other if own_table else annotated) / "parts.csv", own_table
 
-    def _registration(self, object_id: str) -> Path:
-        """Return where it is said how the parts that are read came into the scanner's frame."""
-        meshes, _, _ = self._part_files(object_id)
-        return meshes / REGISTRATION_NAME
-
-    def _in_place(self, object_id: str) -> bool:
-        """Whether the parts that are read were put into the scanner's frame."""
-        return self._registration(object_id).is_file()
-
     def _inputs(self, object_id: str) -> Iterator[tuple[str, Path]]:
         """Yield every file that reading may open, under a name that does not tell the root."""
         folder = self.root / object_id
@@ -385,7 +398,8 @@ class CaptureFolder:
             yield path.name, path
         meshes, table, _ = self._part_files(object_id)
         yield "parts.csv", table
-        yield REGISTRATION_NAME, self._registration(object_id)
+        for name in (REGISTRATION_NAME, ORIGIN_NAME):
+            yield name, meshes / name
         yield from _mesh_files(meshes)
 
 

@@ -13,7 +13,8 @@ import trimesh
 
 from xden1k.values.plain import plain
 from xden_builder.capture import CaptureFolder, CapturePart
-from xden_builder.capture.origin import REGISTRATION_NAME
+from xden_builder.capture.folder import REGISTRATION_NAME
+from xden_builder.capture.origin import ORIGIN_NAME
 from xden_builder.capture.writing import write_json, write_parts
 from xden_builder.pipeline.align.card import AlignCard, make_align_card
 from xden_builder.pipeline.align.kept import card_of, row_of
@@ -78,6 +79,8 @@ def align_object(
 def _placed(folder: CaptureFolder, out: Path, near_too: bool, object_id: str) -> AlignCard | None:
     """Write an object's meshes in place, and make its card."""
     row = folder.rows[object_id]
+    write_json(out / ORIGIN_NAME, folder.made_from(object_id))
+    folder.copy_own_table(object_id, out)
     if row.pose == "near" and not near_too:
         parts, _ = folder.parts(object_id)
         write_parts(out, _meshes(parts), row.mesh_units)
@@ -90,14 +93,11 @@ def _placed(folder: CaptureFolder, out: Path, near_too: bool, object_id: str) ->
     assert there.registration is not None
     write_parts(out, _meshes(there.capture.parts), row.mesh_units)
     values: dict[str, Any] = plain(there.registration.to_dict())
-    about = {
-        "schema": SCHEMA,
-        "object_id": object_id,
-        **values,
-        "flags": list(there.registration.flags),
-        "made_from": folder.made_from(object_id),
-    }
-    write_json(out / REGISTRATION_NAME, about)
+    flags = list(there.registration.flags)
+    write_json(
+        out / REGISTRATION_NAME,
+        {"schema": SCHEMA, "object_id": object_id, **values, "flags": flags},
+    )
     return make_align_card(capture, there.registration)
 
 
