@@ -325,6 +325,28 @@ def test_a_view_without_shadow_or_with_half_of_one_is_refused() -> None:
         shadow_of(radiograph("pa", panel(0), half))
 
 
+@pytest.mark.parametrize("frame_px", [2, 3, 5, 12])
+def test_a_frame_around_the_picture_is_named_and_not_taken_for_air(frame_px: int) -> None:
+    image = np.full((96, 96), 0.003, dtype=np.float32)
+    image[frame_px:-frame_px, frame_px:-frame_px] = 1.0
+    image[30:70, 30:70] = 0.3
+    view = XRayView("pa", image, np.ones(image.shape, np.bool_), replace(panel(0), shape=(96, 96)))
+    with pytest.raises(
+        DataError, match=r"view pa: \d+% of the image's rim .*ignore_pa\.png"
+    ) as said:
+        shadow_of(view)
+    assert "no shadow" not in str(said.value)
+
+
+def test_saturated_air_of_an_uneven_field_is_no_shadow() -> None:
+    image = np.repeat(np.linspace(0.55, 0.65, 96, dtype=np.float32)[:, None], 96, axis=1)
+    image[30:70, 30:70] = 0.3
+    held = np.ones(image.shape, dtype=np.bool_)
+    held[30:70, 30:70] = False
+    view = XRayView("pa", image, np.ones(image.shape, np.bool_), replace(panel(0), shape=(96, 96)))
+    assert shadow_of(view, held).mask.sum() == pytest.approx(1600, rel=0.3)
+
+
 @pytest.mark.parametrize(("left_px", "refused"), [(4, True), (40, False)])
 def test_what_a_mask_leaves_along_its_edge_is_not_taken_for_the_object(left_px, refused) -> None:
     image = np.ones((96, 96), dtype=np.float32)
@@ -1132,6 +1154,20 @@ def test_halves_of_one_shape_are_told_by_their_labels_and_a_person_may_choose_th
     assert np.linalg.norm(light_end_cm(capture, second) - right_cm) > 1
     with pytest.raises(DataError, match=r"asks for candidate 99 of \d+ poses that were found"):
         found(replace(capture, pose=Candidate(99)))
+
+
+@pytest.mark.slow
+def test_a_told_pose_stands_against_one_that_the_labels_like_better() -> None:
+    capture = like_halves()
+    right_cm = capture.parts[0].mesh.centroid * [1, -1, -1]
+    light, denser = capture.parts
+    swapped = (
+        replace(light, material=denser.material),
+        replace(denser, material=light.material),
+    )
+    told = CoarsePose(tuple(Rotation.from_rotvec([np.pi - 0.2, 0.1, 0]).as_quat()), (0.5, 0.0, 0.0))
+    there = found(replace(capture, parts=swapped, pose=told))
+    assert np.linalg.norm(light_end_cm(capture, there) - right_cm) < 0.1
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.spatial.transform import Rotation
 
 from xden1k.errors import DataError
 from xden_builder.capture import Capture
@@ -22,6 +21,7 @@ from xden_builder.registration.around import Around
 from xden_builder.registration.ball import ball_turns, is_ball
 from xden_builder.registration.body import Body
 from xden_builder.registration.closely import told_closely
+from xden_builder.registration.coarse_pose import around_told, told_rotations
 from xden_builder.registration.contest import told_by_labels
 from xden_builder.registration.exact import COARSE_PX, Judge, side_of
 from xden_builder.registration.kinds import (
@@ -86,7 +86,6 @@ of two images."""
 SYMMETRIC: Final = 0.03
 """Of the radius: a turn that moves surfaces less leaves the object where it is."""
 GROUPS: Final = 8
-NEAR_RAD, NEAR_COUNT = np.radians(30.0), 300
 """Around a pose that a person told."""
 SCALES: Final = (0.49, 2.05)
 """Between 0.5 and 2, and a little for meshes that err themselves."""
@@ -127,7 +126,7 @@ def register(capture: Capture, space: Space) -> Registration:
     """
     shadows = [
         shadow_of(
-            completed(view, capture.at_least.get(view.name))[0], turned=view.name in capture.turned
+            *completed(view, capture.at_least.get(view.name)), turned=view.name in capture.turned
         )
         for view in capture.fitted_views
     ]
@@ -155,10 +154,11 @@ def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness:
         return there
     clouded, best = body.evened(EVENED), there.found[0].placement
     judge = _judge(capture, shadows, body, FINE_PX, best, incomplete=True)
-    told = _told_rotations(capture)
+    told = told_rotations(capture.pose)
     laid = laid_upon_content(shadows, clouded, likeness, LAID, told).placements()
     poses = [*(each.placement for each in there.found), *map(body.of_files, laid)]
     again = told_by_edges(capture, shadows, body, likeness, poses, judge)
+    again = around_told(capture.pose, again)
     if there.judge.anew(again[0]).loss > DOUBTED_LOSS:
         return _Fine(again, judge)
     nothing_lost = _Coarse(again, finer_search(shadows, clouded))
@@ -210,17 +210,17 @@ def _finely(
     coarse: _Coarse,
 ) -> _Fine:
     """Move poses on fine images, and tell them apart."""
-    found = coarse.found
+    found, around = coarse.found, partial(around_told, capture.pose)
     fine = _judge(capture, shadows, body, FINE_PX, found[0].placement)
     near = [fine.anew(each) for each in found]
     best = all_settled(fine, unlike_of(near, likeness, body, FINAL, FINAL_APART))
-    best = sorted([*best, *_turned(fine, best[0], coarse, likeness, body)], key=loss_of)
+    best = sorted(around([*best, *_turned(fine, best[0], coarse, likeness, body)]), key=loss_of)
     for _ in range(HOPS):
         before = best[0].loss
-        best = sorted([*hopped(fine, best[0], likeness, body), *best[1:]], key=loss_of)
+        best = sorted(around([*hopped(fine, best[0], likeness, body), *best[1:]]), key=loss_of)
         if best[0].loss > WORTH_ANOTHER * before:
             break
-    listed = listed_of([*best, *sorted(near, key=loss_of)], likeness, body, LISTED)
+    listed = listed_of(around([*best, *sorted(near, key=loss_of)]), likeness, body, LISTED)
     if not REJUDGED_LOSS < listed[0].loss <= HOPELESS_LOSS:
         return _Fine(listed, fine)
     return _on_finest(capture, shadows, body, likeness, listed)
@@ -291,13 +291,14 @@ def _coarsely(
 ) -> _Coarse:
     """Find a few poses on coarse images."""
     scaled = capture.scale_sought
-    told = _told_rotations(capture)
+    told = told_rotations(capture.pose)
     poses, search = shortlist(shadows, body, likeness, told, scaled=scaled, breadth=breadth)
     there = [body.of_files(each) for each in poses.placements()]
     tiny = Judge.of(capture, shadows, body, TINY_PX, there[0])
     found = sorted((tiny.refined(tiny.fixed(each), 1) for each in there), key=loss_of)
     turned = partial(tiny.elsewhere, found[0])
     found = [*found, *least_turns(turned, found[0], search, likeness, body, ROUGH_DEG)]
+    found = around_told(capture.pose, found)
     found = close_to_best(unlike_of(found, likeness, body, SOME), HARDLY_CLOSE)
     found = sorted((tiny.refined(each, DERIVATIVES) for each in found), key=loss_of)
     judge = tiny
@@ -424,13 +425,3 @@ def _usual_lac_per_cm(capture: Capture) -> Float64[np.ndarray, "k"]:
             shares = shares * leading
         found.append(np.exp(shares @ lac / shares.sum()))
     return np.array(found)
-
-
-def _told_rotations(capture: Capture) -> Rotation | None:
-    """Rotations around the one a person told; None where all there are must be tried."""
-    if not isinstance(capture.pose, CoarsePose):
-        return None
-    ways = np.random.default_rng(0).normal(size=(NEAR_COUNT, 3))
-    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-    reach = NEAR_RAD * np.cbrt((np.arange(NEAR_COUNT) + 0.5) / NEAR_COUNT)
-    return Rotation.from_rotvec(reach[:, None] * ways) * capture.pose.rotation

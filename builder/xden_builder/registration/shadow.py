@@ -16,9 +16,10 @@ from scipy.ndimage import (
 )
 
 from xden1k.errors import DataError
-from xden1k.values.arrays import Mask
+from xden1k.values.arrays import Image, Mask
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.capture.gaps import without_gaps
+from xden_builder.capture.ignored import ignore_name
 
 __all__ = ["Shadow", "shadow_of"]
 
@@ -44,6 +45,8 @@ BESIDE_PX: Final = 3
 """Of what is masked: as near, an outline lies along it."""
 OPAQUE: Final = 2e-3
 """Least transmission that is told from none."""
+OPAQUE_RIM, MOST_OPAQUE_RIM = 0.1, 0.2
+"""Transmission of what is no air, and how much of an image's rim may be such."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,7 +99,7 @@ class Shadow:
         return max(float(-np.log1p(-np.median(dark))), FAINTEST[0])
 
 
-def shadow_of(view: XRayView, *, turned: bool = False) -> Shadow:
+def shadow_of(view: XRayView, saturated: Mask | None = None, *, turned: bool = False) -> Shadow:
     """Find the shadow.
 
     Dead pixels and lines are filled in; what else is not valid, such as a masked table, is air.
@@ -105,6 +108,8 @@ def shadow_of(view: XRayView, *, turned: bool = False) -> Shadow:
     ----------
     view
         The radiograph.
+    saturated
+        Which pixels are, if any: air, of which it is told how bright it is at least, and no more.
     turned
         As of :class:`Shadow`.
 
@@ -118,9 +123,12 @@ def shadow_of(view: XRayView, *, turned: bool = False) -> Shadow:
     rim = np.ones(depth.shape, dtype=np.bool_)
     rim[RIM_PX:-RIM_PX, RIM_PX:-RIM_PX] = False
     depth = np.nan_to_num(depth - np.nanmedian(depth[rim]) if view.valid[rim].any() else depth)
+    if saturated is not None:
+        depth[saturated] = 0.0
     smooth = gaussian_filter(depth, 1.0)
     mask = _large_pieces(smooth > _faintest(smooth, rim & view.valid))
     if mask.sum() < LEAST_PX:
+        _refuse_opaque_rim(view.name, image[rim])
         raise DataError(f"view {view.name}: no shadow of an object is in the image")
     rows, columns = find_objects(mask.astype(np.int8))[0]
     box = np.array([columns.start, rows.start, columns.stop, rows.stop]) - 0.5
@@ -128,6 +136,17 @@ def shadow_of(view: XRayView, *, turned: bool = False) -> Shadow:
     _refuse_masked(view.name, mask, np.isnan(image))
     opacity = np.where(mask, 1 - np.exp(-depth), 0.0).clip(0, 1 - OPAQUE)
     return Shadow(view.geometry, opacity, mask, box, turned)
+
+
+def _refuse_opaque_rim(name: str, rim: Image) -> None:
+    """Refuse an image whose rim, by which air is told, lets no light through."""
+    dark = float(np.mean(rim < OPAQUE_RIM))
+    if dark > MOST_OPAQUE_RIM:
+        raise DataError(
+            f"view {name}: {dark:.0%} of the image's rim lets less than {OPAQUE_RIM:.0%} of the "
+            "light through, and air was expected there: mask a collimator or a frame "
+            f"({ignore_name(name)}), or move the object away from the rim"
+        )
 
 
 def _faintest(depth: Float64[np.ndarray, "rows columns"], air: Mask) -> float:

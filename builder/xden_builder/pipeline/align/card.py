@@ -199,8 +199,8 @@ class _Sheets:
 
     @classmethod
     def of(cls, capture: Capture, taken: XRayView, meshes: Meshes, there: Meshes) -> _Sheets:
-        view, _ = completed(taken, capture.at_least.get(taken.name))
-        shadow: Shadow = shadow_of(view)
+        view, saturated = completed(taken, capture.at_least.get(taken.name))
+        shadow: Shadow = shadow_of(view, saturated)
         box = window_around(shadow, there)
         return cls(
             view.name,
