@@ -2,6 +2,7 @@
 
 import datetime
 import json
+import re
 from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
@@ -473,6 +474,25 @@ def test_a_calibration_of_another_tube_setting_or_time_is_refused(tmp_path, made
     write_scanner(replace(file, **changed), path)
     with pytest.raises(DataError, match=rf"scanner.toml: calibration.{said}"):
         read_scanner(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("kv", '"100 kV"', "kv must be a positive number of kV, got '100 kV'"),
+        ("filtration", "{ Al = -0.2 }", "filtration.Al must be a thickness in cm"),
+        ("filtration", "{ Unobtainium = 0.2 }", "filtration.Unobtainium is neither an element"),
+    ],
+)
+def test_a_calibrations_values_that_are_none_are_named(tmp_path, made, key, value, said):
+    _, out, _ = made
+    text = (out / "scanner.toml").read_text()
+    at = text.index("[calibration]")
+    changed = re.sub(rf"(?m)^{key} = .*$", f"{key} = {value}", text[at:], count=1)
+    assert changed != text[at:]
+    (tmp_path / "scanner.toml").write_text(text[:at] + changed)
+    with pytest.raises(DataError, match=rf"scanner.toml: calibration.{said}"):
+        read_scanner(tmp_path / "scanner.toml")
 
 
 def test_a_folder_that_cannot_be_fitted_is_one_line_and_leaves_nothing(tmp_path):

@@ -55,6 +55,20 @@ def from_counts(
     return calibrate("pa", stored, folder, folder, Detector(bits=bits))
 
 
+@pytest.mark.parametrize("lit", [36, 48, 56])
+def test_behind_a_collimator_is_nothing_and_noise_is_that_of_the_lit_field(
+    tmp_path: Path, lit: int
+) -> None:
+    light = np.full(LARGE, 80.0)
+    light[:, : int(0.6 * lit)] = 40_000.0
+    draw = np.random.default_rng(1)
+    dark, flat, counts = (100 + part * light + draw.normal(0, 3, LARGE) for part in (0, 1, 0.9))
+    seen = from_counts(tmp_path, counts, flat, dark, shape=LARGE)
+    assert seen.flags == ("pa:dead_pixels",)
+    np.testing.assert_array_equal(seen.view.valid, light > 1000)
+    assert seen.noise_sd < 5 * 3 / 40_000
+
+
 def test_counts_become_the_transmission_they_were_made_from(tmp_path: Path) -> None:
     read = from_counts(tmp_path, COUNTS)
     np.testing.assert_allclose(read.view.transmission, TRUTH, rtol=1e-6)

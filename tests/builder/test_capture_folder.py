@@ -209,6 +209,13 @@ def test_a_further_view_is_handed_over_for_the_fit_and_must_be_there(root: Path)
         CaptureFolder(root).read("mug-01")
 
 
+def test_empty_columns_of_a_spreadsheet_are_no_columns(root: Path) -> None:
+    lines = (root / "objects.csv").read_text().splitlines()
+    before = CaptureFolder(root).rows
+    (root / "objects.csv").write_text("\n".join(f"{line},, " for line in lines))
+    assert CaptureFolder(root).rows == before
+
+
 def refused_in_one_line(root: Path, raw: bytes, message: str) -> None:
     (root / "objects.csv").write_bytes(raw)
     with pytest.raises(DataError, match=rf"objects\.csv: {message}") as caught:
@@ -225,6 +232,10 @@ def refused_in_one_line(root: Path, raw: bytes, message: str) -> None:
         (
             "object_id,category,colour\npen,pen,red\n",
             "unknown column 'colour'; columns are object_",
+        ),
+        (
+            "object_id,category,,\npen,pen,,\ncup,cup,,blue\n",
+            "column 4 has no name, and 'blue' stands in it in row 3",
         ),
         ("object_id;category\npen;pen\n", "columns must be separated by commas, got semicolons"),
         (

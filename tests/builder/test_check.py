@@ -25,10 +25,12 @@ from xden_builder.capture import CaptureFolder, ScannerFile, ViewFile, read_scan
 from xden_builder.capture.parts import CapturePart
 from xden_builder.cli import cli
 from xden_builder.physics.source import Tube
+from xden_builder.pipeline.check import run as check_run
 from xden_builder.pipeline.check.object import ObjectCheck
 from xden_builder.pipeline.check.outlines import (
     Lengths,
     Outline,
+    air_level,
     contradictions,
     outline,
     shadow_lengths,
@@ -417,6 +419,35 @@ def test_a_holder_around_the_picture_is_not_taken_for_another_exposure(
     view = XRayView("pa", image, np.ones(image.shape, dtype=np.bool_), VIEWS["pa"])
     found, _ = outline(view, None, list(key().values()))
     assert found.brightest == pytest.approx(brightest)
+
+
+def test_air_that_is_masked_says_nothing_of_the_airs_level() -> None:
+    image = np.full((10, 10), 0.93, dtype=np.float32)
+    image[4:] = 1.0  # of what is not known
+    other = np.zeros(image.shape, dtype=np.bool_)
+    other[4:], other[:2, :2] = True, True
+    assert air_level(image, other) == pytest.approx(0.93)
+    valid = np.ones(VIEWS["pa"].shape, dtype=np.bool_)
+    valid[:, : int(0.3 * valid.shape[1])] = valid[:, int(0.7 * valid.shape[1]) :] = False
+    view = XRayView("pa", np.where(valid, np.float32(0.93), np.nan), valid, VIEWS["pa"])
+    _, level = outline(view, None, list(key().values()))
+    assert level == pytest.approx(0.93)
+
+
+def test_what_goes_wrong_with_one_object_ends_no_check_of_the_others(
+    captures: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usual = check_run.check_object
+
+    def failing(folder: CaptureFolder, object_id: str) -> object:
+        if object_id == "key-1":
+            raise ValueError("odd")
+        return usual(folder, object_id)
+
+    monkeypatch.setattr(check_run, "check_object", failing)
+    found = {each.object_id: each.findings for each in checked(captures).objects}
+    assert "odd" in found["key-1"][0].message
+    assert not found["key-02"]
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+from xden_builder.capture.filters import read_filters
 from xden_builder.capture.tables import TomlTable, is_number, is_positive
 from xden_builder.physics.source import Detector, Tube
 from xden_builder.physics.spectrum.panels import PANELS
@@ -88,8 +89,8 @@ def _read_tube(table: TomlTable) -> Tube | None:
     name = table.get_or_none("tube", lambda value: isinstance(value, str), "a name") or ""
     if "kv" not in table:
         return Tube(name=name) if name else None
-    filters = table.table("filtration").values
-    return Tube(kv=float(table.values["kv"]), filtration_cm=dict(filters), name=name)
+    kv = float(table.get("kv", is_positive, "a positive number of kV"))
+    return Tube(kv=kv, filtration_cm=read_filters(table.table("filtration")), name=name)
 
 
 def read_panel(table: TomlTable, others: tuple[str, ...] = ()) -> dict[str, Any]:

@@ -26,6 +26,9 @@ __all__ = ["CalibratedView", "calibrate", "read_sized"]
 
 LEAST_OPEN_FIELD = 0.01
 """A pixel whose open field is a smaller share of the median one is dead or collimated."""
+BRIGHT, LIT_SHARE, LEAST_LIT = 0.98, 0.2, 0.05
+"""Of an open field: the quantile that is bright, as what share of it a pixel is lit, and how many
+must be: behind a collimator none are."""
 FLAGGED_DEAD_SHARE = 0.01
 """Every detector has some dead pixels; a larger share is flagged."""
 MOST_MEDIAN_TRANSMISSION = 2.0
@@ -183,14 +186,15 @@ def _lies_below(transmission: Field) -> bool:
 
 
 def _usual_light(light: Field, said: str) -> float:
-    """Return the median open field above the dark, which must be one."""
-    usual = float(np.median(_sample(light)))
-    if usual <= 0:
+    """Return the median open field above the dark, which must be one, where any light falls."""
+    sample = _sample(light)
+    lit = sample[sample > max(LIT_SHARE * np.quantile(sample, BRIGHT), 0)]
+    if lit.size < LEAST_LIT * sample.size:
         raise DataError(
             f"{said}, but most of the open field (flat) is no brighter than the dark: expected the "
             "flat brighter, so flat and dark are exchanged, or it is the other polarity"
         )
-    return usual
+    return float(np.median(lit))
 
 
 def _checked(

@@ -11,12 +11,10 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, Literal, cast, get_args
 
-from xden1k.errors import DataError, require
-from xden1k.values.materials import load_materials
+from xden1k.errors import DataError
 from xden1k.values.settings import read_toml
 from xden1k.values.views import ViewGeometry
 from xden_builder.capture.calibrated import (
@@ -27,6 +25,7 @@ from xden_builder.capture.calibrated import (
     read_panel,
 )
 from xden_builder.capture.dicom import spacing_note
+from xden_builder.capture.filters import read_filters
 from xden_builder.capture.images import Polarity
 from xden_builder.capture.tables import TomlTable, is_number, is_positive, is_vector
 from xden_builder.physics.attenuation import ENERGY_RANGE_KEV
@@ -191,7 +190,7 @@ def _read_tube(table: TomlTable) -> Tube | None:
     return Tube(
         kv=_within(table, "kv", KV_RANGE, "kV", " (or energy_kev instead)"),
         mas=None if mas is None else float(mas),
-        filtration_cm=_read_filters(table.table("filtration")),
+        filtration_cm=read_filters(table.table("filtration")),
         name=table.get_or_none("name", _is_text, "a name") or "",
     )
 
@@ -202,26 +201,6 @@ def _within(
     low, high = limits
     expected = f"a number from {low:g} to {high:g} {unit}{hint}"
     return float(table.get(key, lambda value: is_number(value) and low <= value <= high, expected))
-
-
-def _read_filters(table: TomlTable) -> dict[str, float]:
-    filters = {}
-    for name in table.values:
-        if name not in _elements() and name not in load_materials():
-            raise table.error(name, "is neither an element nor a name of the material library")
-        filters[name] = float(table.get(name, _is_thickness, "a thickness in cm, 0 or more"))
-    return filters
-
-
-@cache
-def _elements() -> frozenset[str]:
-    """Symbols of the elements that the attenuation tables know."""
-    xraydb = require("xraydb", "build")
-    return frozenset(xraydb.atomic_symbol(number) for number in range(1, 99))
-
-
-def _is_thickness(value: Any) -> bool:
-    return is_number(value) and value >= 0
 
 
 def _read_detector(table: TomlTable) -> Detector:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from xden1k.errors import DataError
@@ -167,7 +168,7 @@ def read_csv(path: Path, required: Sequence[str], optional: Sequence[str]) -> li
         If the file is missing or no CSV, lacks a required column, has an unknown one, a row is
         longer than the header, or a required field is empty.
     """
-    frame = _read_frame(path)
+    frame = _without_empty_columns(path, _read_frame(path))
     known = (*required, *optional)
     for column in frame.columns:
         if column not in known:
@@ -186,6 +187,21 @@ def read_csv(path: Path, required: Sequence[str], optional: Sequence[str]) -> li
             if not row[column]:
                 raise row.error(column, "must not be empty")
     return rows
+
+
+def _without_empty_columns(path: Path, frame: pd.DataFrame) -> pd.DataFrame:
+    """Leave out columns without a name and any text, as spreadsheets write them after the last."""
+    header, *_ = csv.reader(io.StringIO(_text(path), newline=None))
+    nameless = [number for number, name in enumerate(header) if not name.strip()]
+    for number in nameless:
+        texts = frame.iloc[:, number].fillna("").str.strip()
+        if texts.any():
+            row = int(np.flatnonzero(texts)[0])
+            raise DataError(
+                f"{path}: column {number + 1} has no name, and {texts.iloc[row]!r} stands in it in "
+                f"row {row + 2}"
+            )
+    return frame.iloc[:, [number for number in range(len(header)) if number not in nameless]]
 
 
 def _read_frame(path: Path) -> pd.DataFrame:

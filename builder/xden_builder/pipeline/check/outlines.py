@@ -92,9 +92,9 @@ class Outline:
     depth: float = 1.0
 
 
-def air_level(image: Float32[np.ndarray, "rows columns"], drawn: Mask) -> float:
-    """Return the median transmission beside the parts; 1 where nothing is beside them."""
-    return 1.0 if drawn.all() else float(np.median(image[~drawn]))
+def air_level(image: Float32[np.ndarray, "rows columns"], other: Mask) -> float:
+    """Return the median transmission of what is no part, and known; 1 where nothing is."""
+    return 1.0 if other.all() else float(np.median(image[~other]))
 
 
 def outline(
@@ -119,7 +119,7 @@ def outline(
     drawn = np.zeros(geometry.shape, dtype=np.bool_)
     drawn.flat[lengths.pixels] = True
     bounds = gain_bounds(view, at_least)
-    level = air_level(image, drawn) if bounds is None else bounds[0]
+    level = air_level(image, drawn | ~known) if bounds is None else bounds[0]
     margin = int(np.ceil(MARGIN_CM / np.linalg.norm(geometry.column_step_cm)))
     near = binary_dilation(drawn, np.ones((3, 3)), margin)
     shadow = known & ~any_of(saturated, binning) & (image < level - SHADOW_DEPTH)

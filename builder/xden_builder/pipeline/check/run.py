@@ -135,7 +135,15 @@ def _answers(folder: CaptureFolder, workers: int) -> Iterable[Answer[str, Object
     task = partial(check_object, folder)
     if workers > 1:
         return run_each(task, folder.object_ids, workers)
-    return ((object_id, task(object_id)) for object_id in folder.object_ids)
+    return ((object_id, _tried(task, object_id)) for object_id in folder.object_ids)
+
+
+def _tried(task: Callable[[str], ObjectCheck], object_id: str) -> ObjectCheck | BaseException:
+    """Give what ended the check of an object as other processes give it, and go on."""
+    try:
+        return task(object_id)
+    except Exception as err:
+        return err
 
 
 def _check(object_id: str, answer: ObjectCheck | BaseException) -> ObjectCheck:
