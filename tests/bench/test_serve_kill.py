@@ -21,6 +21,7 @@ from xden_bench.entries.archive import ARCHIVE
 from xden_bench.entries.reading import read_entries
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.scoring.reference import Reference
+from xden_bench.serve import store
 from xden_bench.serve.desk import Desk
 from xden_bench.serve.tickets import TurnedAwayError
 
@@ -35,9 +36,11 @@ from pathlib import Path
 from xden1k.folder import open_folder
 from xden_bench.scoring.protocol import load_protocol
 from xden_bench.scoring.reference import Reference
+from xden_bench.serve import store
 from xden_bench.serve.desk import Desk
 from xden_bench.serve.tickets import TurnedAwayError
 
+store.MOST_STARTS = int(sys.argv.pop(1))
 root, results, state, *files = map(Path, sys.argv[1:])
 desk = Desk(Reference(open_folder(root), "test"), load_protocol(), results=results, state=state)
 start, speak = threading.Barrier(len(files)), threading.Lock()
@@ -55,6 +58,8 @@ for path in files:
     threading.Thread(target=send, args=[path]).start()
 threading.Event().wait()
 """
+STARTS = 100
+"""More than there are kills: on a slow machine one file may be at work at several of them."""
 
 
 def children(pid: int) -> list[int]:
@@ -77,7 +82,7 @@ def serve_and_kill(
     """
     said: list[tuple[str, str]] = []
     with subprocess.Popen(  # noqa: S603
-        [sys.executable, "-c", SERVER, *map(str, command)],
+        [sys.executable, "-c", SERVER, str(STARTS), *map(str, command)],
         stdout=subprocess.PIPE,
         text=True,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
@@ -161,8 +166,11 @@ def sha256(path: Path) -> str:
 
 
 @pytest.fixture
-def uploads(tmp_path: Path, submission: Submit, dataset: Path) -> Uploads:
+def uploads(
+    tmp_path: Path, submission: Submit, dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> Uploads:
     """Twenty files: fifteen good ones, four that lack an object, one cut short."""
+    monkeypatch.setattr(store, "MOST_STARTS", STARTS)
     files = {f"{number:02}.npz": number % 4 != 3 for number in range(UPLOADS)}
     for number, (name, is_good) in enumerate(files.items()):
         change = scaled(1 + (number + 1) / 100) if is_good else without_an_object
