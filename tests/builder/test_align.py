@@ -112,6 +112,9 @@ def changed(captures: Path, what: str) -> None:
     told = {"units": {"mesh_units": "m"}, "candidate": {"pose": "candidate 1"}}
     if what in told:
         write_rows(captures / "objects.csv", [row | told[what] for row in rows])
+    elif what == "source":
+        table = captures / "scanner.toml"
+        table.write_text(re.sub(r"(source_cm = .*)-100\.0", r"\1-90.0", table.read_text()))
     elif what == "mask":
         Image.fromarray(np.eye(48, dtype=np.uint8)).save(mug / "ignore_pa.png")
     else:
@@ -125,9 +128,10 @@ def changed(captures: Path, what: str) -> None:
     [
         ("pa.tif", "radiographs"),
         ("parts/*.ply", "meshes"),
-        ("units", "meshes"),
-        ("candidate", "poses"),
+        ("units", "mesh_units"),
+        ("candidate", "pose"),
         ("mask", "masks"),
+        ("source", "geometry"),
     ],
 )
 def test_aligned_meshes_of_captures_that_have_changed_since_are_refused(
@@ -145,11 +149,31 @@ def test_meshes_that_were_near_as_told_are_refused_where_they_have_changed(
     captures: Path, tmp_path: Path
 ) -> None:
     near(captures, "mug-0000")
-    assert align(captures, tmp_path / "aligned").exit_code == 0
-    assert CaptureFolder(captures, tmp_path / "aligned").read("mug-0000").pose == "near"
+    aligned = tmp_path / "aligned"
+    assert align(captures, aligned).exit_code == 0
+    for no_matter in ("pa.tif", "mask"):
+        changed(captures, no_matter)
+        assert CaptureFolder(captures, aligned).read("mug-0000").pose == "near"
     changed(captures, "parts/*.ply")
     with pytest.raises(DataError, match="with other meshes than"):
-        CaptureFolder(captures, tmp_path / "aligned").read("mug-0000")
+        CaptureFolder(captures, aligned).read("mug-0000")
+    answer = align(captures, tmp_path / "again", "--parts", str(aligned))
+    assert "mug-0000: " in answer.stderr
+    assert "with other meshes than" in answer.stderr
+
+
+@pytest.mark.parametrize("units", ["mm", "m"])
+def test_units_of_meshes_from_elsewhere_may_not_change_either(
+    captures: Path, tmp_path: Path, units: str
+) -> None:
+    other, aligned = tmp_path / "other", tmp_path / "aligned"
+    for object_id in CaptureFolder(captures).object_ids:
+        shutil.copytree(captures / object_id / "parts", other / object_id / "parts")
+    assert align(captures, aligned, "--parts", str(other)).exit_code == 0
+    rows = read_rows(captures / "objects.csv")
+    write_rows(captures / "objects.csv", [row | {"mesh_units": units} for row in rows])
+    with pytest.raises(DataError, match="with other mesh_units than"):
+        CaptureFolder(captures, aligned).read("mug-0000")
 
 
 def test_aligned_meshes_outlive_a_label_a_mass_and_a_view_that_is_not_fitted(
@@ -158,7 +182,7 @@ def test_aligned_meshes_outlive_a_label_a_mass_and_a_view_that_is_not_fitted(
     rows = read_rows(captures / "objects.csv")
     write_rows(captures / "objects.csv", [row | {"mass_g": "12.5"} for row in rows])
     labels = captures / "mug-0000" / "parts.csv"
-    labels.write_text(labels.read_text() + "\n")
+    write_rows(labels, [row | {"material": "lead"} for row in read_rows(labels)])
     table = (captures / "scanner.toml").read_text()
     lat = table[table.index("[views.lat]") :]
     oblique = lat.split("\n[", 1)[0].replace("views.lat", "views.oblique")
@@ -166,6 +190,7 @@ def test_aligned_meshes_outlive_a_label_a_mass_and_a_view_that_is_not_fitted(
     shutil.copy(captures / "mug-0000" / "lat.tif", captures / "mug-0000" / "ob.tif")
     capture = CaptureFolder(captures, out).read("mug-0000")
     assert capture.weighed_mass_g == 12.5
+    assert {part.material for part in capture.parts} == {"lead"}
     assert [view.name for view in capture.audit_views] == ["oblique"]
 
 

@@ -69,6 +69,14 @@ def test_behind_a_collimator_is_nothing_and_noise_is_that_of_the_lit_field(
     assert seen.noise_sd < 5 * 3 / 40_000
 
 
+@pytest.mark.parametrize("mean", [-3.0, 0.0, 1.0])
+def test_a_flat_that_was_never_exposed_is_no_open_field(tmp_path: Path, mean: float) -> None:
+    draw = np.random.default_rng(2)
+    dark, flat, counts = (100 + draw.normal(each, 3, LARGE) for each in (0, mean, 20_000))
+    with pytest.raises(DataError, match=r"open field \(flat\) is no brighter than the dark"):
+        from_counts(tmp_path, counts, flat, dark, shape=LARGE)
+
+
 def test_counts_become_the_transmission_they_were_made_from(tmp_path: Path) -> None:
     read = from_counts(tmp_path, COUNTS)
     np.testing.assert_allclose(read.view.transmission, TRUTH, rtol=1e-6)

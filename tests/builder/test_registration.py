@@ -325,9 +325,9 @@ def test_a_view_without_shadow_or_with_half_of_one_is_refused() -> None:
         shadow_of(radiograph("pa", panel(0), half))
 
 
-@pytest.mark.parametrize("frame_px", [2, 3, 5, 12])
-def test_a_frame_around_the_picture_is_named_and_not_taken_for_air(frame_px: int) -> None:
-    image = np.full((96, 96), 0.003, dtype=np.float32)
+@pytest.mark.parametrize(("frame_px", "lets"), [(2, 0.003), (3, 0.3), (5, 0.003), (12, 0.3)])
+def test_a_frame_around_the_picture_is_named_and_not_taken_for_air(frame_px, lets) -> None:
+    image = np.full((96, 96), lets, dtype=np.float32)
     image[frame_px:-frame_px, frame_px:-frame_px] = 1.0
     image[30:70, 30:70] = 0.3
     view = XRayView("pa", image, np.ones(image.shape, np.bool_), replace(panel(0), shape=(96, 96)))

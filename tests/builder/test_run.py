@@ -131,7 +131,7 @@ def test_a_beam_of_a_few_objects_is_asked_for_anew_where_there_are_many(captures
     beam = work_folder(half_built) / "beam.json"
     said = json.loads(beam.read_text())
     first, *_ = said["objects"]
-    few = said | {"objects": {first: said["objects"][first]}}
+    few = said | {"objects": {first: said["objects"][first]}, "asked": 1}
     beam.write_text(json.dumps(few))
     report = build(captures, half_built, SETTINGS, workers=1)
     assert report.shared_processor_s is not None

@@ -188,8 +188,9 @@ def _lies_below(transmission: Field) -> bool:
 def _usual_light(light: Field, said: str) -> float:
     """Return the median open field above the dark, which must be one, where any light falls."""
     sample = _sample(light)
-    lit = sample[sample > max(LIT_SHARE * np.quantile(sample, BRIGHT), 0)]
-    if lit.size < LEAST_LIT * sample.size:
+    low, bright = np.quantile(sample, (1 - BRIGHT, BRIGHT))
+    lit = sample[sample > max(LIT_SHARE * bright, 0)]
+    if lit.size < LEAST_LIT * sample.size or -low > LIT_SHARE * bright:  # noise alone is both
         raise DataError(
             f"{said}, but most of the open field (flat) is no brighter than the dark: expected the "
             "flat brighter, so flat and dark are exchanged, or it is the other polarity"

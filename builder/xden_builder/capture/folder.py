@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 import re
 import shutil
@@ -221,8 +222,6 @@ class CaptureFolder:
         row = self._row(object_id)
         meshes, _, _ = self._part_files(object_id)
         in_place = (meshes / REGISTRATION_NAME).is_file()
-        if (origin := meshes / ORIGIN_NAME).is_file():
-            refuse_stale(origin, self.made_from(object_id))
         scanner = self._scanner(object_id)
         views = {view.view.name: view for view in self._views(object_id, scanner)}
         pa, lat = (views[name].view for name in DATASET_VIEWS)
@@ -265,9 +264,12 @@ class CaptureFolder:
         MissingObjectError
             If ``objects.csv`` has no such object.
         DataError
-            As :func:`xden_builder.capture.parts.read_parts`.
+            As :func:`xden_builder.capture.parts.read_parts`; or if the parts were put before the
+            scanner from something else than there is now.
         """
         meshes, table, strict = self._part_files(object_id)
+        if (origin := meshes / ORIGIN_NAME).is_file():
+            refuse_stale(origin, self.made_from(object_id))
         return read_parts(meshes, table, self._row(object_id).mesh_units, strict)
 
     def copy_own_table(self, object_id: str, out: Path) -> None:
@@ -322,9 +324,10 @@ class CaptureFolder:
     def made_from(self, object_id: str) -> dict[str, str]:
         """Return what a pose of the object is found from, by what it is.
 
-        ``radiographs`` are checksums of the images of fitted views, ``masks`` of what is not looked
-        at in them, ``meshes`` of the annotated ones and their units, ``poses`` are told. Where
-        parts come from another folder whose own origin is not known, ``meshes`` are left out.
+        Checksums of the images of fitted views (``radiographs``), of their ``masks`` and their
+        ``geometry``, and of the annotated ``meshes``; and ``mesh_units``, ``pose`` and
+        ``mesh_scale`` as told. Where parts come from another folder whose own origin is not known,
+        ``meshes`` are left out.
 
         Raises
         ------
@@ -335,19 +338,20 @@ class CaptureFolder:
         """
         row, scanner = self._row(object_id), self._scanner(object_id)
         folder = self.root / object_id
-        fitted = [
-            each for each in (*DATASET_VIEWS, *scanner.further_names) if each in scanner.views
-        ]
-        images = [(each, folder / scanner.views[each].image) for each in fitted]
+        names = (*DATASET_VIEWS, *scanner.further_names)
+        views = {name: scanner.views[name] for name in names if name in scanner.views}
+        seen = {name: [one.geometry.to_dict(), one.turned] for name, one in views.items()}
         found = {
-            "radiographs": files_digest(images),
-            "masks": files_digest((each, folder / ignore_name(each)) for each in fitted),
-            "poses": f"{row.pose}, {row.mesh_scale}",
+            "radiographs": files_digest((name, folder / one.image) for name, one in views.items()),
+            "masks": files_digest((name, folder / ignore_name(name)) for name in views),
+            "geometry": hashlib.sha256(json.dumps(seen).encode()).hexdigest(),
+            "mesh_units": row.mesh_units,
+            "pose": f"{row.pose}",
+            "mesh_scale": row.mesh_scale,
         }
         parts, _, _ = self._part_files(object_id)
         if self.parts_root is None or (parts / ORIGIN_NAME).is_file():
-            meshes = files_digest(_mesh_files(folder))
-            found["meshes"] = hashlib.sha256(f"{row.mesh_units}\n{meshes}".encode()).hexdigest()
+            found["meshes"] = files_digest(_mesh_files(folder))
         return found
 
     def _row(self, object_id: str) -> ObjectRow:

@@ -39,6 +39,8 @@ BEAM_NAME: Final = "beam.json"
 SCHEMA: Final = "xden-beam/2"
 MOST: Final = 0.5
 """What was found holds while more than this share of the objects asked is unchanged."""
+GROWN: Final = 2
+"""And while no more than so many times as many would be asked."""
 
 
 class Said(NamedTuple):
@@ -58,10 +60,11 @@ class SharedBeam(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """What was found before, and the checksums of the objects that were asked."""
+    """What was found before, the checksums of those that answered, and how many were asked."""
 
     found: Hardness
     digests: Mapping[str, str]
+    asked: int
 
 
 Run = Callable[
@@ -102,13 +105,14 @@ def shared_beam(
         asked = [rows[name] for name in kept.digests if name in rows]
         now = _answers(run(partial(_digest, made_by, captures, parts), asked))
         same = sum(kept.digests[name] == digest for name, digest in now)
-        if same > MOST * max(len(kept.digests), len(pilots(rows))):
+        if same > MOST * len(kept.digests) and len(pilots(rows)) <= GROWN * kept.asked:
             return SharedBeam(kept.found, None)
     task = partial(_ask, settings, made_by, captures, parts)
-    said = sorted(_answers(run(task, [rows[name] for name in pilots(rows)])))
+    chosen = pilots(rows)
+    said = sorted(_answers(run(task, [rows[name] for name in chosen])))
     clues = {each.object_id: each.clues for each in said}
     found = join(clues, calibrated=is_calibrated(captures))
-    write_bytes(inside(work, BEAM_NAME), _text(found, said).encode())
+    write_bytes(inside(work, BEAM_NAME), _text(found, said, len(chosen)).encode())
     return SharedBeam(found, sum(each.processor_s for each in said))
 
 
@@ -156,7 +160,7 @@ def _ask(
     return Said(name, digest, clues, meter.read().processor_s)
 
 
-def _text(found: Hardness, said: Sequence[Said]) -> str:
+def _text(found: Hardness, said: Sequence[Said], asked: int) -> str:
     objects = {
         each.object_id: {"digest": each.digest, "clues": [asdict(clue) for clue in each.clues]}
         for each in said
@@ -165,6 +169,7 @@ def _text(found: Hardness, said: Sequence[Said]) -> str:
         "schema": SCHEMA,
         "hardness": asdict(found),
         "filters_mm_cu": FILTERS_MM_CU,
+        "asked": asked,
         "objects": objects,
     }
     return json.dumps(values, indent=1) + "\n"
@@ -182,6 +187,7 @@ def _kept(work: Place) -> Kept | None:
         digests = {name: each["digest"] for name, each in values["objects"].items()}
         tubes = values["hardness"]["two_tubes_mm_cu"]
         pair = None if tubes is None else (tubes[0], tubes[1])
-        return Kept(Hardness(**values["hardness"] | {"two_tubes_mm_cu": pair}), digests)
+        found = Hardness(**values["hardness"] | {"two_tubes_mm_cu": pair})
+        return Kept(found, digests, int(values.get("asked", len(digests))))
     except (ValueError, KeyError, TypeError, AttributeError, IndexError):
         return None

@@ -45,8 +45,9 @@ BESIDE_PX: Final = 3
 """Of what is masked: as near, an outline lies along it."""
 OPAQUE: Final = 2e-3
 """Least transmission that is told from none."""
-OPAQUE_RIM, MOST_OPAQUE_RIM = 0.1, 0.2
-"""Transmission of what is no air, and how much of an image's rim may be such."""
+BRIGHT, DIM, MOST_DIM = 0.98, 0.5, 0.2
+"""Quantile of an image that is bright, as what share of it a rim is no air, and how much of it may
+be such."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +129,7 @@ def shadow_of(view: XRayView, saturated: Mask | None = None, *, turned: bool = F
     smooth = gaussian_filter(depth, 1.0)
     mask = _large_pieces(smooth > _faintest(smooth, rim & view.valid))
     if mask.sum() < LEAST_PX:
-        _refuse_opaque_rim(view.name, image[rim])
+        _refuse_dim_rim(view.name, image, rim)
         raise DataError(f"view {view.name}: no shadow of an object is in the image")
     rows, columns = find_objects(mask.astype(np.int8))[0]
     box = np.array([columns.start, rows.start, columns.stop, rows.stop]) - 0.5
@@ -138,13 +139,13 @@ def shadow_of(view: XRayView, saturated: Mask | None = None, *, turned: bool = F
     return Shadow(view.geometry, opacity, mask, box, turned)
 
 
-def _refuse_opaque_rim(name: str, rim: Image) -> None:
-    """Refuse an image whose rim, by which air is told, lets no light through."""
-    dark = float(np.mean(rim < OPAQUE_RIM))
-    if dark > MOST_OPAQUE_RIM:
+def _refuse_dim_rim(name: str, image: Image, rim: Mask) -> None:
+    """Refuse an image whose rim, by which air is told, is far from as bright as what is within."""
+    dim = float(np.mean(image[rim] < DIM * np.nanquantile(image, BRIGHT)))
+    if dim > MOST_DIM:
         raise DataError(
-            f"view {name}: {dark:.0%} of the image's rim lets less than {OPAQUE_RIM:.0%} of the "
-            "light through, and air was expected there: mask a collimator or a frame "
+            f"view {name}: {dim:.0%} of the image's rim lets less than {DIM:.0%} of the light of "
+            "what is brightest through, and air was expected there: mask a collimator or a frame "
             f"({ignore_name(name)}), or move the object away from the rim"
         )
 

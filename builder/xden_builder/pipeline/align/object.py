@@ -24,6 +24,8 @@ from xden_builder.registration.capture import registered
 __all__ = ["Placed", "align_object"]
 
 SCHEMA: Final = "xden-registration/1"
+OF_COPIES: Final = ("meshes", "mesh_units", "pose")
+"""What meshes that are near as told come from: no image has told where they are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,13 +81,16 @@ def align_object(
 def _placed(folder: CaptureFolder, out: Path, near_too: bool, object_id: str) -> AlignCard | None:
     """Write an object's meshes in place, and make its card."""
     row = folder.rows[object_id]
-    write_json(out / ORIGIN_NAME, folder.made_from(object_id))
+    made_from = folder.made_from(object_id)
     folder.copy_own_table(object_id, out)
     if row.pose == "near" and not near_too:
         parts, _ = folder.parts(object_id)
+        made_from = {key: made_from[key] for key in OF_COPIES if key in made_from}
+        write_json(out / ORIGIN_NAME, made_from)
         write_parts(out, _meshes(parts), row.mesh_units)
         return None
     capture = folder.read(object_id)
+    write_json(out / ORIGIN_NAME, made_from)
     if capture.pose == "near":
         known = "known" if capture.scale_sought else capture.mesh_scale
         capture = replace(capture, pose="unknown", mesh_scale=known)
