@@ -317,9 +317,7 @@ class CaptureFolder:
             If its ``scanner.toml``, which says what else is read, is wrong.
         """
         row, files = repr(self._row(object_id)), files_digest(self._inputs(object_id))
-        meshes, _, _ = self._part_files(object_id)
-        made_from = self.made_from(object_id) if (meshes / ORIGIN_NAME).is_file() else None
-        return hashlib.sha256(f"{row}\n{files}\n{made_from}".encode()).hexdigest()
+        return hashlib.sha256(f"{row}\n{files}".encode()).hexdigest()
 
     def made_from(self, object_id: str) -> dict[str, str]:
         """Return what a pose of the object is found from, by what it is.
@@ -405,6 +403,9 @@ class CaptureFolder:
         for name in (REGISTRATION_NAME, ORIGIN_NAME):
             yield name, meshes / name
         yield from _mesh_files(meshes)
+        if (meshes / ORIGIN_NAME).is_file():  # then the annotated ones are looked at, too
+            for name, path in _mesh_files(folder):
+                yield f"annotated/{name}", path
 
 
 def _mesh_files(folder: Path) -> Iterator[tuple[str, Path]]:

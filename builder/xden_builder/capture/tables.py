@@ -168,7 +168,7 @@ def read_csv(path: Path, required: Sequence[str], optional: Sequence[str]) -> li
         If the file is missing or no CSV, lacks a required column, has an unknown one, a row is
         longer than the header, or a required field is empty.
     """
-    frame = _without_empty_columns(path, _read_frame(path))
+    frame = _read_frame(path)
     known = (*required, *optional)
     for column in frame.columns:
         if column not in known:
@@ -189,9 +189,8 @@ def read_csv(path: Path, required: Sequence[str], optional: Sequence[str]) -> li
     return rows
 
 
-def _without_empty_columns(path: Path, frame: pd.DataFrame) -> pd.DataFrame:
+def _without_empty_columns(path: Path, header: Sequence[str], frame: pd.DataFrame) -> pd.DataFrame:
     """Leave out columns without a name and any text, as spreadsheets write them after the last."""
-    header, *_ = csv.reader(io.StringIO(_text(path), newline=None))
     nameless = [number for number, name in enumerate(header) if not name.strip()]
     for number in nameless:
         texts = frame.iloc[:, number].fillna("").str.strip()
@@ -211,13 +210,15 @@ def _read_frame(path: Path) -> pd.DataFrame:
     text = _text(path)
     with decoding(path, "a table of comma-separated values", csv.Error):
         _refuse_long_rows(path, text)
-        return pd.read_csv(
+        frame = pd.read_csv(
             io.StringIO(text),
             dtype=str,
             keep_default_na=False,
             index_col=False,
             skip_blank_lines=False,
         )
+        header, *_ = csv.reader(io.StringIO(text, newline=None))
+    return _without_empty_columns(path, header, frame)
 
 
 def _refuse_long_rows(path: Path, text: str) -> None:
