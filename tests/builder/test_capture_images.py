@@ -65,6 +65,23 @@ def test_several_tiffs_of_another_program_are_refused(tmp_path: Path) -> None:
         read_image(tmp_path / "a.tif")
 
 
+def test_a_second_image_in_a_tiff_is_refused(tmp_path: Path) -> None:
+    pixels = np.zeros((40, 30), dtype=np.uint16)
+    with tifffile.TiffWriter(tmp_path / "a.tif") as file:
+        file.write(pixels)
+        file.write(pixels[:32], description="of another exposure")
+    with pytest.raises(DataError, match=r"a\.tif: expected one image, got 2: 40 x 30 and 32 x 30$"):
+        read_image(tmp_path / "a.tif")
+
+
+def test_a_thumbnail_before_an_image_is_not_taken_for_it(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(0).integers(0, 255, (64, 64), dtype="u1")
+    with tifffile.TiffWriter(tmp_path / "a.tif") as file:
+        file.write(pixels[::2, ::2], subfiletype=1)
+        file.write(pixels)
+    np.testing.assert_array_equal(read_image(tmp_path / "a.tif").pixels, pixels)
+
+
 def test_a_thumbnail_beside_an_image_is_not_asked_how_it_was_packed(tmp_path: Path) -> None:
     pixels = np.random.default_rng(0).integers(0, 255, (64, 64), dtype="u1")
     with tifffile.TiffWriter(tmp_path / "a.tif") as file:

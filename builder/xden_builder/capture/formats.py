@@ -46,12 +46,17 @@ def _read_tiff(path: Path) -> ImageFile:
     tifffile = require("tifffile", "build")
     require("imagecodecs", "build")
     with decoding(path, "a TIFF image", tifffile.TiffFileError), tifffile.TiffFile(path) as file:
-        if others := {_packing(page.compression) for page in file.series[0].pages} - _TIFF_PACKED:
+        largest = max(each.size for each in file.series)
+        images = [each for each in file.series if each.size > largest / 2]
+        if len(images) > 1:
+            shapes = " and ".join(" x ".join(map(str, each.shape)) for each in images)
+            raise DataError(f"{path}: expected one image, got {len(images)}: {shapes}")
+        if others := {_packing(page.compression) for page in images[0].pages} - _TIFF_PACKED:
             raise DataError(
                 f"{path}: expected a TIFF image that is plain or packed without loss by deflate, "
                 f"LZW or PackBits, got {', '.join(sorted(others))}"
             )
-        pixels = file.asarray()
+        pixels = images[0].asarray()
     return ImageFile(path, pixels)
 
 
