@@ -185,6 +185,15 @@ def test_a_solid_in_a_cavity_and_solids_side_by_side_are_fine() -> None:
     assert closed_mesh(nested, 1.0, "here")[0].volume == pytest.approx(216 - 64 + 16)
 
 
+def test_a_cavity_most_of_whose_corners_lie_on_the_surface_is_one() -> None:
+    top = np.nextafter(2, 3)  # as a cut leaves it
+    corners = np.array([[-1, -0.5, top], [1, -0.6, top], [0.2, 1, top], [0, 0, 0]])
+    inwards = [[1, 0, 2], [0, 1, 3], [3, 1, 2], [3, 2, 0]]
+    pocket = trimesh.Trimesh(corners, inwards, process=False)
+    solid, _ = closed_mesh(together(box((4, 4, 4)), pocket), 1.0, "here")
+    assert solid.volume == pytest.approx(64 + pocket.volume)
+
+
 def test_pieces_that_touch_are_fine() -> None:
     touching = together(box((2, 2, 2)), box((2, 1, 1), at=2))
     assert closed_mesh(touching, 1.0, "here")[0].volume == pytest.approx(10)

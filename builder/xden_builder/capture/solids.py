@@ -24,6 +24,9 @@ FLAP = 1e-4
 MOST_VOLUME_CHANGE = 0.02
 """A part that leaving out faces would change more, such as a foil, keeps its surface."""
 
+BENEATH = 1e-6
+"""Of a piece's size: what lies so far beneath its surface touches no surface."""
+
 Triangles = Float[np.ndarray, "_ 3 3"]
 
 
@@ -173,10 +176,19 @@ def _triple_products(corners: Triangles) -> Float[np.ndarray, "_"]:
 
 
 def _windings_around(piece: Triangles, others: list[Triangles]) -> int:
-    """How often the other pieces wind around this one, seen where it touches none of them."""
-    points = (piece[0, 0], piece[len(piece) // 2, 1], piece[-1, 2])
-    windings = [sum(_winding_number(other, point) for other in others) for point in points]
-    return round(min(windings, key=lambda winding: abs(winding - round(winding))))
+    """How often the other pieces wind around this one, by most of three places in what it bounds.
+
+    They lie a little beneath its largest faces, so that it may touch the others.
+    """
+    a, b, c = piece.transpose(1, 0, 2)
+    outwards = np.cross(b - a, c - a) * np.sign(_volume(piece))
+    double_area = np.linalg.norm(outwards, axis=1)
+    largest = np.argsort(-double_area)[:3]
+    depth = BENEATH * np.ptp(piece, axis=(0, 1)).max()
+    inwards = -outwards[largest] / double_area[largest, None]
+    places = piece[largest].mean(axis=1) + depth * inwards
+    windings = [sum(_winding_number(each, place) for each in others) for place in places]
+    return round(float(np.median(windings)))
 
 
 def _winding_number(triangles: Triangles, point: Vec3) -> float:
