@@ -394,6 +394,8 @@ def test_a_pitch_that_is_wrong_in_rows_alone_is_told() -> None:
     [
         (0.25, ["air in pa has a transmission of 0.25, expected 0.8 to 1.25: the picture was"]),
         (0.004, ["air in pa has a transmission of 0.004, expected 0.8 to 1.25: the picture was"]),
+        (0.7999, ["air in pa has a transmission of 0.79, expected 0.8 to 1.25: the picture was"]),
+        (1.2501, ["air in pa has a transmission of 1.3, expected 0.8 to 1.25: the picture was"]),
         (1.4, ["air in pa has a transmission of 1.4, expected 0.8 to 1.25: the picture was"]),
         (1.03, []),
         (None, []),
@@ -419,6 +421,21 @@ def test_a_holder_around_the_picture_is_not_taken_for_another_exposure(
     view = XRayView("pa", image, np.ones(image.shape, dtype=np.bool_), VIEWS["pa"])
     found, _ = outline(view, None, list(key().values()))
     assert found.brightest == pytest.approx(brightest)
+
+
+@pytest.mark.parametrize(
+    ("depth", "words"), [(0.02, []), (0.0, ["view pa shows no shadow at all"])]
+)
+def test_a_block_of_foam_is_not_called_air(depth: float, words: list[str]) -> None:
+    noise = np.random.default_rng(1).normal(0, 0.005, VIEWS["pa"].shape)
+    there = path_lengths(list(key().values()), range(len(key())), VIEWS["pa"], 1).image(
+        np.full(len(key()), 1.0), 1.0
+    )
+    image = (1 + noise - depth * (there < 1)).astype(np.float32)
+    view = XRayView("pa", image, np.ones(image.shape, dtype=np.bool_), VIEWS["pa"])
+    pa, _ = outline(view, None, list(key().values()))
+    found = list(contradictions(pa, replace(pa, name="lat")))
+    assert [said[: len(start)] for said, start in zip(found, words, strict=True)] == words
 
 
 def test_air_that_is_masked_says_nothing_of_the_airs_level() -> None:
