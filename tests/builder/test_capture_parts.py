@@ -333,6 +333,14 @@ def test_a_wrong_parts_csv_is_named(tmp_path: Path, text: str, message: str) -> 
         read(tmp_path)
 
 
+def test_every_wrong_row_of_a_parts_csv_is_told(tmp_path: Path) -> None:
+    for name in ("body.ply", "a_lid.ply", "spout.ply"):
+        write_part(tmp_path, box(), name)
+    (tmp_path / "parts.csv").write_text("name,material\nspout,Stahl\nbody,pp\na_lid,n/a\n")
+    with pytest.raises(DataError, match=r"row 2, material: .*'Stahl'.*too: row 4$"):
+        read(tmp_path)
+
+
 def test_an_umlaut_of_a_file_of_macos_is_that_of_the_table(tmp_path: Path) -> None:
     write_part(tmp_path, box(), "ko\u0308rper.ply")
     (tmp_path / "parts.csv").write_text("name,material\nk\u00f6rper,iron", encoding="utf-8")

@@ -25,7 +25,7 @@ from xden_builder.capture.origin import ORIGIN_NAME, files_digest, refuse_stale
 from xden_builder.capture.parts import CapturePart, read_parts
 from xden_builder.capture.pose import MeshScale, PoseTold, read_mesh_scale, read_pose
 from xden_builder.capture.scanner import DATASET_VIEWS, ScannerFile, read_scanner
-from xden_builder.capture.tables import CsvRow, number_or_nan, read_csv
+from xden_builder.capture.tables import CsvRow, number_or_nan, read_csv, refuse_wrong
 from xden_builder.physics.source import Detector, Tube
 
 __all__ = ["REGISTRATION_NAME", "Capture", "CaptureFolder", "ObjectRow"]
@@ -43,8 +43,6 @@ _OPTIONAL = (
     "mesh_scale",
     "mesh_sd_mm",
 )
-_MOST_TOLD = 10
-"""Rows that are wrong beside the first."""
 _MOST_MESH_SD_MM = 5.0
 """Meshes that are farther off are none of the object."""
 
@@ -428,12 +426,7 @@ def _object_rows(path: Path) -> dict[str, ObjectRow]:
             rows[object_id] = _object_row(row)
         except DataError as err:
             wrong[row.number] = err
-    if wrong:
-        first, *others = wrong
-        told = ", ".join(map(str, others[:_MOST_TOLD]))
-        more = f" and {len(others) - _MOST_TOLD} more" if len(others) > _MOST_TOLD else ""
-        too = f"; wrong too: row {told}{more}" if others else ""
-        raise DataError(f"{wrong[first]}{too}") from wrong[first]
+    refuse_wrong(wrong)
     if not rows:
         raise DataError(f"{path}: no objects")
     return rows

@@ -14,7 +14,7 @@ from xden1k.values.materials import check_label
 from xden1k.values.ply import CM_PER_UNIT
 from xden_builder.capture.meshes import composed, read_meshes
 from xden_builder.capture.solids import closed_mesh
-from xden_builder.capture.tables import CsvRow, read_csv
+from xden_builder.capture.tables import CsvRow, read_csv, refuse_wrong
 
 __all__ = ["EXTENT_CM", "CapturePart", "read_parts"]
 
@@ -85,8 +85,16 @@ def read_parts(
         for name, (path, mesh) in meshes.items()
     }
     _check_extent([solid for solid, _ in solids.values()], mesh_folder, mesh_units)
-    parts = tuple(_part(name, solid, rows.get(name)) for name, (solid, _) in solids.items())
-    return parts, tuple(f"{name}:mesh_inverted" for name, (_, back) in solids.items() if back)
+    parts, wrong = [], {}
+    for name, (solid, _) in solids.items():
+        try:
+            parts.append(_part(name, solid, rows.get(name)))
+        except DataError as err:
+            wrong[rows[name].number] = err
+    refuse_wrong(dict(sorted(wrong.items())))
+    return tuple(parts), tuple(
+        f"{name}:mesh_inverted" for name, (_, back) in solids.items() if back
+    )
 
 
 def _read_table(path: Path) -> dict[str, CsvRow]:

@@ -25,7 +25,11 @@ __all__ = [
     "is_vector",
     "number_or_nan",
     "read_csv",
+    "refuse_wrong",
 ]
+
+MOST_TOLD = 10
+"""Rows that are wrong beside the first."""
 
 Check = Callable[[Any], bool]
 
@@ -187,6 +191,23 @@ def read_csv(path: Path, required: Sequence[str], optional: Sequence[str]) -> li
             if not row[column]:
                 raise row.error(column, "must not be empty")
     return rows
+
+
+def refuse_wrong(rows: Mapping[int, DataError]) -> None:
+    """Raise what is wrong with the first row, and name the others.
+
+    Parameters
+    ----------
+    rows
+        What is wrong with each, by its number.
+    """
+    if not rows:
+        return
+    first, *others = rows
+    told = ", ".join(map(str, others[:MOST_TOLD]))
+    more = f" and {len(others) - MOST_TOLD} more" if len(others) > MOST_TOLD else ""
+    too = f"; wrong too: row {told}{more}" if others else ""
+    raise DataError(f"{rows[first]}{too}") from rows[first]
 
 
 def _without_empty_columns(path: Path, header: Sequence[str], frame: pd.DataFrame) -> pd.DataFrame:
