@@ -56,7 +56,7 @@ def test_without_an_object_nothing_is_content() -> None:
     nothing = np.zeros(SHAPE, dtype=np.bool_)
     view = XRayView("pa", np.ones_like(MODEL), ~nothing, FAR_SOURCE)
     left = unexplained(view, nothing, ~nothing, np.ones_like(MODEL), 1.0, 0.0)
-    assert left == Unexplained(0.0, None, 0.0, 0.0, None, 0.0)
+    assert left == Unexplained(0.0, 0.0, None, 0.0, 0.0, None, 0.0)
 
 
 def test_content_is_the_same_however_much_air_there_is_around_it() -> None:
@@ -77,7 +77,7 @@ def test_an_image_as_the_model_says_leaves_nothing_whatever_the_noise() -> None:
         left = looked_at(NOWHERE, 1.0, noise=noise)
         assert not left.content
         assert not left.shadow
-    assert looked_at(NOWHERE, 1.0) == Unexplained(0.0, None, 0.0, 0.0, None, 0.0)
+    assert looked_at(NOWHERE, 1.0) == Unexplained(0.0, 0.0, None, 0.0, 0.0, None, 0.0)
 
 
 @pytest.mark.parametrize(("geometry", "magnified"), [(FAR_SOURCE, 1.0), (NEAR_SOURCE, 2.0)])
@@ -89,6 +89,23 @@ def test_a_core_nobody_annotated_is_weighed_as_water_where_the_object_is(
     assert not left.shadow
     assert left.content_g == pytest.approx((16 * PIXEL_CM / magnified) ** 2, rel=0.1)
     assert np.abs(np.subtract(left.content_box, (30, 20, 45, 35))).max() <= 2
+
+
+@pytest.mark.parametrize(("factor", "told"), [(0.01, True), (0.2, False), (2.0, False)])
+def test_a_weight_of_few_pixels_is_content_where_it_takes_much_of_the_light(
+    factor: float, told: bool
+) -> None:
+    left = looked_at((slice(30, 34), slice(20, 24)), factor)
+    assert 0 < left.content_share < 0.05
+    share = -np.log(factor) * 16 / (np.log(2) * PART.sum())
+    assert left.content_darkening == pytest.approx(share, rel=0.15)
+    assert left.content == told
+
+
+def test_a_rim_of_few_pixels_is_a_mesh_that_is_off_and_no_content() -> None:
+    left = looked_at((slice(30, 50), slice(49, 50)), 0.01)
+    assert left.content_share < 0.05
+    assert not left.content
 
 
 def test_a_hollow_drawn_full_is_content_of_negative_mass() -> None:
@@ -116,4 +133,4 @@ def test_pixels_that_were_not_measured_tell_nothing() -> None:
     left = unexplained(
         XRayView("pa", measured, valid, FAR_SOURCE), PART & valid, ~PART & valid, MODEL, 1.0, 0.0
     )
-    assert left == Unexplained(0.0, None, 0.0, 0.0, None, 0.0)
+    assert left == Unexplained(0.0, 0.0, None, 0.0, 0.0, None, 0.0)
