@@ -194,6 +194,13 @@ def test_a_cavity_most_of_whose_corners_lie_on_the_surface_is_one() -> None:
     assert solid.volume == pytest.approx(64 + pocket.volume)
 
 
+def test_a_shell_so_thin_that_its_large_faces_cut_through_it_is_one() -> None:
+    outer = trimesh.creation.icosphere(subdivisions=2, radius=2.0)
+    inner = trimesh.creation.icosphere(subdivisions=4, radius=1.97)
+    solid, _ = closed_mesh(together(outer, turned_inside_out(inner)), 1.0, "here")
+    assert solid.volume == pytest.approx(outer.volume - inner.volume)
+
+
 def test_pieces_that_touch_are_fine() -> None:
     touching = together(box((2, 2, 2)), box((2, 1, 1), at=2))
     assert closed_mesh(touching, 1.0, "here")[0].volume == pytest.approx(10)

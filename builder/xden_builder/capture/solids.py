@@ -24,8 +24,10 @@ FLAP = 1e-4
 MOST_VOLUME_CHANGE = 0.02
 """A part that leaving out faces would change more, such as a foil, keeps its surface."""
 
-BENEATH = 1e-6
-"""Of a piece's size: what lies so far beneath its surface touches no surface."""
+PLACES = 7
+"""Of a closed piece that are asked whether they lie in another one, at least."""
+NEAR_CORNER, BENEATH = 1e-3, 1e-6
+"""Of a triangle's size: how far from a corner, and beneath it, a place touches no surface."""
 
 Triangles = Float[np.ndarray, "_ 3 3"]
 
@@ -176,17 +178,19 @@ def _triple_products(corners: Triangles) -> Float[np.ndarray, "_"]:
 
 
 def _windings_around(piece: Triangles, others: list[Triangles]) -> int:
-    """How often the other pieces wind around this one, by most of three places in what it bounds.
+    """How often the other pieces wind around this one, by most of some places in what it bounds.
 
-    They lie a little beneath its largest faces, so that it may touch the others.
+    They lie a little beneath some of its larger faces, so that it may touch the others, and at a
+    corner of them: large faces of a thin shell may cut through it between their corners.
     """
     a, b, c = piece.transpose(1, 0, 2)
     outwards = np.cross(b - a, c - a) * np.sign(_volume(piece))
-    double_area = np.linalg.norm(outwards, axis=1)
-    largest = np.argsort(-double_area)[:3]
-    depth = BENEATH * np.ptp(piece, axis=(0, 1)).max()
-    inwards = -outwards[largest] / double_area[largest, None]
-    places = piece[largest].mean(axis=1) + depth * inwards
+    double_area = np.linalg.norm(outwards, axis=1, keepdims=True)
+    larger = np.flatnonzero(double_area[:, 0] >= np.median(double_area))
+    asked = larger[:: max(len(larger) // PLACES, 1)]
+    inwards = -outwards[asked] / np.sqrt(double_area[asked])  # as long as a side, about
+    corner, middle = piece[asked, 0], piece[asked].mean(axis=1)
+    places = corner + NEAR_CORNER * (middle - corner) + BENEATH * inwards
     windings = [sum(_winding_number(each, place) for each in others) for place in places]
     return round(float(np.median(windings)))
 
