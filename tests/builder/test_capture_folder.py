@@ -545,3 +545,11 @@ def test_the_iron_tetrahedron(shared_data: Path) -> None:
     assert iron.mesh.volume == pytest.approx(5.50374, rel=1e-5)  # millimetres in the file
     assert folder.ct("tetra") is None
     assert folder.digest("tetra") == CaptureFolder(shared_data / "captures-tetra").digest("tetra")
+
+
+def test_an_object_that_another_folder_of_parts_lacks_is_told_as_that(
+    root: Path, tmp_path: Path
+) -> None:
+    folder = CaptureFolder(root, tmp_path)
+    with pytest.raises(DataError, match=r"mug-01: no meshes of this object: was it put in place"):
+        folder.parts("mug-01")

@@ -4,10 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from xden_builder.capture.pose import CoarsePose
-from xden_builder.registration.coarse_pose import FAR_RAD, NEAR_RAD, around_told, told_rotations
+from xden_builder.capture.space import Space
+from xden_builder.registration.body import Body
+from xden_builder.registration.coarse_pose import (
+    FAR_RAD,
+    NEAR_RAD,
+    around_told,
+    told_one,
+    told_rotations,
+)
 from xden_builder.registration.placement import Found, RigidPlacement
 
 TOLD = Rotation.from_rotvec([0.4, -0.3, 1.0])
@@ -42,3 +51,15 @@ def test_the_search_begins_well_within_what_it_may_come_back_with() -> None:
     off_rad = (begun * TOLD.inv()).magnitude()
     assert off_rad.max() == pytest.approx(NEAR_RAD, rel=0.01)
     assert NEAR_RAD < FAR_RAD < np.radians(60)  # a nut's next like pose
+
+
+@pytest.mark.parametrize(
+    ("off_deg", "one"), [((1.5, 0.0, 3.0), 1), ((0.1, 1.5), 0), ((3.0, 5.0), None)]
+)
+def test_the_pose_of_another_candidate_is_that_candidate_and_not_the_best_around_it(
+    off_deg: tuple[float, ...], one: int | None
+) -> None:
+    body = Body.of(Space.of([trimesh.creation.box((1, 2, 3))], [0]), np.ones(1))
+    found = [turned(each) for each in off_deg]
+    assert told_one(POSE, found, body) == one
+    assert told_one("unknown", found, body) is None

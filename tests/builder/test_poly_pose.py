@@ -134,8 +134,10 @@ def refined(
     glare: float = 0.0,
     told_pitch: Mapping[str, float] = AS_IT_IS,
     size_sd: float = 0.0,
+    before_lat: Pose | None = None,
 ) -> PoseFit:
     """Show an object in a pose, and look for it from rest and from wrong densities."""
+    poses = {"pa": true, "lat": before_lat or true}
     solids, scanner = solids or tool(), geometries(size)
     views = [
         replace(
@@ -143,7 +145,7 @@ def refined(
                 radiograph(
                     [*solids, *unmeshed],
                     name,
-                    posed(geometry, true, shifted_rows=name == "lat"),
+                    posed(geometry, poses[name], shifted_rows=name == "lat"),
                     rays=rays,
                 ),
                 glare,
@@ -220,11 +222,20 @@ def test_a_pitch_that_is_wrong_in_one_view_is_told_by_the_size_of_the_object_the
     assert fit.to_dict(("pa", "lat"))["apart"]["view"] == "lat"
 
 
-def test_views_that_are_as_told_agree_about_the_size():
+def test_views_that_are_as_told_agree_about_size_and_pose():
     fit = refined(Pose((0.01, 0.0, -0.01)), size_sd=0.005)
     assert fit.apart is not None
     assert abs(fit.apart.growth) < 5e-4
+    assert fit.apart.turn_deg < 0.1
     assert not fit.apart.contradicts
+
+
+def test_an_object_that_was_turned_between_the_exposures_is_told():
+    """By 3 degrees about an oblique axis, of which the fit of one pose is between the two."""
+    fit = refined(Pose(), size_sd=0.005, before_lat=Pose((0.02, -0.015, 0.045)))
+    assert fit.apart is not None
+    assert 1.5 < fit.apart.turn_deg < 4.0
+    assert fit.apart.contradicts
 
 
 def test_views_are_not_asked_about_a_size_that_is_not_sought():

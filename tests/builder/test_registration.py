@@ -1152,7 +1152,9 @@ def test_halves_of_one_shape_are_told_by_their_labels_and_a_person_may_choose_th
     assert np.linalg.norm(light_end_cm(capture, first) - right_cm) < 0.1
     assert second.chosen == 1
     assert np.linalg.norm(light_end_cm(capture, second) - right_cm) > 1
-    with pytest.raises(DataError, match=r"asks for candidate 99 of \d+ poses that were found"):
+    with pytest.raises(
+        DataError, match=r"candidate 99 was asked for, and the poses that were found are \d+"
+    ):
         found(replace(capture, pose=Candidate(99)))
 
 

@@ -266,6 +266,11 @@ class CaptureFolder:
             scanner from something else than there is now.
         """
         meshes, table, strict = self._part_files(object_id)
+        if self.parts_root is not None and not meshes.is_dir():
+            raise DataError(
+                f"{meshes}: no meshes of this object: was it put in place ({self.parts_root}/"
+                "index.html of `xden-build align` says why not), or mended (mended.csv)?"
+            )
         if (origin := meshes / ORIGIN_NAME).is_file():
             refuse_stale(origin, self.made_from(object_id))
         return read_parts(meshes, table, self._row(object_id).mesh_units, strict)

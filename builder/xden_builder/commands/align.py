@@ -11,6 +11,7 @@ from xden1k.commands import DONE_IN_PART, json_option, print_json
 from xden_builder.commands.shared import (
     FOLDER,
     Progress,
+    names_in,
     parts_option,
     progress_bar,
     resumable,
@@ -54,7 +55,7 @@ def align(
         alignment = align_folder(
             captures,
             out,
-            object_ids=[each for each in objects.split(",") if each],
+            object_ids=names_in(objects),
             near_too=near_too,
             parts=parts,
             workers=workers,

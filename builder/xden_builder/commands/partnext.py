@@ -10,7 +10,7 @@ import click
 
 from xden1k.commands import DONE_IN_PART, json_option, print_json
 from xden_builder.commands.scanning import scan_options, simulated_scanner, wanted_realism
-from xden_builder.commands.shared import FOLDER, progress_bar, workers_option
+from xden_builder.commands.shared import FOLDER, names_in, progress_bar, workers_option
 
 if TYPE_CHECKING:
     from xden_builder.phantoms.partnext.writer import Failure, Made, PartNeXtSet
@@ -101,7 +101,7 @@ def _models(
         wanted_realism(lifelike, ideal),
         Posing(pose, mesh_scale),
         Shaping(size_cm or HALF_CM, grid),
-        tuple(name for name in objects.split(",") if name),
+        tuple(names_in(objects)),
         count,
     )
 

@@ -10,7 +10,7 @@ import click
 from xden1k.commands import DONE_IN_PART, json_option, print_json
 from xden1k.errors import DataError
 from xden_builder.commands.scanning import scan_options, simulated_scanner, wanted_realism
-from xden_builder.commands.shared import FOLDER, progress_bar, workers_option
+from xden_builder.commands.shared import FOLDER, names_in, progress_bar, workers_option
 
 if TYPE_CHECKING:
     from xden1k.values.types import Split
@@ -71,7 +71,7 @@ def phantoms(
     if as_dataset and check:
         raise click.UsageError("--check is for captures, not for --as-dataset")
     write = write_truth_dataset if as_dataset else write_captures
-    names = [name for name in categories.split(",") if name]
+    names = names_in(categories)
     never_learned = _unseen(unseen)
     count_made = len(plan_objects(count, seed, names, split, never_learned))
     with progress_bar(count_made) as bar:
@@ -110,7 +110,7 @@ def _unseen(told: str) -> list[str]:
     from xden1k.values.settings import read_toml
 
     if not told.endswith(".toml"):
-        return [name for name in told.split(",") if name]
+        return names_in(told)
     names = read_toml(Path(told)).get("unseen_categories")
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise DataError(f"{told}: expected a list of names under unseen_categories, got {names!r}")

@@ -16,6 +16,7 @@ __all__ = [
     "FOLDER",
     "Progress",
     "echo_scanner",
+    "names_in",
     "parts_option",
     "progress_bar",
     "resumable",
@@ -40,6 +41,17 @@ parts_option = click.option(
     type=click.Path(path_type=Path, file_okay=False, exists=True),
     help="Other part meshes in place of the annotated ones.",
 )
+
+
+def names_in(text: str) -> list[str]:
+    """Read names separated by commas, with or without blanks.
+
+    Examples
+    --------
+    >>> names_in("mug-0000, pen-0001,")
+    ['mug-0000', 'pen-0001']
+    """
+    return [name for name in map(str.strip, text.split(",")) if name]
 
 
 @contextmanager

@@ -159,7 +159,7 @@ class PoseFit:
         What neighbouring pixels of the finest differ by, and light that the model lacks, as of
         :func:`xden_builder.poly.edges.edge_doubt`.
     apart
-        How much larger the object is before one view than before the others, as of
+        How the object is before one view beside how it is before the others, as of
         :func:`xden_builder.poly.apart.views_apart`; None where that does not tell.
     growth_by_light
         Logarithm of the size that light alone would have, where differences of pixels tell it.
@@ -224,7 +224,7 @@ class PoseFit:
         each = {name: self._values(number) for number, name in enumerate(names)}
         apart = {}
         if (one := self.apart) is not None:
-            apart = {"apart": {"view": names[one.view], "growth": one.growth, "sd": one.sd}}
+            apart = {"apart": one._asdict() | {"view": names[one.view]}}
         told = self.poses.turned == (False, False)
         return (
             self._values(self._telling)
@@ -328,7 +328,7 @@ def refine_pose(
         doubt=doubt(level, unknowns, residuals),
         left=all_left(level, unknowns, residuals),
         edges=edge_doubt(level, unknowns),
-        apart=views_apart(level, unknowns, residuals, slopes),
+        apart=views_apart(level, unknowns, (low, high), residuals, slopes),
         growth_by_light=growth_by_light,
     )
 

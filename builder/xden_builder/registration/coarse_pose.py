@@ -9,9 +9,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from xden_builder.capture.pose import CoarsePose, PoseTold
-from xden_builder.registration.placement import Found
+from xden_builder.registration.body import Body
+from xden_builder.registration.kinds import FINAL_APART
+from xden_builder.registration.placement import Found, RigidPlacement
 
-__all__ = ["around_told", "told_rotations"]
+__all__ = ["around_told", "told_one", "told_placement", "told_rotations"]
 
 NEAR_RAD, NEAR_COUNT = np.radians(30.0), 300
 """How far from a told rotation the search begins, and at how many."""
@@ -41,3 +43,27 @@ def around_told(pose: PoseTold, found: Sequence[Found]) -> list[Found]:
     off_rad = (rotations * pose.rotation.inv()).magnitude().tolist()
     near = [each for each, off in zip(found, off_rad, strict=True) if off <= FAR_RAD]
     return near or [*found]
+
+
+def told_placement(pose: CoarsePose, scale: float) -> RigidPlacement:
+    """Give the pose that a person told, of meshes of a scale."""
+    return RigidPlacement(pose.rotation.as_matrix(), np.array(pose.translation_cm), scale)
+
+
+def told_one(pose: PoseTold, found: Sequence[Found], body: Body) -> int | None:
+    """Index of the pose that a person told exactly, since it had been found before.
+
+    None where none lies within a fiftieth of the radius (root mean square over vertices): who does
+    not copy a pose tells none as well as that.
+    """
+    if not isinstance(pose, CoarsePose):
+        return None
+    points = np.concatenate([np.asarray(mesh.vertices) for mesh in body.space.meshes])
+    off_cm = []
+    for each in found:
+        told = told_placement(pose, each.placement.scale)
+        beside = told.apply(points) - each.placement.apply(points)
+        off_cm.append(float(np.sqrt(np.square(beside).sum(axis=1).mean())))
+    nearest = int(np.argmin(off_cm))
+    reach_cm = FINAL_APART * body.radius_cm * found[nearest].placement.scale
+    return nearest if off_cm[nearest] < reach_cm else None

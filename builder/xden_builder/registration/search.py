@@ -21,7 +21,12 @@ from xden_builder.registration.around import Around
 from xden_builder.registration.ball import ball_turns, is_ball
 from xden_builder.registration.body import Body
 from xden_builder.registration.closely import told_closely
-from xden_builder.registration.coarse_pose import around_told, told_rotations
+from xden_builder.registration.coarse_pose import (
+    around_told,
+    told_one,
+    told_placement,
+    told_rotations,
+)
 from xden_builder.registration.contest import told_by_labels
 from xden_builder.registration.exact import COARSE_PX, Judge, side_of
 from xden_builder.registration.kinds import (
@@ -213,6 +218,9 @@ def _finely(
     found, around = coarse.found, partial(around_told, capture.pose)
     fine = _judge(capture, shadows, body, FINE_PX, found[0].placement)
     near = [fine.anew(each) for each in found]
+    if isinstance(capture.pose, CoarsePose):
+        told = told_placement(capture.pose, found[0].placement.scale)
+        near.append(fine.refined(fine.fixed(told), DERIVATIVES))
     best = all_settled(fine, unlike_of(near, likeness, body, FINAL, FINAL_APART))
     best = sorted(around([*best, *_turned(fine, best[0], coarse, likeness, body)]), key=loss_of)
     for _ in range(HOPS):
@@ -349,17 +357,17 @@ def _judged(
 ) -> Registration:
     """Choose one of unlike poses, and say how sure it is."""
     candidates = fine.found
-    chosen = _chosen(capture, len(candidates))
+    told = _told(capture, candidates, body)
+    chosen = told or 0
     best = candidates[0].placement
     outlines = fine.judge.outline_shares(candidates[chosen])
-    told = isinstance(capture.pose, Candidate)
     raised = {
-        "pose_ambiguous": not told
+        "pose_ambiguous": told is None
         and any(
             each.as_good_as(candidates[0]) and elsewhere(best, each.placement, likeness, body)
             for each in candidates[1:]
         ),
-        "pose_not_found": not told and doubted,
+        "pose_not_found": told is None and doubted,
         "shape_differs": max(outlines.values()) > MOST_OUTLINE,
     }
     _check_scale(candidates[chosen].placement.scale)
@@ -383,8 +391,8 @@ def _symmetries(placement: RigidPlacement, likeness: Likeness, body: Body) -> in
     return sum(not likeness.apart(here.placements()[0], turn, least_cm) for turn in turns)
 
 
-def _chosen(capture: Capture, count: int) -> int:
-    """Index of the candidate that a person chose, or of the best.
+def _told(capture: Capture, candidates: Sequence[Found], body: Body) -> int | None:
+    """Index of the candidate that a person chose, by its number or its pose; None where nobody did.
 
     Raises
     ------
@@ -392,11 +400,11 @@ def _chosen(capture: Capture, count: int) -> int:
         If there is none of that number.
     """
     if not isinstance(capture.pose, Candidate):
-        return 0
-    if capture.pose.number > count:
+        return told_one(capture.pose, candidates, body)
+    if capture.pose.number > len(candidates):
         raise DataError(
-            f"object {capture.object_id}: objects.csv asks for candidate {capture.pose.number} of "
-            f"{count} poses that were found"
+            f"objects.csv, pose: candidate {capture.pose.number} was asked for, and the poses that "
+            f"were found are {len(candidates)}; look at the page of `xden-build align`"
         )
     return capture.pose.number - 1
 
