@@ -9,6 +9,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from tests.builder.poly_scenes import geometries
 from xden1k.errors import DataError
 from xden1k.rays import path_lengths
 from xden1k.values.views import XRayView
+from xden_builder.audit.air import corner_ratio
 from xden_builder.capture import CaptureFolder, ScannerFile, ViewFile, read_scanner, write_scanner
 from xden_builder.capture.parts import CapturePart
 from xden_builder.cli import cli
@@ -544,6 +546,34 @@ def test_air_that_is_brighter_at_one_border_tells_of_the_open_field_and_of_nothi
     assert "turned over or mirrored" in said
     even = replace(sound, air={"top": 1.02, "bottom": 0.98, "left": 0.7})
     assert [*contradictions(even, sound)] == []
+
+
+@pytest.mark.parametrize(
+    ("corners", "words"),
+    [(0.96, ["air in pa is 4.0% darker in the corners than"]), (0.99, []), (0.5, []), (None, [])],
+)
+def test_air_that_is_darker_in_the_corners_tells_of_no_open_field(
+    corners: float | None, words: list[str]
+) -> None:
+    mask = np.zeros((20, 20), dtype=np.bool_)
+    mask[5:15, 5:12] = True
+    pa = replace(seen("pa", mask, mask), corners=corners)
+    found = list(contradictions(pa, seen("lat", mask, mask)))
+    assert [said[: len(start)] for said, start in zip(found, words, strict=True)] == words
+
+
+@pytest.mark.parametrize(
+    ("reached", "ratio"), [((slice(0, 0), slice(0, 0)), 0.94), ((0, 64), 0.94), ((0, 0), None)]
+)
+def test_corners_are_compared_with_borders_that_no_part_reaches(
+    reached: tuple[Any, Any], ratio: float | None
+) -> None:
+    away = np.square(np.linspace(-1, 1, 128))
+    image = (1 - 0.06 * (away[:, None] + away)).astype(np.float32)
+    drawn = np.zeros(image.shape, dtype=np.bool_)
+    drawn[reached] = True
+    found = corner_ratio(image, drawn, ~drawn)
+    assert found == (ratio if ratio is None else pytest.approx(ratio, abs=0.01))
 
 
 def test_a_collimator_is_not_called_a_flat_that_is_turned_over_and_hides_nothing() -> None:

@@ -18,6 +18,8 @@ from xden_builder.reconstruct.object import reconstruct
 from xden_builder.reconstruct.plausible import check_size
 
 SIZE_PX = 96
+FALL = 1 - 0.03 * np.square(np.linspace(-1, 1, SIZE_PX)[:, None])
+FALL = (FALL + FALL.T - 1).astype(np.float32)
 SLOPE = np.linspace(0.9, 1.1, SIZE_PX, dtype=np.float32)
 SLOW = pytest.mark.slow
 ALUMINIUM = Solid("block", box((4, 3, 6)), "aluminium", 2.70)
@@ -89,6 +91,10 @@ CASES = {
     ),
     "another view's flat": (
         lambda: seen_as(lambda mine: (images(mine)[0] * SLOPE, images(mine)[1])),
+        {"pa:uneven_air"},
+    ),
+    "no flat": (
+        lambda: seen_as(lambda mine: (images(mine)[0] * FALL, images(mine)[1])),
         {"pa:uneven_air"},
     ),
     "blurred images": (lambda: blurred(tool()), {"pa:blurred", "lat:blurred"}),

@@ -1,4 +1,4 @@
-"""Air along the borders of a radiograph, which an open field makes even."""
+"""Air along the borders of a radiograph and in its corners, which an open field makes even."""
 
 from __future__ import annotations
 
@@ -9,10 +9,18 @@ import numpy as np
 
 from xden1k.values.arrays import Image, Mask
 
-__all__ = ["BORDERS", "OPAQUE", "Uneven", "border_air", "uneven_air"]
+__all__ = ["BORDERS", "OPAQUE", "Uneven", "border_air", "corner_ratio", "falls_off", "uneven_air"]
 
 MOST_UNEVEN: Final = 1.1
 """Ratio of air at opposite borders: an open field divides it away, whatever the heel effect."""
+MOST_FALL: Final = 0.015
+"""By which air may be darker, or brighter, in the corners than in the middles of borders: of 172
+radiographs of 86 simulated objects, of ours and by the other simulator, by 0.4 % at most, scatter
+included; of ones that were not divided by an open field 4 %."""
+COLLIMATED: Final = 0.85
+"""Corners that are darker than this share are beside a round field."""
+PATCH: Final = 20
+"""Of an image's side, a patch of air is this part, and along the middle of a border four of it."""
 OPAQUE: Final = 0.02
 """Transmission at a border below which something stands before it that is no air."""
 BORDERS: Final = {
@@ -63,3 +71,43 @@ def uneven_air(levels: Mapping[str, float]) -> Iterator[Uneven]:
             continue
         if max(level, other_level) > MOST_UNEVEN * min(level, other_level):
             yield Uneven(one, other, level, other_level)
+
+
+def corner_ratio(image: Image, drawn: Mask, known: Mask) -> float | None:
+    """Transmission of the corners over that of the middles of two opposite borders.
+
+    None where a part reaches one of them, or half of it was not measured.
+
+    Parameters
+    ----------
+    image, drawn, known
+        As of :func:`border_air`.
+    """
+    (top, upright, bottom), (left, level, right) = map(_thirds, image.shape)
+
+    def air(*patches: tuple[slice, slice]) -> float | None:
+        if any(drawn[patch].any() or known[patch].mean() < 0.5 for patch in patches):
+            return None
+        return float(np.mean([np.median(image[patch][known[patch]]) for patch in patches]))
+
+    corners = air((top, left), (top, right), (bottom, left), (bottom, right))
+    across, along = air((top, level), (bottom, level)), air((upright, left), (upright, right))
+    middles = [each for each in (across, along) if each]
+    return corners / float(np.mean(middles)) if corners and middles else None
+
+
+def _thirds(side: int) -> tuple[slice, slice, slice]:
+    """First and last pixels of a side, and between them some about its middle."""
+    patch, middle = max(side // PATCH, 3), side // 2
+    return slice(None, patch), slice(middle - 2 * patch, middle + 2 * patch), slice(-patch, None)
+
+
+def falls_off(ratio: float | None) -> bool:
+    """Whether air is not even, by :func:`corner_ratio`; a round field's rim is no such air.
+
+    Examples
+    --------
+    >>> [falls_off(ratio) for ratio in (None, 0.3, 0.96, 0.99, 1.0, 1.04)]
+    [False, False, True, False, False, True]
+    """
+    return ratio is not None and ratio > COLLIMATED and abs(ratio - 1) > MOST_FALL

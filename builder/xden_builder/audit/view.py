@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Float64
 from xden1k.rays import PathLengths
 from xden1k.values.arrays import Image, Mask
 from xden1k.values.views import XRayView
-from xden_builder.audit.air import border_air, uneven_air
+from xden_builder.audit.air import border_air, corner_ratio, falls_off, uneven_air
 from xden_builder.audit.sharpness import Blur, blur_of
 from xden_builder.audit.unexplained import Unexplained, unexplained
 from xden_builder.capture import Capture
@@ -63,7 +63,8 @@ class ViewAudit:
     blur
         How much softer edges are than those of the meshes.
     uneven_air
-        Whether air is brighter at one border than at the opposite one, by more than a tenth.
+        Whether air is brighter at one border than at the opposite one, by more than a tenth, or
+        other in the corners than at the middles of borders, by :func:`.air.falls_off`.
     """
 
     name: str
@@ -176,8 +177,14 @@ def audit_image(
         object_pixels=int(told.sum()),
         unexplained=unexplained(view, on_object, background, model, gain, floor / FLOOR_SIGMAS),
         blur=blur_of(view.transmission, view.valid, told, model, gain),
-        uneven_air=any(uneven_air(border_air(view.transmission, ~background, background))),
+        uneven_air=_is_uneven(view.transmission, background),
     )
+
+
+def _is_uneven(transmission: Image, background: Mask) -> bool:
+    """Whether air beside the object is brighter somewhere, as no open field leaves it."""
+    seen = transmission, ~background, background
+    return any(uneven_air(border_air(*seen))) or falls_off(corner_ratio(*seen))
 
 
 def pixel_sets(

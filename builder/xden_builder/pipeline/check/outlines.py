@@ -15,7 +15,14 @@ from scipy.ndimage import binary_dilation
 from xden1k.rays import path_lengths
 from xden1k.values.arrays import Image, Mask
 from xden1k.values.views import XRayView
-from xden_builder.audit.air import BORDERS, OPAQUE, border_air, uneven_air
+from xden_builder.audit.air import (
+    BORDERS,
+    OPAQUE,
+    border_air,
+    corner_ratio,
+    falls_off,
+    uneven_air,
+)
 from xden_builder.capture.saturation import completed, gain_bounds
 from xden_builder.poly.model.frames import any_of, binned, coarse
 from xden_builder.poly.model.stray import coarse_binning
@@ -84,6 +91,9 @@ class Outline:
         are dim; None where air is saturated or at no border.
     depth
         By how much the shadow is darker than air, in the median.
+    corners
+        Transmission of air in the corners over that at the middles of borders; None where that is
+        not told.
     faint
         Whether the parts are darker than air, which no pixel need be enough to be a shadow.
     """
@@ -96,6 +106,7 @@ class Outline:
     brightest: float | None = None
     depth: float = 1.0
     faint: bool = False
+    corners: float | None = None
 
 
 def air_level(image: Float32[np.ndarray, "rows columns"], other: Mask) -> float:
@@ -135,7 +146,8 @@ def outline(
         brightest = float(np.quantile(image[known], LIT))
     depth = level - float(np.median(image[shadow])) if shadow.any() else 0.0
     faint = _is_faint(image[known & drawn], image[known & ~near])
-    return Outline(view.name, drawn, shadow, near, air, brightest, depth, faint), level
+    corners = corner_ratio(image, drawn, known) if bounds is None else None
+    return Outline(view.name, drawn, shadow, near, air, brightest, depth, faint, corners), level
 
 
 def _is_faint(drawn: Float32[np.ndarray, "_"], air: Float32[np.ndarray, "_"]) -> bool:
@@ -205,6 +217,7 @@ def contradictions(pa: Outline, lat: Outline, *, turned: bool = False) -> Iterat
     for view in (pa, lat):
         yield from _collimated(view)
     found = [said for view in (pa, lat) for said in _uneven(view)]
+    found = found or [said for view in (pa, lat) for said in _falls_off(view)]
     found = found or (_turned(told) if turned else _mixed_up(pa, lat))
     yield from found or [said for view in told for said in _beside(view)]
 
@@ -239,6 +252,17 @@ def _uneven(view: Outline) -> Iterator[str]:
             f"{found.other_level:.2f} at its {found.other}: the picture or its flat is turned over "
             "or mirrored, the flat is of another view or setting, or the values are not linear in "
             "photons (a gamma, a stretched 8 bit export, a painted background)"
+        )
+
+
+def _falls_off(view: Outline) -> Iterator[str]:
+    """Say that an open field was not divided away: air is other in the corners."""
+    if view.corners is not None and falls_off(view.corners):
+        word = "darker" if view.corners < 1 else "brighter"
+        yield (
+            f"air in {view.name} is {abs(1 - view.corners):.1%} {word} in the corners than at the "
+            "middles of the borders: the picture was not divided by an open field (give `flat`, an "
+            "image of it, in place of a constant), or by another one's"
         )
 
 
