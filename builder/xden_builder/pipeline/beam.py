@@ -187,7 +187,8 @@ def _kept(work: Place) -> Kept | None:
         digests = {name: each["digest"] for name, each in values["objects"].items()}
         tubes = values["hardness"]["two_tubes_mm_cu"]
         pair = None if tubes is None else (tubes[0], tubes[1])
-        found = Hardness(**values["hardness"] | {"two_tubes_mm_cu": pair})
+        labels = tuple(values["hardness"]["labels"])
+        found = Hardness(**values["hardness"] | {"two_tubes_mm_cu": pair, "labels": labels})
         return Kept(found, digests, int(values.get("asked", len(digests))))
     except (ValueError, KeyError, TypeError, AttributeError, IndexError):
         return None

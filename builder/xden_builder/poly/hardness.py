@@ -79,6 +79,8 @@ class Hardness:
         Density by the images over that of the label, in the median of :data:`NEVER_POROUS` parts,
         behind the filter that brings it nearest to 1; 1 where there are fewer than three objects
         with such.
+    labels
+        What the clues are of, by name: labels, or ``mass``.
     """
 
     filter_mm_cu: float
@@ -89,6 +91,7 @@ class Hardness:
     image_scale: float
     composition_scale: float
     label_ratio: float = 1.0
+    labels: tuple[str, ...] = ()
 
     def applied(self, settings: PolySettings) -> PolySettings:
         """Return the settings by which the objects of the folder are fitted.
@@ -190,6 +193,7 @@ def join(clues: Mapping[str, Sequence[Clue]], *, calibrated: bool = False) -> Ha
         image_scale=round(float(np.sqrt(images @ SCALES**2)), 3),
         composition_scale=round(float(np.sqrt(compositions @ SCALES**2)), 3),
         label_ratio=round(_label_ratio(clues), 3),
+        labels=tuple(sorted({clue.name for mine in clues.values() for clue in mine})),
     )
 
 

@@ -120,12 +120,21 @@ def _of_filter(beam: Hardness) -> Iterator[FolderRemark]:
         )
     if beam.contradicts:
         more = "more" if beam.filter_mm_cu > 0 else "less"
+        alone = (
+            f"; {_name_of(*beam.labels)} alone tell it: check these"
+            if len(beam.labels) == 1
+            else ""
+        )
         yield FolderRemark(
             "needs_you",
             f"the told filter does not explain these images: {abs(beam.filter_mm_cu):.2f} ± "
             f"{beam.sd_mm_cu:.2f} mm Cu {more} would, and was reckoned with (check [tube] kv and "
-            "filtration in scanner.toml, and that the images are linear)",
+            f"filtration in scanner.toml, and that the images are linear{alone})",
         )
+
+
+def _name_of(clue: str) -> str:
+    return "masses" if clue == "mass" else f"parts labelled {clue}"
 
 
 def _of_errors(beam: Hardness) -> Iterator[FolderRemark]:
