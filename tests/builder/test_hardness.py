@@ -65,6 +65,18 @@ def test_clues_of_a_narrow_range_tell_more_of_it_where_errors_are_small():
     assert found.filter_mm_cu == pytest.approx(0.1, abs=0.003)
 
 
+def test_a_filter_that_rests_on_one_label_is_told_with_that_label():
+    glass = [clue(0.2, name="glass_soda_lime") for _ in range(4)]
+    vague = clue(0.0, sd=2.0, name="water")
+    found = join(folder(*glass, vague))
+    assert found.contradicts
+    assert found.rests_on == ("glass_soda_lime",)
+    more = join(folder(*glass, vague, *[clue(0.2, name="steel") for _ in range(4)]))
+    assert more.contradicts
+    assert more.rests_on == ()
+    assert join(folder(*[clue(0.0) for _ in range(4)])).rests_on == ()
+
+
 def test_a_filter_told_right_stays_as_it_is():
     found = join(folder(*[clue(0.0) for _ in range(8)]))
     assert abs(found.filter_mm_cu) < 0.002

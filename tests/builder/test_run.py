@@ -166,8 +166,8 @@ def test_a_filter_that_was_told_is_believed(captures, tmp_path):
             "filter does not explain these images: 0.10 ± 0.02 mm",
         ),
         (
-            Hardness(0.2, 0.05, 3, 3, None, 1.0, 1.0, labels=("glass_soda_lime",)),
-            "images are linear; parts labelled glass_soda_lime alone tell it: check these)",
+            Hardness(0.2, 0.05, 3, 3, None, 1.0, 1.0, rests_on=("glass_soda_lime",)),
+            "linear; without the parts labelled glass_soda_lime it would: check these)",
         ),
         (Hardness(-0.03, 0.004, 40, 20, None, 1.0, 1.0), "0.03 ± 0.00 mm Cu less would"),
         (

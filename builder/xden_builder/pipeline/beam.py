@@ -187,8 +187,8 @@ def _kept(work: Place) -> Kept | None:
         digests = {name: each["digest"] for name, each in values["objects"].items()}
         tubes = values["hardness"]["two_tubes_mm_cu"]
         pair = None if tubes is None else (tubes[0], tubes[1])
-        labels = tuple(values["hardness"]["labels"])
-        found = Hardness(**values["hardness"] | {"two_tubes_mm_cu": pair, "labels": labels})
+        rests_on = tuple(values["hardness"]["rests_on"])
+        found = Hardness(**values["hardness"] | {"two_tubes_mm_cu": pair, "rests_on": rests_on})
         return Kept(found, digests, int(values.get("asked", len(digests))))
     except (ValueError, KeyError, TypeError, AttributeError, IndexError):
         return None

@@ -79,8 +79,9 @@ class Hardness:
         Density by the images over that of the label, in the median of :data:`NEVER_POROUS` parts,
         behind the filter that brings it nearest to 1; 1 where there are fewer than three objects
         with such.
-    labels
-        What the clues are of, by name: labels, or ``mass``.
+    rests_on
+        Labels without whose clues, each by itself, the told filter would explain the images, if it
+        does not; ``mass`` stands for masses on a scale.
     """
 
     filter_mm_cu: float
@@ -91,7 +92,7 @@ class Hardness:
     image_scale: float
     composition_scale: float
     label_ratio: float = 1.0
-    labels: tuple[str, ...] = ()
+    rests_on: tuple[str, ...] = ()
 
     def applied(self, settings: PolySettings) -> PolySettings:
         """Return the settings by which the objects of the folder are fitted.
@@ -121,8 +122,7 @@ class Hardness:
     @property
     def contradicts(self) -> bool:
         """Whether the told filter does not explain the images."""
-        least = max(CLEARLY_SD * self.sd_mm_cu, CLEARLY_MM)
-        return abs(self.filter_mm_cu) > least
+        return _is_clear(self.filter_mm_cu, self.sd_mm_cu)
 
     @property
     def no_filter_explains(self) -> bool:
@@ -174,15 +174,20 @@ def join(clues: Mapping[str, Sequence[Clue]], *, calibrated: bool = False) -> Ha
         return Hardness(0.0, round(sd, 4), 0, 0, None, 1.0, 1.0)
     usual = -0.5 * (np.log(SCALES) / SCALE_SD) ** 2
     log_posterior = log_prior + usual[:, None, None] + usual[:, None]
-    by_object = []
+    by_object, by_label = [], dict[str, float | Float64[np.ndarray, "c i f"]]()
     for mine in filter(None, clues.values()):
-        said = np.sum([*map(_log_likelihood, mine)], axis=0)
-        log_posterior += said
-        by_object.append(said[AS_ASSUMED, AS_ASSUMED].copy())
+        said = [_log_likelihood(clue) for clue in mine]
+        for clue, one in zip(mine, said, strict=True):
+            by_label[clue.name] = by_label.get(clue.name, 0.0) + one
+        log_posterior += sum(said)
+        by_object.append(sum(each[AS_ASSUMED, AS_ASSUMED] for each in said))
     chance = _chance(log_posterior)
-    compositions, images, filters = (chance.sum(axis=others) for others in ((1, 2), (0, 2), (0, 1)))
-    mean = float(filters @ GRID_MM)
-    sd = float(np.sqrt(filters @ (GRID_MM - mean) ** 2 + SURVEY_SD_MM**2))
+    compositions, images = (chance.sum(axis=others) for others in ((1, 2), (0, 2)))
+    mean, sd = _filter_of(chance)
+    rests_on: tuple[str, ...] = ()
+    if _is_clear(mean, sd):
+        left = {name: _filter_of(_chance(log_posterior - one)) for name, one in by_label.items()}
+        rests_on = tuple(sorted(name for name, found in left.items() if not _is_clear(*found)))
     two_tubes = _two_tubes(np.array(by_object))
     return Hardness(
         filter_mm_cu=round(mean, 4),
@@ -193,8 +198,20 @@ def join(clues: Mapping[str, Sequence[Clue]], *, calibrated: bool = False) -> Ha
         image_scale=round(float(np.sqrt(images @ SCALES**2)), 3),
         composition_scale=round(float(np.sqrt(compositions @ SCALES**2)), 3),
         label_ratio=round(_label_ratio(clues), 3),
-        labels=tuple(sorted({clue.name for mine in clues.values() for clue in mine})),
+        rests_on=rests_on,
     )
+
+
+def _filter_of(chance: Float64[np.ndarray, "compositions images filters"]) -> tuple[float, float]:
+    """Mean and standard deviation in millimetres of copper."""
+    filters = chance.sum(axis=(0, 1))
+    mean = float(filters @ GRID_MM)
+    return mean, float(np.sqrt(filters @ (GRID_MM - mean) ** 2 + SURVEY_SD_MM**2))
+
+
+def _is_clear(filter_mm_cu: float, sd_mm_cu: float) -> bool:
+    """Whether a filter is not as it was told."""
+    return abs(filter_mm_cu) > max(CLEARLY_SD * sd_mm_cu, CLEARLY_MM)
 
 
 def _label_ratio(clues: Mapping[str, Sequence[Clue]]) -> float:

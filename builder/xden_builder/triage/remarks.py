@@ -120,11 +120,9 @@ def _of_filter(beam: Hardness) -> Iterator[FolderRemark]:
         )
     if beam.contradicts:
         more = "more" if beam.filter_mm_cu > 0 else "less"
-        alone = (
-            f"; {_name_of(*beam.labels)} alone tell it: check these"
-            if len(beam.labels) == 1
-            else ""
-        )
+        alone = ""
+        if beam.rests_on:
+            alone = f"; without {' or '.join(map(_name_of, beam.rests_on))} it would: check these"
         yield FolderRemark(
             "needs_you",
             f"the told filter does not explain these images: {abs(beam.filter_mm_cu):.2f} ± "
@@ -134,7 +132,7 @@ def _of_filter(beam: Hardness) -> Iterator[FolderRemark]:
 
 
 def _name_of(clue: str) -> str:
-    return "masses" if clue == "mass" else f"parts labelled {clue}"
+    return "the masses" if clue == "mass" else f"the parts labelled {clue}"
 
 
 def _of_errors(beam: Hardness) -> Iterator[FolderRemark]:
