@@ -44,6 +44,7 @@ from xden_builder.registration.kinds import (
 )
 from xden_builder.registration.likeness import Likeness, unlike
 from xden_builder.registration.middles import own_shifts, scales_to_sizes, shifts_to_middles
+from xden_builder.registration.mirror import mirrored
 from xden_builder.registration.missing import told_by_edges
 from xden_builder.registration.placement import Found, Registration, RigidPlacement
 from xden_builder.registration.rotations import spread_rotations
@@ -1268,6 +1269,13 @@ def test_an_object_without_the_mesh_of_a_part_is_found_and_doubted() -> None:
     registration = found(astray(rest))
     assert largest_error_cm(rest, registration) < 0.02  # 0.026 where its shadow counts in full
     assert "pose_not_found" in registration.flags
+
+
+@pytest.mark.slow
+def test_meshes_of_the_other_hand_are_told() -> None:
+    capture = without("nothing")
+    other, _ = mirrored(capture, divide(capture.parts))
+    assert found(astray(other)).flags == ("mirrored",)
 
 
 @pytest.mark.slow

@@ -40,7 +40,7 @@ GROWTHS: Final = (0.5, 2.0)
 STILL: Final = 1e-4
 """A move of the rim by less, as a share of its radius, is none."""
 POSE_FLAGS: Final = frozenset(
-    {"pose_ambiguous", "pose_not_found", "pose_uncertain", "shape_differs"}
+    {"mirrored", "pose_ambiguous", "pose_not_found", "pose_uncertain", "shape_differs"}
 )
 
 

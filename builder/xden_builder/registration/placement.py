@@ -263,7 +263,7 @@ class Registration:
     outline_share
         By view: share of the pixels inside either outline that are inside one alone.
     flags
-        ``pose_ambiguous``, ``pose_not_found``, ``shape_differs``.
+        ``pose_ambiguous``, ``pose_not_found``, ``mirrored``, ``shape_differs``.
     """
 
     candidates: tuple[Found, ...]

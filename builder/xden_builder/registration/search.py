@@ -40,6 +40,7 @@ from xden_builder.registration.kinds import (
 )
 from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.middles import lone_sight
+from xden_builder.registration.mirror import mirrored
 from xden_builder.registration.missing import told_by_edges
 from xden_builder.registration.placement import Found, Registration, RigidPlacement
 from xden_builder.registration.reduced import USUAL_KEV
@@ -98,6 +99,8 @@ DOUBTED_LOSS, HOPELESS_LOSS = 1.5, 6.0
 """Of a pose that is not believed: two of 262 right ones of simulated objects are worse; and of one
 on coarse images that is not moved on before it is looked for again.
 """
+MIRRORED: Final = 0.4
+"""Of the loss of a pose that is not believed: a mirror image that leaves less is the object."""
 SOUGHT_AGAIN_LOSS: Final = 0.4
 """Of a pose that is looked for again among more poses: of 130 objects of another simulator three
 left more, all wrong; a spanner of ours left 0.415 where it was 15 mm off, and 0.39 in its place."""
@@ -149,11 +152,14 @@ def register(capture: Capture, space: Space) -> Registration:
 def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness) -> _Fine:
     """Find unlike poses.
 
-    Where even the best leaves much, a part may have no mesh: its shadow leads all others astray. So
-    they are looked for once more by what neighbouring pixels differ by, unless a scale is sought or
-    a view was turned: both are led by the boxes around the shadows.
+    Where even the best leaves much, meshes may be of the other hand. Or a part may have no
+    mesh: its shadow leads all others astray. So they are looked for once more by what neighbouring
+    pixels differ by, unless a scale is sought or a view was turned: both are led by the boxes
+    around the shadows.
     """
     there = _searched_complete(capture, shadows, body, likeness)
+    if there.doubted and _fits_mirrored(capture, shadows, body, there.found[0].loss):
+        return there._replace(mirrored=True)
     boxed = capture.scale_sought or any(shadow.turned for shadow in shadows)
     if boxed or not there.doubted:
         return there
@@ -169,6 +175,14 @@ def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness:
     nothing_lost = _Coarse(again, finer_search(shadows, clouded))
     plain = _finely(capture, shadows, body, likeness, nothing_lost)
     return min(there, plain, key=lambda each: each.found[0].loss)
+
+
+def _fits_mirrored(capture: Capture, shadows: Sequence[Shadow], body: Body, loss: float) -> bool:
+    """Whether the mirror image of the meshes has a pose that is believed, and leaves far less."""
+    other, space = mirrored(capture, body.space)
+    image = Body.of(space, body.lac_per_cm)
+    there = _searched_complete(other, shadows, image, Likeness(image, lone_sight(shadows)))
+    return there.found[0].loss < min(DOUBTED_LOSS, MIRRORED * loss)
 
 
 def _searched_complete(
@@ -280,6 +294,8 @@ class _Fine(NamedTuple):
 
     found: list[Found]
     judge: Judge
+    mirrored: bool = False
+    """Whether the meshes' mirror image fits far better."""
 
     @property
     def doubted(self) -> bool:
@@ -370,6 +386,8 @@ def _judged(
         "pose_not_found": told is None and doubted,
         "shape_differs": max(outlines.values()) > MOST_OUTLINE,
     }
+    if told is None and fine.mirrored:
+        raised = {"mirrored": True}
     _check_scale(candidates[chosen].placement.scale)
     return Registration(
         tuple(candidates),

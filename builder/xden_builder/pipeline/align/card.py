@@ -24,7 +24,7 @@ __all__ = ["AlignCard", "CandidateCard", "make_align_card", "pose_text"]
 VIEW_PX: Final = 300
 """Longest side of the pictures of the pose that is used."""
 CANDIDATE_PX: Final = 130
-DISAGREEING: Final = frozenset({"shape_differs", "pose_not_found"})
+DISAGREEING: Final = frozenset({"mirrored", "pose_not_found", "shape_differs"})
 """With these flags it is drawn where shadow and silhouette disagree."""
 
 Meshes = Sequence[trimesh.Trimesh]

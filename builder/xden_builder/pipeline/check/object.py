@@ -161,7 +161,7 @@ def _of_pose(registration: Registration | None) -> list[str]:
     raised = () if registration is None else registration.flags
     return [
         f"{flag}: {flag_kind(flag).meaning}"
-        for flag in ("pose_not_found", "shape_differs")
+        for flag in ("mirrored", "pose_not_found", "shape_differs")
         if flag in raised
     ]
 
