@@ -29,8 +29,8 @@ and meshes err as usual; of 68 that lack one of their two largest parts, 60 exce
 other."""
 MOST_DARKENING: Final = 0.05
 """The same of the object's attenuation, in places as wide as the window: a lead weight in a wooden
-block is a twentieth of its pixels and half of what these attenuate. Of 1000 simulated objects none
-has any."""
+block is a twentieth of its pixels and half of what these attenuate. Of 1000 simulated objects two
+have content at all, a hundredth of their pixels."""
 MOST_SHADOW: Final = 0.02
 """Largest shadow beside the parts, as a share of the object's pixels."""
 WINDOW_PX: Final = 5
