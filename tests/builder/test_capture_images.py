@@ -74,10 +74,15 @@ def test_a_second_image_in_a_tiff_is_refused(tmp_path: Path) -> None:
         read_image(tmp_path / "a.tif")
 
 
-def test_a_thumbnail_before_an_image_is_not_taken_for_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize("told", [{"subfiletype": 1}, {}])
+@pytest.mark.parametrize("colours", [1, 3])
+def test_a_thumbnail_before_an_image_is_not_taken_for_it(
+    tmp_path: Path, colours: int, told: dict[str, Any]
+) -> None:
     pixels = np.random.default_rng(0).integers(0, 255, (64, 64), dtype="u1")
+    small = np.squeeze(np.repeat(pixels[::2, ::2, None], colours, axis=2))
     with tifffile.TiffWriter(tmp_path / "a.tif") as file:
-        file.write(pixels[::2, ::2], subfiletype=1)
+        file.write(small, photometric="rgb" if colours == 3 else "minisblack", **told)
         file.write(pixels)
     np.testing.assert_array_equal(read_image(tmp_path / "a.tif").pixels, pixels)
 

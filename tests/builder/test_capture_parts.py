@@ -194,6 +194,14 @@ def test_a_cavity_most_of_whose_corners_lie_on_the_surface_is_one() -> None:
     assert solid.volume == pytest.approx(64 + pocket.volume)
 
 
+def test_a_sliver_without_area_is_no_piece() -> None:
+    cube = box()
+    line = cube.vertices[0] + np.outer([0.1, 0.2, 0.3], [0.3, 0.1, 0.2]) * 1.1
+    sliver = trimesh.Trimesh(line, [[0, 1, 2], [2, 1, 0]], process=False)
+    solid, _ = closed_mesh(together(cube, sliver), 1.0, "here")
+    assert solid.volume == pytest.approx(24)
+
+
 def test_a_shell_so_thin_that_its_large_faces_cut_through_it_is_one() -> None:
     outer = trimesh.creation.icosphere(subdivisions=2, radius=2.0)
     inner = trimesh.creation.icosphere(subdivisions=4, radius=1.97)
@@ -343,8 +351,8 @@ def test_a_wrong_parts_csv_is_named(tmp_path: Path, text: str, message: str) -> 
 def test_every_wrong_row_of_a_parts_csv_is_told(tmp_path: Path) -> None:
     for name in ("body.ply", "a_lid.ply", "spout.ply"):
         write_part(tmp_path, box(), name)
-    (tmp_path / "parts.csv").write_text("name,material\nspout,Stahl\nbody,pp\na_lid,n/a\n")
-    with pytest.raises(DataError, match=r"row 2, material: .*'Stahl'.*too: row 4$"):
+    (tmp_path / "parts.csv").write_text("name,material\nspout,Stahl\nbody,pp\na_lid,n/a\nlid,pp\n")
+    with pytest.raises(DataError, match=r"row 2, material: .*'Stahl'.*too: row 4, 5$"):
         read(tmp_path)
 
 

@@ -396,7 +396,8 @@ def test_a_pitch_that_is_wrong_in_rows_alone_is_told() -> None:
     [
         (0.25, ["air in pa has a transmission of 0.25, expected 0.8 to 1.25: the picture was"]),
         (0.004, ["air in pa has a transmission of 0.004, expected 0.8 to 1.25: the picture was"]),
-        (0.7999, ["air in pa has a transmission of 0.79, expected 0.8 to 1.25: the picture was"]),
+        (0.7999, ["air in pa has a transmission of 0.7999, expected 0.8 to 1.25: the picture was"]),
+        (1.2404, []),
         (1.2501, ["air in pa has a transmission of 1.3, expected 0.8 to 1.25: the picture was"]),
         (1.4, ["air in pa has a transmission of 1.4, expected 0.8 to 1.25: the picture was"]),
         (1.03, []),

@@ -141,7 +141,7 @@ def unexplained(
     attenuated = float(np.log(gain / model[on_object].clip(min=DARKEST)).sum())
     return Unexplained(
         content_share=float(content.sum()) / size,
-        content_darkening=_darkening(view, model, wide) / max(attenuated, DARKEST),
+        content_darkening=_darkening(view, model, wide, FAINTEST_SHADOW) / max(attenuated, DARKEST),
         content_box=content_box,
         content_g=area_cm2 * _darkening(view, model, content) / WATER_CM2_G,
         shadow_share=float(largest_shadow.sum()) / size,
@@ -157,10 +157,13 @@ def _around(mask: Mask, margin_px: int) -> tuple[slice, slice]:
     return Crop.around(np.flatnonzero(mask), mask.shape, margin_px).box
 
 
-def _darkening(view: XRayView, model: Image, mask: Mask) -> float:
-    """Sum of -ln of measured over model transmission, 0 where nothing was measured."""
+def _darkening(view: XRayView, model: Image, mask: Mask, least: float = DARKEST) -> float:
+    """Sum of -ln of measured over model transmission, 0 where nothing was measured.
+
+    What is darker than the least transmission counts as that: stray light is as bright.
+    """
     told = mask & view.valid
-    pair = np.stack([model[told], view.transmission[told]]).clip(min=DARKEST).astype(np.float64)
+    pair = np.stack([model[told], view.transmission[told]]).clip(min=least).astype(np.float64)
     return float(np.log(pair[0] / pair[1]).sum())
 
 

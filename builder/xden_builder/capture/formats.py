@@ -46,8 +46,9 @@ def _read_tiff(path: Path) -> ImageFile:
     tifffile = require("tifffile", "build")
     require("imagecodecs", "build")
     with decoding(path, "a TIFF image", tifffile.TiffFileError), tifffile.TiffFile(path) as file:
-        largest = max(each.size for each in file.series)
-        images = [each for each in file.series if each.size > largest / 2]
+        whole = [each for each in file.series if not each.keyframe.is_reduced] or file.series
+        sizes = [each.keyframe.imagelength * each.keyframe.imagewidth for each in whole]
+        images = [each for each, size in zip(whole, sizes, strict=True) if size > max(sizes) / 2]
         if len(images) > 1:
             shapes = " and ".join(" x ".join(map(str, each.shape)) for each in images)
             raise DataError(f"{path}: expected one image, got {len(images)}: {shapes}")

@@ -78,14 +78,14 @@ def read_parts(
     """
     meshes = read_meshes(mesh_folder)
     rows = _read_table(table) if table.is_file() else {}
-    if unknown := [row for name, row in rows.items() if name not in meshes and strict]:
-        raise unknown[0].error("name", f"no mesh of that name; meshes are {', '.join(meshes)}")
     solids = {
         name: closed_mesh(mesh, CM_PER_UNIT[mesh_units], f"{path}, part {name}")
         for name, (path, mesh) in meshes.items()
     }
     _check_extent([solid for solid, _ in solids.values()], mesh_folder, mesh_units)
-    parts, wrong = [], {}
+    told = f"no mesh of that name; meshes are {', '.join(meshes)}"
+    unknown = [row for name, row in rows.items() if name not in meshes and strict]
+    parts, wrong = [], {row.number: row.error("name", told) for row in unknown}
     for name, (solid, _) in solids.items():
         try:
             parts.append(_part(name, solid, rows.get(name)))

@@ -24,8 +24,9 @@ FLAP = 1e-4
 MOST_VOLUME_CHANGE = 0.02
 """A part that leaving out faces would change more, such as a foil, keeps its surface."""
 
-PLACES = 7
-"""Of a closed piece that are asked whether they lie in another one, at least."""
+FEW_PLACES, PLACES = 3, 7
+"""Of a closed piece that are asked whether they lie in another one: where they agree, and at most.
+"""
 NEAR_CORNER, BENEATH = 1e-3, 1e-6
 """Of a triangle's size: how far from a corner, and beneath it, a place touches no surface."""
 
@@ -141,6 +142,8 @@ def _check_pieces(solid: trimesh.Trimesh, where: str) -> None:
         return
     low, high = (np.stack(ends) for ends in zip(*map(_bounds, pieces), strict=True))
     for index, piece in enumerate(pieces):
+        if abs(_volume(piece)) <= FLATTEST * float(np.prod(solid.extents)):
+            continue  # a sliver bounds nothing
         around = ((low <= high[index]) & (high >= low[index])).all(axis=1)
         others = [pieces[other] for other in np.flatnonzero(around) if other != index]
         if _windings_around(piece, others) != (0 if _volume(piece) > 0 else 1):
@@ -181,17 +184,21 @@ def _windings_around(piece: Triangles, others: list[Triangles]) -> int:
     """How often the other pieces wind around this one, by most of some places in what it bounds.
 
     They lie a little beneath some of its larger faces, so that it may touch the others, and at a
-    corner of them: large faces of a thin shell may cut through it between their corners.
+    corner of them: large faces of a thin shell may cut through it between their corners. Few are
+    asked where they agree.
     """
     a, b, c = piece.transpose(1, 0, 2)
     outwards = np.cross(b - a, c - a) * np.sign(_volume(piece))
     double_area = np.linalg.norm(outwards, axis=1, keepdims=True)
-    larger = np.flatnonzero(double_area[:, 0] >= np.median(double_area))
-    asked = larger[:: max(len(larger) // PLACES, 1)]
+    larger = np.flatnonzero(double_area[:, 0] >= np.median(double_area[double_area > 0]))
+    asked = larger[:: len(larger) // PLACES + 1]
     inwards = -outwards[asked] / np.sqrt(double_area[asked])  # as long as a side, about
     corner, middle = piece[asked, 0], piece[asked].mean(axis=1)
-    places = corner + NEAR_CORNER * (middle - corner) + BENEATH * inwards
-    windings = [sum(_winding_number(each, place) for each in others) for place in places]
+    windings: list[float] = []
+    for place in corner + NEAR_CORNER * (middle - corner) + BENEATH * inwards:
+        windings.append(sum(_winding_number(each, place) for each in others))
+        if len(windings) == FEW_PLACES and np.ptp(windings) < 0.5:
+            break
     return round(float(np.median(windings)))
 
 

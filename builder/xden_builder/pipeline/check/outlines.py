@@ -236,9 +236,11 @@ def _exposed(view: Outline) -> Iterator[str]:
     """Say that air is not as bright as the open field."""
     level = view.brightest
     if level is not None and not DIMMEST <= level <= BRIGHTEST:
-        told = min(level, 0.99 * DIMMEST) if level < DIMMEST else max(level, 1.01 * BRIGHTEST)
-        yield (  # never the limit itself
-            f"air in {view.name} has a transmission of {told:.2g}, expected {DIMMEST:g} to "
+        told = f"{level:.2g}"
+        if DIMMEST <= float(told) <= BRIGHTEST:  # never the limit itself
+            told = f"{level:.6g}"
+        yield (
+            f"air in {view.name} has a transmission of {told}, expected {DIMMEST:g} to "
             f"{BRIGHTEST:g}: the picture was taken with another exposure than its flat, or has "
             "other bits (an export of 8 or 12 bits beside a flat of 16)"
         )
