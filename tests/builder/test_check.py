@@ -441,6 +441,25 @@ def test_a_block_of_foam_is_not_called_air(depth: float, words: list[str]) -> No
     assert [said[: len(start)] for said, start in zip(found, words, strict=True)] == words
 
 
+@pytest.mark.parametrize(
+    "there",
+    [
+        (slice(-12, None), slice(48, 80)),
+        (slice(-12, None), slice(None)),
+        (slice(None, 12), slice(None, 12)),
+        (slice(None), slice(None, 40)),
+    ],
+)
+def test_what_stands_at_a_border_is_no_open_field_that_falls_off(
+    there: tuple[slice, slice],
+) -> None:
+    image = np.ones((128, 128), dtype=np.float32)
+    image[there] = 0.93
+    nothing = np.zeros(image.shape, dtype=np.bool_)
+    assert corner_ratio(image, nothing, ~nothing) == 1
+    assert corner_ratio(2 - image, nothing, ~nothing) == 1
+
+
 def test_air_that_is_masked_says_nothing_of_the_airs_level() -> None:
     image = np.full((10, 10), 0.93, dtype=np.float32)
     image[4:] = 1.0  # of what is not known
@@ -564,7 +583,7 @@ def test_air_that_is_darker_in_the_corners_tells_of_no_open_field(
 
 
 @pytest.mark.parametrize(
-    ("reached", "ratio"), [((slice(0, 0), slice(0, 0)), 0.94), ((0, 64), 0.94), ((0, 0), None)]
+    ("reached", "ratio"), [((slice(0, 0), slice(0, 0)), 0.95), ((0, 64), 0.95), ((0, 0), None)]
 )
 def test_corners_are_compared_with_borders_that_no_part_reaches(
     reached: tuple[Any, Any], ratio: float | None

@@ -44,7 +44,7 @@ from xden_builder.registration.kinds import (
 )
 from xden_builder.registration.likeness import Likeness, unlike
 from xden_builder.registration.middles import own_shifts, scales_to_sizes, shifts_to_middles
-from xden_builder.registration.mirror import mirrored
+from xden_builder.registration.mirror import as_itself, mirrored
 from xden_builder.registration.missing import told_by_edges
 from xden_builder.registration.placement import Found, Registration, RigidPlacement
 from xden_builder.registration.rotations import spread_rotations
@@ -1174,10 +1174,13 @@ def test_a_told_pose_stands_against_one_that_the_labels_like_better() -> None:
 
 
 @pytest.mark.slow
-def test_a_coarse_pose_is_taken(hammer: Capture) -> None:
+@pytest.mark.parametrize("off_cm", [(1.0, 1.0, 1.0), (0.0, 0.0, 6.0), (0.0, -200.0, 0.0)])
+def test_a_coarse_pose_is_where_the_search_begins_and_not_where_it_ends(
+    hammer: Capture, off_cm: tuple[float, float, float]
+) -> None:
     back = TURN.inv()
     off = Rotation.from_rotvec([0.2, 0.1, -0.2])
-    told = CoarsePose(tuple((off * back).as_quat()), tuple(-(off * back).apply(AWAY_CM) + 1.0))
+    told = CoarsePose(tuple((off * back).as_quat()), tuple(-(off * back).apply(AWAY_CM) + off_cm))
     assert largest_error_cm(hammer, found(replace(astray(hammer), pose=told))) < 0.1
 
 
@@ -1269,6 +1272,26 @@ def test_an_object_without_the_mesh_of_a_part_is_found_and_doubted() -> None:
     registration = found(astray(rest))
     assert largest_error_cm(rest, registration) < 0.02  # 0.026 where its shadow counts in full
     assert "pose_not_found" in registration.flags
+
+
+def test_what_is_its_own_mirror_image_stands_where_that_was_seen() -> None:
+    lid = trimesh.creation.cylinder(0.7, 1.0).apply_translation([0.3, 0, 1.4])
+    meshes = [trimesh.creation.box((3.0, 1.0, 2.0)), lid]
+    for mesh in meshes:  # the plane across y stays one of symmetry
+        mesh.apply_transform(trimesh.transformations.rotation_matrix(0.4, [0, 1, 0], [5, 2, 1]))
+    body, seen = body_of(meshes), Found(at(TURN, (4.0, -2.0, 1.0)), 0.1, np.ones(2))
+    whole = without("nothing")
+    pairs = zip(whole.parts, meshes, strict=False)
+    parts = tuple(replace(part, mesh=mesh) for part, mesh in pairs)
+    _, space = mirrored(replace(whole, parts=parts), Space.of(meshes, [1, 0]))
+    image = [seen.placement.moved(mesh) for mesh in space.meshes]
+    off_cm = []
+    for each in as_itself(seen, body):
+        pairs = zip(meshes, image, strict=True)
+        there = [(each.moved(mesh), other) for mesh, other in pairs]
+        off_cm.append(max(np.abs(one.bounds - other.bounds).max() for one, other in there))
+        assert np.linalg.det(each.rotation) == pytest.approx(1)
+    assert min(off_cm) < 1e-6
 
 
 @pytest.mark.slow

@@ -112,7 +112,8 @@ def views_apart(
     back = np.linalg.pinv(hessian + 1e-9 * np.diag(hessian.diagonal()), hermitian=True)
     found, radius_cm = [], level.target.radius_cm
     each = zip(range(len(slopes)), weights, told, slopes, strict=True)
-    for view, weight, off, slope in [*each][1:]:
+    others = 1 if len(slopes) == 2 else 0  # of two views, either tells the other
+    for view, weight, off, slope in [*each][others:]:
         own = slope[:, places]
         weighted = own * weight[:, None]
         both = weighted.T @ slope
@@ -122,11 +123,10 @@ def views_apart(
         turn, growth, sd = step[:3], float(step[-1]), float(np.sqrt(covariance[-1, -1]))
         turn_sds = float(np.sqrt(turn @ np.linalg.solve(covariance[:3, :3], turn)))
         turn_deg = float(np.degrees(np.linalg.norm(turn)))
+        if turn_sds > ASKED_SIGMAS:
+            turn_deg = _turn_deg(level, unknowns, bounds, view)
         found.append(Apart(view, growth, sd, turn_deg, turn_sds, radius_cm))
-    most = max(found, key=lambda one: (one.contradicts, one.most_sds))
-    if most.turn_sds < ASKED_SIGMAS:
-        return most
-    return most._replace(turn_deg=_turn_deg(level, unknowns, bounds, most.view))
+    return max(found, key=lambda one: (one.contradicts, one.most_sds))
 
 
 def _turn_deg(
@@ -144,7 +144,8 @@ def _turn_deg(
 
 
 def _with_own(unknowns: Unknowns, shared: Poses, view: int) -> Unknowns:
-    """Give a view the pose that views share as its own, in place of its row shift."""
+    """Give a view the pose that views share as its own, in place of its row shift, if any."""
     rest, poses = unknowns[: -shared.count], unknowns[-shared.count :]
-    place = shared.places(view)[-1]
-    return np.concatenate([rest, poses[:place], poses[:RIGID], poses[place + 1 :]])
+    shifts = shared.places(view)[RIGID:]
+    before, after = (shifts[0], shifts[0] + 1) if shifts else (RIGID, RIGID)
+    return np.concatenate([rest, poses[:before], poses[:RIGID], poses[after:]])

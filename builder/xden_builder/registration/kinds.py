@@ -14,6 +14,7 @@ from xden_builder.registration.placement import Found, RigidPlacement
 
 __all__ = [
     "APART_SHARE",
+    "CLOSE",
     "FINAL_APART",
     "apart",
     "close_to_best",

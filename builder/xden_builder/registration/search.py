@@ -30,6 +30,7 @@ from xden_builder.registration.coarse_pose import (
 from xden_builder.registration.contest import told_by_labels
 from xden_builder.registration.exact import COARSE_PX, Judge, side_of
 from xden_builder.registration.kinds import (
+    CLOSE,
     FINAL_APART,
     close_to_best,
     elsewhere,
@@ -40,7 +41,7 @@ from xden_builder.registration.kinds import (
 )
 from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.middles import lone_sight
-from xden_builder.registration.mirror import mirrored
+from xden_builder.registration.mirror import as_itself, mirrored
 from xden_builder.registration.missing import told_by_edges
 from xden_builder.registration.placement import Found, Registration, RigidPlacement
 from xden_builder.registration.reduced import USUAL_KEV
@@ -158,8 +159,10 @@ def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness:
     around the shadows.
     """
     there = _searched_complete(capture, shadows, body, likeness)
-    if there.doubted and _fits_mirrored(capture, shadows, body, there.found[0].loss):
-        return there._replace(mirrored=True)
+    if there.doubted and not isinstance(capture.pose, CoarsePose):
+        there = _or_mirrored(capture, shadows, body, likeness, there)
+        if there.mirrored or not there.doubted:
+            return there
     boxed = capture.scale_sought or any(shadow.turned for shadow in shadows)
     if boxed or not there.doubted:
         return there
@@ -177,12 +180,25 @@ def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness:
     return min(there, plain, key=lambda each: each.found[0].loss)
 
 
-def _fits_mirrored(capture: Capture, shadows: Sequence[Shadow], body: Body, loss: float) -> bool:
-    """Whether the mirror image of the meshes has a pose that is believed, and leaves far less."""
+def _or_mirrored(
+    capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness, there: _Fine
+) -> _Fine:
+    """Ask whether the mirror image of the meshes has a pose that is believed, and leaves far less.
+
+    An object that is its own mirror image stands there itself, turned: then that is its pose.
+    """
     other, space = mirrored(capture, body.space)
     image = Body.of(space, body.lac_per_cm)
-    there = _searched_complete(other, shadows, image, Likeness(image, lone_sight(shadows)))
-    return there.found[0].loss < min(DOUBTED_LOSS, MIRRORED * loss)
+    seen = _searched_complete(other, shadows, image, Likeness(image, lone_sight(shadows))).found[0]
+    if seen.loss >= min(DOUBTED_LOSS, MIRRORED * there.found[0].loss):
+        return there
+    judge = there.judge
+    itself = [judge.refined(judge.fixed(each), DERIVATIVES) for each in as_itself(seen, body)]
+    best = settled(judge, min(itself, key=loss_of))
+    if best.loss > max(most_of_rivals(seen), MIRRORED * there.found[0].loss):
+        return there._replace(mirrored=True)
+    listed = listed_of([best, *there.found], likeness, body, LISTED)
+    return there._replace(found=sorted(listed, key=loss_of))
 
 
 def _searched_complete(
@@ -232,9 +248,7 @@ def _finely(
     found, around = coarse.found, partial(around_told, capture.pose)
     fine = _judge(capture, shadows, body, FINE_PX, found[0].placement)
     near = [fine.anew(each) for each in found]
-    if isinstance(capture.pose, CoarsePose):
-        told = told_placement(capture.pose, found[0].placement.scale)
-        near.append(fine.refined(fine.fixed(told), DERIVATIVES))
+    near += _told_exactly(capture, fine, min(near, key=loss_of))
     best = all_settled(fine, unlike_of(near, likeness, body, FINAL, FINAL_APART))
     best = sorted(around([*best, *_turned(fine, best[0], coarse, likeness, body)]), key=loss_of)
     for _ in range(HOPS):
@@ -246,6 +260,19 @@ def _finely(
     if not REJUDGED_LOSS < listed[0].loss <= HOPELESS_LOSS:
         return _Fine(listed, fine)
     return _on_finest(capture, shadows, body, likeness, listed)
+
+
+def _told_exactly(capture: Capture, fine: Judge, best: Found) -> list[Found]:
+    """Give the pose that a person told, where it explains the images as only a copied one does."""
+    if not isinstance(capture.pose, CoarsePose):
+        return []
+    told = told_placement(capture.pose, best.placement.scale)
+    most = max(DOUBTED_LOSS, min(CLOSE * best.loss, HOPELESS_LOSS))
+    try:
+        there = fine.refined(fine.fixed(told), DERIVATIVES)
+    except DataError:  # behind the source, or through the panel
+        return []
+    return [there] if there.loss < most else []
 
 
 def _on_finest(
@@ -373,7 +400,7 @@ def _judged(
 ) -> Registration:
     """Choose one of unlike poses, and say how sure it is."""
     candidates = fine.found
-    told = _told(capture, candidates, body)
+    told, named = _told(capture, candidates, body), isinstance(capture.pose, Candidate)
     chosen = told or 0
     best = candidates[0].placement
     outlines = fine.judge.outline_shares(candidates[chosen])
@@ -383,10 +410,10 @@ def _judged(
             each.as_good_as(candidates[0]) and elsewhere(best, each.placement, likeness, body)
             for each in candidates[1:]
         ),
-        "pose_not_found": told is None and doubted,
+        "pose_not_found": not named and doubted,
         "shape_differs": max(outlines.values()) > MOST_OUTLINE,
     }
-    if told is None and fine.mirrored:
+    if not named and fine.mirrored:
         raised = {"mirrored": True}
     _check_scale(candidates[chosen].placement.scale)
     return Registration(

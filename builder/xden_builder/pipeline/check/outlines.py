@@ -216,10 +216,13 @@ def contradictions(pa: Outline, lat: Outline, *, turned: bool = False) -> Iterat
         return
     for view in (pa, lat):
         yield from _collimated(view)
+    fallen = [said for view in (pa, lat) for said in _falls_off(view)]
+    yield from fallen
     found = [said for view in (pa, lat) for said in _uneven(view)]
-    found = found or [said for view in (pa, lat) for said in _falls_off(view)]
     found = found or (_turned(told) if turned else _mixed_up(pa, lat))
-    yield from found or [said for view in told for said in _beside(view)]
+    if not fallen:
+        found = found or [said for view in told for said in _beside(view)]
+    yield from found
 
 
 def _collimated(view: Outline) -> Iterator[str]:
@@ -264,7 +267,7 @@ def _falls_off(view: Outline) -> Iterator[str]:
         yield (
             f"air in {view.name} is {abs(1 - view.corners):.1%} {word} in the corners than at the "
             "middles of the borders: the picture was not divided by an open field (give `flat`, an "
-            "image of it, in place of a constant), or by another one's"
+            "image of it, in place of a constant), or by another one's; or something stands there"
         )
 
 
