@@ -20,7 +20,7 @@ simulator, scatter included, and by 4 % in some that were not divided by an open
 COLLIMATED: Final = 0.85
 """Corners that are darker than this share are beside a round field."""
 PATCH: Final = 20
-"""Of an image's side, a patch of air is this part, and along the middle of a border four of it."""
+"""Patches of air along a side, at a corner; along the middle of a border one is four as long."""
 OPAQUE: Final = 0.02
 """Transmission at a border below which something stands before it that is no air."""
 BORDERS: Final = {
@@ -74,7 +74,7 @@ def uneven_air(levels: Mapping[str, float]) -> Iterator[Uneven]:
 
 
 def corner_ratio(image: Image, drawn: Mask, known: Mask) -> float | None:
-    """Transmission of the corners over that of the middles of the borders, the nearest two of them.
+    """Transmission of the corners over that of the middles of the borders, those that are nearest.
 
     Of an open field that falls off, or is brighter outwards, all corners are beyond all middles;
     what stands at a border or in a corner makes but some of them other, and the ratio is 1. None

@@ -64,7 +64,7 @@ class ViewAudit:
         How much softer edges are than those of the meshes.
     uneven_air
         Whether air is brighter at one border than at the opposite one, by more than a tenth, or
-        other in the corners than at the middles of borders, by :func:`.air.falls_off`.
+        other in all corners than at the middles of borders, by :func:`.air.falls_off`.
     """
 
     name: str
