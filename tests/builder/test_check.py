@@ -391,6 +391,13 @@ def test_a_pitch_that_is_wrong_in_rows_alone_is_told() -> None:
     assert "row_step_cm" in said
 
 
+def seen_alike(name: str, **told: float | None) -> Outline:
+    """A view whose shadow lies where the parts are drawn."""
+    mask = np.zeros((20, 20), dtype=np.bool_)
+    mask[5:15, 5:12] = True
+    return replace(seen(name, mask, mask), **told)
+
+
 @pytest.mark.parametrize(
     ("level", "words"),
     [
@@ -407,10 +414,7 @@ def test_a_pitch_that_is_wrong_in_rows_alone_is_told() -> None:
 def test_another_exposure_than_that_of_the_flat_is_told_before_all_that_comes_of_it(
     level: float | None, words: list[str]
 ) -> None:
-    mask = np.zeros((20, 20), dtype=np.bool_)
-    mask[5:15, 5:12] = True
-    pa = replace(seen("pa", mask, mask), brightest=level)
-    found = list(contradictions(pa, seen("lat", mask, mask)))
+    found = [*contradictions(seen_alike("pa", brightest=level), seen_alike("lat"))]
     assert [said[: len(start)] for said, start in zip(found, words, strict=True)] == words
 
 
@@ -575,10 +579,7 @@ def test_air_that_is_brighter_at_one_border_tells_of_the_open_field_and_of_nothi
 def test_air_that_is_darker_in_the_corners_tells_of_no_open_field(
     corners: float | None, words: list[str]
 ) -> None:
-    mask = np.zeros((20, 20), dtype=np.bool_)
-    mask[5:15, 5:12] = True
-    pa = replace(seen("pa", mask, mask), corners=corners)
-    found = list(contradictions(pa, seen("lat", mask, mask)))
+    found = [*contradictions(seen_alike("pa", corners=corners), seen_alike("lat"))]
     assert [said[: len(start)] for said, start in zip(found, words, strict=True)] == words
 
 

@@ -142,11 +142,13 @@ def _check_pieces(solid: trimesh.Trimesh, where: str) -> None:
         return
     low, high = (np.stack(ends) for ends in zip(*map(_bounds, pieces), strict=True))
     for index, piece in enumerate(pieces):
-        if abs(_volume(piece)) <= FLATTEST * float(np.prod(solid.extents)):
+        volume = _volume(piece)
+        if abs(volume) <= FLATTEST * float(np.prod(solid.extents)):
             continue  # a sliver bounds nothing
         around = ((low <= high[index]) & (high >= low[index])).all(axis=1)
         others = [pieces[other] for other in np.flatnonzero(around) if other != index]
-        if _windings_around(piece, others) != (0 if _volume(piece) > 0 else 1):
+        inside_out = volume < 0
+        if _windings_around(piece, others, inside_out=inside_out) != inside_out:
             place = np.round(piece[0, 0], 3).tolist()
             raise DataError(
                 f"{where}: one of the mesh's {len(pieces)} closed pieces, at {place} cm, is wound "
@@ -180,7 +182,7 @@ def _triple_products(corners: Triangles) -> Float[np.ndarray, "_"]:
     return np.asarray((a * np.cross(b, c)).sum(axis=1))
 
 
-def _windings_around(piece: Triangles, others: list[Triangles]) -> int:
+def _windings_around(piece: Triangles, others: list[Triangles], *, inside_out: bool) -> int:
     """How often the other pieces wind around this one, by most of some places in what it bounds.
 
     They lie a little beneath some of its larger faces, so that it may touch the others, and at a
@@ -188,7 +190,7 @@ def _windings_around(piece: Triangles, others: list[Triangles]) -> int:
     asked where they agree.
     """
     a, b, c = piece.transpose(1, 0, 2)
-    outwards = np.cross(b - a, c - a) * np.sign(_volume(piece))
+    outwards = np.cross(b - a, c - a) * (-1 if inside_out else 1)
     double_area = np.linalg.norm(outwards, axis=1, keepdims=True)
     larger = np.flatnonzero(double_area[:, 0] >= np.median(double_area[double_area > 0]))
     asked = larger[:: len(larger) // PLACES + 1]
