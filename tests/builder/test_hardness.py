@@ -275,8 +275,8 @@ def test_compositions_that_err_are_told_from_images_that_do():
         usual, settings = PolySettings(), things.applied(PolySettings())
         assert settings.composition == things.composition_scale
         assert settings.model_share == pytest.approx(things.image_scale * usual.model_share)
-        times = things.composition_scale**-2
-        assert settings.outline_share == pytest.approx(times * usual.outline_share)
+        times = min(things.composition_scale**-2, 1 / usual.mixture_share)
+        assert settings.mixture_share == pytest.approx(times * usual.mixture_share)
 
 
 def test_clues_of_one_kind_tell_what_compositions_and_images_make_together():
@@ -294,20 +294,16 @@ def test_parts_farther_off_than_assumed_are_told_and_leave_errors_as_they_are():
         assert larger_scale(found) > 1.1
         settings = found.applied(PolySettings())
         assert settings.composition == 1
-        assert settings.evidence_share == PolySettings().evidence_share
+        assert settings.mixture_share == PolySettings().mixture_share
 
 
 @pytest.mark.parametrize(
-    ("image_scale", "times", "mixture_times"),
-    [(0.1, 1 / 0.7, 10), (0.5, 1 / 0.7, 4), (0.9, 1 / 0.81, 1 / 0.81), (1.0, 1, 1), (2.0, 1, 1)],
+    ("image_scale", "times"), [(0.1, 10), (0.5, 4), (0.9, 1 / 0.81), (1.0, 1), (2.0, 1)]
 )
-def test_small_errors_let_images_tell_materials_apart_and_never_by_more_than_they_say(
-    image_scale, times, mixture_times
-):
+def test_small_errors_let_images_move_mixtures_and_never_by_more_than_they_say(image_scale, times):
     settings = Hardness(0.0, 0.01, 30, 10, None, image_scale, image_scale).applied(PolySettings())
-    assert settings.evidence_share == pytest.approx(times * PolySettings().evidence_share)
-    assert settings.mixture_share == pytest.approx(mixture_times * PolySettings().mixture_share)
-    assert max(settings.evidence_share, settings.mixture_share) <= 1
+    assert settings.mixture_share == pytest.approx(times * PolySettings().mixture_share)
+    assert settings.mixture_share <= 1
 
 
 def test_few_parts_hardly_move_the_errors():

@@ -39,14 +39,14 @@ NONE = np.zeros((126, 126), dtype=bool)
 
 @pytest.fixture(scope="module")
 def capture() -> Capture:
-    return captured(tool(), size=126)
+    return captured(tool(), size=126, rays=11)
 
 
 def lengths_of(view):
     """Of its pixels, and of its blocks."""
     return (
         path_lengths(MESHES, ORDER, view.geometry),
-        path_lengths(MESHES, ORDER, coarse(view.geometry, BLOCK_PX), BLOCK_RAYS),
+        path_lengths(MESHES, ORDER, coarse(view.geometry, BLOCK_PX), BLOCK_RAYS, turned=True),
     )
 
 
@@ -76,9 +76,34 @@ def test_inner_pixels_stand_alone_and_outlines_come_in_blocks(capture):
     alone = samples.meets.any(axis=1) & ~samples.is_block
     assert not outline & set(samples.pixels[alone].tolist())
     assert (samples.rays[alone] == 1).all()
-    assert (samples.rays[samples.is_block] == BLOCK_RAYS**2).all()
+    assert (samples.rays[samples.is_block] == BLOCK_RAYS**2 + 1).all()
     middle = np.divmod(samples.pixels[samples.is_block], 126)
     assert all(((index - 1) % BLOCK_PX == 0).all() for index in middle)
+
+
+PANEL = ViewGeometry.from_dict(
+    {
+        "beam": "parallel",
+        "direction": [0, 1, 0],
+        "pixel00_cm": [-2.95, 0, 2.95],
+        "column_step_cm": [0.1, 0, 0],
+        "row_step_cm": [0, 0, -0.1],
+        "shape": [60, 60],
+    }
+)
+
+
+def samples_of(mesh) -> ViewPixels:
+    """Of a view of that panel without any shadow."""
+    light, valid = np.ones((60, 60), dtype=np.float32), np.ones((60, 60), dtype=bool)
+    return choose_pixels(
+        XRayView("pa", light, valid, PANEL),
+        ~valid,
+        path_lengths([mesh], [0], PANEL),
+        path_lengths([mesh], [0], coarse(PANEL, BLOCK_PX), BLOCK_RAYS, turned=True),
+        ViewBeam(GROUPS, PANEL, Heel()),
+        np.random.default_rng(0),
+    )
 
 
 def comb(of: Literal["wires", "wedge"]) -> trimesh.Trimesh:
@@ -93,30 +118,25 @@ def comb(of: Literal["wires", "wedge"]) -> trimesh.Trimesh:
 
 @pytest.mark.parametrize(("of", "alone"), [("wires", False), ("wedge", True)])
 def test_a_centre_on_a_wire_finer_than_its_pixel_does_not_stand_for_the_pixel(of, alone):
-    geometry = ViewGeometry.from_dict(
-        {
-            "beam": "parallel",
-            "direction": [0, 1, 0],
-            "pixel00_cm": [-2.95, 0, 2.95],
-            "column_step_cm": [0.1, 0, 0],
-            "row_step_cm": [0, 0, -0.1],
-            "shape": [60, 60],
-        }
-    )
-    light, valid = np.ones((60, 60), dtype=np.float32), np.ones((60, 60), dtype=bool)
-    view = XRayView("pa", light, valid, geometry)
-    mesh = comb(of)
-    samples = choose_pixels(
-        view,
-        ~valid,
-        path_lengths([mesh], [0], geometry),
-        path_lengths([mesh], [0], coarse(geometry, BLOCK_PX), BLOCK_RAYS),
-        ViewBeam(GROUPS, geometry, Heel()),
-        np.random.default_rng(0),
-    )
+    samples = samples_of(comb(of))
     meets = samples.meets[:, 0]
     assert (meets & ~samples.is_block).any() == alone
     assert (meets & samples.is_block).sum() >= 50
+
+
+@pytest.mark.parametrize("height_cm", [0.0, 0.013, 0.04, 0.077, 0.111, 0.16, 0.21])
+def test_blocks_see_a_thin_plate_along_their_rows_to_a_thirtieth(height_cm):
+    """Rays in rows would all cross a surface at once, and see it to a twelfth."""
+    plate = trimesh.creation.box((2.4, 1.0, 0.2)).apply_translation((0.0, 0.0, height_cm))
+    samples = samples_of(plate)
+    rows = samples.index // 20
+    tops = 3.0 - 0.3 * rows
+    low = np.maximum(tops - 0.3, height_cm - 0.1)
+    expected = (np.minimum(tops, height_cm + 0.1) - low).clip(0) / 0.3
+    met = (samples.lengths_cm[..., 0] > 0).sum(axis=1) / samples.rays
+    mine = samples.is_block & (np.abs(samples.index % 20 - 9.5) < 3)
+    assert mine.sum() >= 6
+    assert np.abs(met - expected)[mine].max() < 1 / 30
 
 
 def test_the_model_of_a_sample_is_its_measured_transmission(capture):
@@ -126,7 +146,7 @@ def test_the_model_of_a_sample_is_its_measured_transmission(capture):
         samples = chosen(view)
         model, _ = samples.predict(mac, density)
         kinds = {"pixel": ~samples.is_block, "block": samples.is_block}
-        for kind, limit in (("pixel", 0.005), ("block", 0.01)):
+        for kind, limit in (("pixel", 0.005), ("block", 0.015)):
             off = np.abs(model - samples.measured)[kinds[kind]]
             assert np.quantile(off, 0.95) < limit, kind
 

@@ -17,9 +17,8 @@ from xden_builder.reconstruct.settings import MODELS, BuildSettings
     [
         ({"edge_error_cm": -0.1}, r"edge_error_cm must not be negative, got -0\.1"),
         ({"model_share": -1.0}, "model_share must not be negative, got -1"),
-        ({"floor": 0.0}, "floors, worth_a_part and evidence_share must be above zero"),
+        ({"floor": 0.0}, "floors and worth_a_part must be above zero"),
         ({"worth_a_part": 0.0}, "must be above zero"),
-        ({"evidence_share": 0.0}, "must be above zero"),
         ({"floor": float("nan")}, "floor must not be negative, got nan"),
     ],
 )

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
-from jaxtyping import Bool, Int32, Int64, Shaped
+from jaxtyping import Bool, Float64, Int32, Int64, Shaped
 
 from xden1k.rays import kernels
 from xden1k.rays.surfaces import Window
@@ -80,6 +80,21 @@ class Lattice:
         near = np.argwhere(np.ones((2 * reach + 1,) * 2)) - reach
         mine = [tuple(self.pixel(row, column)) == (0, 0) for row, column in near.tolist()]
         return near[mine].astype(np.int64)
+
+    @cached_property
+    def offsets_px(self) -> Float64[np.ndarray, "s 2"]:
+        """Row and column of each ray of a pixel from the pixel's centre, in the order of places.
+
+        Examples
+        --------
+        >>> Lattice(2, 1).offsets_px.T.tolist()
+        [[-0.4, -0.2, 0.0, 0.2, 0.4], [0.2, -0.4, 0.0, 0.4, -0.2]]
+        """
+        places = self.places.astype(np.float64)
+        if not self.across:
+            return (places + 0.5) / self.along - 0.5
+        turn = np.array([[self.along, -self.across], [self.across, self.along]])
+        return np.asarray((places + (self.rays % 2 == 0) * np.array([0.0, 0.5])) @ turn / self.rays)
 
     @cached_property
     def numbers(self) -> Int64[np.ndarray, "keys"]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
 from xden1k.rays import PathLengths
 from xden1k.values.arrays import Image
@@ -163,9 +163,7 @@ def problem_of(
 ) -> Problem:
     """Work out stray light and standard deviations at some densities and scatter."""
     seen, scene = samples.seen, samples.guess.scene
-    count = sum(int((~each.samples.at_least).sum()) for each in seen)
-    worth = settings.worth_a_part * len(scene.parts) * len(seen) / 2
-    share = min(1.0, worth / max(count, 1))
+    share = _share([~each.samples.at_least for each in seen], len(scene.parts), settings)
     density = density.clip(stand_ins.low_g_cm3, stand_ins.high_g_cm3)
     strays = [
         StrayShapes(
@@ -204,21 +202,31 @@ def problem_of(
     return Problem(views, strays, sds, gains, share, stand_ins, scene.batches, mass, settings)
 
 
+def _share(counted: Sequence[Bool[np.ndarray, "_n"]], parts: int, settings: PolySettings) -> float:
+    """Share of an independent observation that each counted sample of the views is worth."""
+    worth = settings.worth_a_part * parts * len(counted) / 2
+    return min(1.0, worth / max(sum(int(each.sum()) for each in counted), 1))
+
+
 def _weigh(
     problem: Problem,
     minimum: Minimum,
     tables: Sequence[CandidateTable],
     settings: PolySettings,
 ) -> tuple[tuple[MaterialPosterior, ...], Float64[np.ndarray, "k"]]:
-    """Weigh the materials part by part, each with the outcome of those before."""
+    """Weigh the materials part by part, each with the outcome of those before.
+
+    Air tells the light, which is known here, so that what meets the object is worth all that the
+    images are.
+    """
     unknowns, views = minimum.unknowns, range(len(problem.views))
+    met = [each.meets.any(axis=1) & ~each.at_least for each in problem.views]
     scene = Radiographs(
         problem.views,
         problem.sds,
         [problem.stray_light(unknowns, number) for number in views],
         [float(unknowns[problem.nuisances(number)][0]) for number in views],
-        settings.evidence_share * problem.share,
-        settings.outline_share * problem.share,
+        _share(met, problem.parts, settings),
     )
     seen = unknowns[: problem.parts] * problem.factors(unknowns)
     macs = problem.stand_ins.mac_cm2_g.copy()

@@ -99,9 +99,9 @@ class Hardness:
 
         Errors may become smaller than assumed, not larger: where labels lie farther off, it is the
         labels and what they leave unsaid, and images that counted for less would believe them.
-        Materials are told apart by as much more of what the images say as the square of the larger
-        multiple is smaller, and so is a density moved between those that remain. An object whose
-        residuals are unlike those of sound ones may err by as much as is assumed.
+        Images may move a density between the materials that remain by as much more as the square of
+        the larger multiple is smaller. An object whose residuals are unlike those of sound ones may
+        err by as much as is assumed.
         """
         images, compositions = (min(scale, 1.0) for scale in self._scales)
         larger = max(images, compositions)
@@ -114,8 +114,6 @@ class Hardness:
             stray_share=images * settings.stray_share,
             clear_floor=images * settings.clear_floor,
             most_image_errors=1 / images,
-            evidence_share=min(settings.evidence_share / larger**2, 1.0),
-            outline_share=min(settings.outline_share / larger**2, 1.0),
             mixture_share=min(settings.mixture_share / larger**2, 1.0),
         )
 

@@ -105,7 +105,7 @@ def take_samples(placement: Placement, settings: PolySettings) -> Samples:
         lengths = path_lengths(*whole, geometry)
         blocks = lengths
         if settings.blocks and min(geometry.shape) > BLOCK_PX:
-            blocks = path_lengths(*whole, coarse(geometry, BLOCK_PX), BLOCK_RAYS)
+            blocks = path_lengths(*whole, coarse(geometry, BLOCK_PX), BLOCK_RAYS, turned=True)
         smooth = path_lengths(*whole, coarse(geometry, coarse_binning(geometry.shape)))
         samples = choose_pixels(view, saturated, lengths, blocks, beam, rng)
         seen.append(

@@ -45,10 +45,6 @@ class PolySettings:
     extra_filter_mm_cu, filter_sd_mm_cu
         Copper in the beam beside the told filters, negative where there is less than told, and its
         standard deviation: shared by all objects of a scanner (:mod:`xden_builder.poly.hardness`).
-    evidence_share, outline_share
-        Share of that by which materials are told apart, by pixels within parts and by outlines and
-        thin parts. What the model leaves out looks like another material, which counts against it
-        more than against a density, and most so where a surface is a little off.
     image_errors, most_image_errors
         Multiple of ``model_share``, ``stray_share`` and ``clear_floor`` by which this object's
         images err, and the most that it may become where residuals say so
@@ -57,7 +53,7 @@ class PolySettings:
     Raises
     ------
     DataError
-        If a number is negative or none at all, or there is no evidence.
+        If a number is negative or none at all.
     """
 
     gain: bool = True
@@ -73,8 +69,6 @@ class PolySettings:
     floor: float = 0.003
     clear_floor: float = 0.003
     worth_a_part: float = 30.0
-    evidence_share: float = 0.7
-    outline_share: float = 0.2
     mixture_share: float = 0.1
     extra_filter_mm_cu: float = 0.0
     filter_sd_mm_cu: float = 0.0
@@ -86,7 +80,7 @@ class PolySettings:
             value = getattr(self, each.name)
             if not value >= 0 and each.name != "extra_filter_mm_cu":
                 raise DataError(f"{each.name} must not be negative, got {value:g}")
-        if not (self.floor and self.clear_floor and self.worth_a_part and self.evidence_share):
-            raise DataError("floors, worth_a_part and evidence_share must be above zero")
+        if not (self.floor and self.clear_floor and self.worth_a_part):
+            raise DataError("floors and worth_a_part must be above zero")
         if not (self.image_errors and self.most_image_errors >= 1):
             raise DataError("image_errors must be above zero and most_image_errors at least 1")

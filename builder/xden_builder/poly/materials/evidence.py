@@ -20,8 +20,8 @@ __all__ = ["MaterialPosterior", "Radiographs", "weigh_materials"]
 NEGLIGIBLE: Final = 1e-3
 """Candidates that cannot be as probable as this share of the best, whatever they looked like, are
 not tried."""
-MOST_PIXELS: Final = 60
-MOST_BLOCKS: Final = 6
+MOST_PIXELS: Final = 120
+MOST_BLOCKS: Final = 30
 """Compared in each view; those left out lend their weight to these."""
 
 
@@ -65,8 +65,8 @@ class Radiographs:
         Stray light at each sample, gain included.
     gains
         Of each view.
-    share, outline_share
-        Of an independent observation that a sample is worth, within parts and of outlines.
+    share
+        Of an independent observation that a sample is worth.
     """
 
     views: Sequence[ViewPixels]
@@ -74,7 +74,6 @@ class Radiographs:
     strays: Sequence[Float64[np.ndarray, "_n"]]
     gains: Sequence[float]
     share: float
-    outline_share: float
 
 
 class _Rays(NamedTuple):
@@ -177,10 +176,7 @@ def _rays(
         radiographs.views, radiographs.sds, radiographs.strays, radiographs.gains, strict=True
     ):
         meets = view.lengths_cm[:, :, part].any(axis=1)
-        for kind, most, share in (
-            (~view.is_block, MOST_PIXELS, radiographs.share),
-            (view.is_block, MOST_BLOCKS, radiographs.outline_share),
-        ):
+        for kind, most in ((~view.is_block, MOST_PIXELS), (view.is_block, MOST_BLOCKS)):
             mine = np.flatnonzero(meets & kind)
             if not len(mine):
                 continue
@@ -198,5 +194,5 @@ def _rays(
                 view.measured[some] - stray[some],
                 view.at_least[some],
                 1 / sd[some],
-                np.full(len(some), share * len(mine) / len(some)),
+                np.full(len(some), radiographs.share * len(mine) / len(some)),
             )

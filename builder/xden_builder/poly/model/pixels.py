@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float32, Float64, Int64
 from scipy.ndimage import distance_transform_edt
 
 from xden1k.rays import PathLengths
+from xden1k.rays.lattice import Lattice
 from xden1k.values.arrays import Mask
 from xden1k.values.views import XRayView
 from xden_builder.fit.crops import Crop
@@ -148,8 +149,8 @@ def choose_pixels(
     lengths
         Of one ray a pixel.
     blocks
-        Of :data:`BLOCK_RAYS` rays along each side of a block, or of the same pixels as ``lengths``
-        if outlines are compared pixel by pixel.
+        Of :data:`BLOCK_RAYS` rays along each side of a block, on the lattice that is turned against
+        the raster, or of the same pixels as ``lengths`` if outlines are compared pixel by pixel.
     beam
         Of the panel.
     rng
@@ -206,19 +207,23 @@ def _uneven(lengths: PathLengths, blocks: PathLengths, width: int) -> Bool[np.nd
     """Whether a pixel's centre does not stand for it, shape (n,).
 
     Of some part its rays meet more or less in the mean. Neighbours do not tell: those of a coil may
-    all meet the middle of its wire. Lengths that grow steadily across a pixel have the centre's as
-    their mean. Pixels beyond the last whole block have their centres alone.
+    all meet the middle of its wire. Lengths that grow steadily across a pixel have nearly the
+    centre's as their mean: its rays lie about a tenth of a pixel beside it. Pixels beyond the last
+    whole block have their centres alone.
     """
     centre = lengths.lengths_cm[:, 0]
     if width == 1 or not len(blocks.pixels):
         return np.zeros(len(centre), dtype=np.bool_)
-    rays = round(blocks.lengths_cm.shape[1] ** 0.5) // width
-    fine = blocks.lengths_cm.reshape(-1, width, rays, width, rays, centre.shape[1])
+    row, column = (width * (Lattice.of(BLOCK_RAYS, turned=True).offsets_px.T + 0.5)).astype(int)
+    owners = width * row + column
+    means = np.stack(
+        [blocks.lengths_cm[:, owners == pixel].mean(axis=1) for pixel in range(width**2)], axis=1
+    )
     rows, columns = np.divmod(lengths.pixels, lengths.shape[1])
     places = np.full([-(-size // width) for size in lengths.shape], -1)
     places[np.divmod(blocks.pixels, blocks.shape[1])] = np.arange(len(blocks.pixels))
     place = places[rows // width, columns // width]
-    mean = fine.mean(axis=(2, 4))[place, rows % width, columns % width]
+    mean = means[place, width * (rows % width) + columns % width]
     off = (np.abs(mean - centre) > UNEVEN * centre).any(axis=1)
     return np.asarray(off & (place >= 0))
 
