@@ -13,9 +13,11 @@ from tests.builder.poly_scenes import TUBE, captured, tool
 from xden1k.rays import ownership_order, path_lengths
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.capture import Capture
+from xden_builder.capture.space import divide
 from xden_builder.fit.outline import on_outline
 from xden_builder.physics.groups import energy_groups
 from xden_builder.physics.source import Detector
+from xden_builder.poly.line import sampled
 from xden_builder.poly.materials.candidates import candidate_table
 from xden_builder.poly.materials.stand_ins import certain
 from xden_builder.poly.model.beam import Heel, ViewBeam
@@ -257,3 +259,16 @@ def test_images_whose_rows_are_no_whole_number_of_blocks_are_sampled(capture, ro
     few = replace(view.geometry, pixel00_cm=pixel00_cm, shape=(rows, columns))
     samples = chosen(XRayView("pa", view.transmission[middle], view.valid[middle], few))
     assert samples.lengths_cm.shape[2] == len(capture.parts)
+
+
+def test_a_large_panel_is_cut_into_strips_of_blocks_that_are_those_of_the_whole(
+    capture, monkeypatch
+):
+    settings = PolySettings(pose=False, size=False)
+    whole = sampled(capture, divide(capture.parts), settings)
+    monkeypatch.setattr("xden_builder.poly.samples.BLOCKS_AT_ONCE", 100)
+    cut = sampled(capture, divide(capture.parts), settings)
+    for one, other in zip(whole.seen, cut.seen, strict=True):
+        assert one.blocks.shape == other.blocks.shape
+        assert one.blocks.pixels.tolist() == other.blocks.pixels.tolist()
+        assert one.blocks.lengths_cm == pytest.approx(other.blocks.lengths_cm, abs=1e-6)

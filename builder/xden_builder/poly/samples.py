@@ -5,9 +5,12 @@ Comes from :mod:`pose`, leads to :mod:`estimate`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
+import trimesh
 from jaxtyping import Float64
 
 from xden1k.rays import PathLengths, path_lengths
@@ -23,6 +26,9 @@ from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import Guess
 
 __all__ = ["Samples", "Seen", "take_samples"]
+
+BLOCKS_AT_ONCE: Final = 1 << 15
+"""Of which all crossings are held: about those of a radiograph of 512² pixels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +111,7 @@ def take_samples(placement: Placement, settings: PolySettings) -> Samples:
         lengths = path_lengths(*whole, geometry)
         blocks = lengths
         if settings.blocks and min(geometry.shape) > BLOCK_PX:
-            blocks = path_lengths(*whole, coarse(geometry, BLOCK_PX), BLOCK_RAYS, turned=True)
+            blocks = _of_blocks(*whole, coarse(geometry, BLOCK_PX))
         smooth = path_lengths(*whole, coarse(geometry, coarse_binning(geometry.shape)))
         samples = choose_pixels(view, saturated, lengths, blocks, beam, rng)
         seen.append(
@@ -124,3 +130,27 @@ def take_samples(placement: Placement, settings: PolySettings) -> Samples:
             )
         )
     return Samples(placement.guess, placement.fit, placement.size, tuple(seen))
+
+
+def _of_blocks(
+    meshes: Sequence[trimesh.Trimesh], order: Sequence[int], geometry: ViewGeometry
+) -> PathLengths:
+    """Path lengths of blocks, some rows of them at a time: a turned lattice holds all crossings."""
+    rows, columns = geometry.shape
+    height = max(BLOCKS_AT_ONCE // columns, 1)
+    strips = []
+    for first in range(0, rows, height):
+        strip = replace(
+            geometry,
+            pixel00_cm=geometry.pixel00_cm + first * geometry.row_step_cm,
+            shape=(min(height, rows - first), columns),
+        )
+        lengths = path_lengths(meshes, order, strip, BLOCK_RAYS, turned=True)
+        strips.append(replace(lengths, pixels=lengths.pixels + first * columns))
+    return PathLengths(
+        np.concatenate([each.pixels for each in strips]),
+        np.concatenate([each.lengths_cm for each in strips]),
+        np.concatenate([each.shared_cm for each in strips]),
+        np.concatenate([each.broken for each in strips]),
+        geometry.shape,
+    )
