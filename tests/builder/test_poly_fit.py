@@ -29,6 +29,7 @@ from xden_builder.audit.object import audit_object
 from xden_builder.capture import Capture, CapturePart
 from xden_builder.capture.space import divide
 from xden_builder.physics.source import Tube
+from xden_builder.poly.judgement import UNCERTAIN
 from xden_builder.poly.model.frames import Pose
 from xden_builder.reconstruct.object import reconstruct
 from xden_builder.reconstruct.settings import BuildSettings
@@ -238,10 +239,10 @@ def test_parts_that_no_ray_meets_are_hidden_and_of_their_materials_density(captu
 
 def test_densities_of_which_one_in_ten_is_off_by_a_tenth_are_uncertain(capture):
     parts = fitted(relabelled(capture, grip="abs")).values()
-    limit = 0.1 / NormalDist().inv_cdf(0.95)
+    assert pytest.approx(0.1 / NormalDist().inv_cdf(0.95), rel=0.02) == UNCERTAIN
     shares = [part.sd_g_cm3 / part.density_g_cm3 for part in parts]
-    assert ["uncertain" in part.flags for part in parts] == [share > limit for share in shares]
-    assert min(shares) < limit < max(shares) < 0.1
+    assert ["uncertain" in part.flags for part in parts] == [share > UNCERTAIN for share in shares]
+    assert min(shares) < UNCERTAIN < max(shares) < 0.1
 
 
 def test_a_scale_tells_what_no_ray_does(capture):
