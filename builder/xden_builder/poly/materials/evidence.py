@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Bool, Float32, Float64, Int64
 
 from xden_builder.fit.huber import HUBER
 from xden_builder.poly.materials.candidates import CandidateTable
@@ -21,7 +21,7 @@ NEGLIGIBLE: Final = 1e-3
 """Candidates that cannot be as probable as this share of the best, whatever they looked like, are
 not tried."""
 MOST_PIXELS: Final = 120
-MOST_BLOCKS: Final = 30
+MOST_BLOCKS: Final = 15
 """Compared in each view; those left out lend their weight to these."""
 
 
@@ -77,10 +77,12 @@ class Radiographs:
 
 
 class _Rays(NamedTuple):
-    """Rays of some samples that meet a part."""
+    """Some samples and those of their rays that meet a part."""
 
-    others: Float64[np.ndarray, "groups r"]
-    ways: Float64[np.ndarray, "r"]
+    others: Float32[np.ndarray, "groups r"]
+    ways: Float32[np.ndarray, "r"]
+    met: Int64[np.ndarray, "n"]
+    beside: Float64[np.ndarray, "n"]
     counts: Int64[np.ndarray, "n"]
     measured: Float64[np.ndarray, "n"]
     at_least: Bool[np.ndarray, "n"]
@@ -143,7 +145,9 @@ def _scanned(
     kernels.scan(
         seen.others,
         seen.ways,
-        np.cumsum(seen.counts),
+        np.cumsum(seen.met),
+        seen.beside,
+        seen.counts,
         seen.measured,
         seen.at_least,
         seen.inverse_sd,
@@ -175,21 +179,24 @@ def _rays(
     for view, sd, stray, gain in zip(
         radiographs.views, radiographs.sds, radiographs.strays, radiographs.gains, strict=True
     ):
-        meets = view.lengths_cm[:, :, part].any(axis=1)
+        met = view.lengths_cm[:, :, part].any(axis=1)
         for kind, most in ((~view.is_block, MOST_PIXELS), (view.is_block, MOST_BLOCKS)):
-            mine = np.flatnonzero(meets & kind)
+            mine = np.flatnonzero(met & kind)
             if not len(mine):
                 continue
             some = mine[:: -(-len(mine) // most)]
             count = int(view.rays[some[0]])
             lengths = view.lengths_cm[some, :count].astype(np.float64)
-            lengths = lengths.reshape(-1, len(density_g_cm3))
             areal = lengths * density_g_cm3
-            areal[:, part] = 0.0
-            open_field = gain * np.repeat(view.weights[some], count, axis=0)
+            areal[:, :, part] = 0.0
+            open_field = gain * view.weights[some, None]
+            others = open_field * np.exp(-areal @ mac_cm2_g)
+            meets = lengths[:, :, part] > 0
             yield _Rays(
-                np.ascontiguousarray((open_field * np.exp(-areal @ mac_cm2_g)).T),
-                np.ascontiguousarray(lengths[:, part]),
+                np.ascontiguousarray(others[meets].T, np.float32),
+                view.lengths_cm[some, :count, part][meets],
+                meets.sum(axis=1),
+                others.sum(axis=2, where=~meets[:, :, None]).sum(axis=1),
                 np.full(len(some), count),
                 view.measured[some] - stray[some],
                 view.at_least[some],

@@ -7,10 +7,10 @@ A product may fuse with the sum it goes to, which rounds once in place of twice.
 """
 
 import math
-from typing import Final, no_type_check
+from typing import Final, NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int64
+from jaxtyping import Bool, Float, Float32, Float64, Int, Int32, Int64
 
 from xden1k.errors import require
 
@@ -18,22 +18,67 @@ __all__ = ["predict", "scan", "scattered"]
 
 compiled = require("numba", "build").njit(cache=True, nogil=True, fastmath={"contract"})
 
-LN2_HIGH: Final = float.fromhex("0x1.62e42feep-1")
-LN2_LOW: Final = 1.9082149292705877e-10
-"""Logarithm of 2 in two parts: whole multiples of the first are exact."""
-TAYLOR: Final = tuple(1 / math.factorial(degree) for degree in range(12, -1, -1))
-"""Of the exponential function; what is left out is below 3e-16 of it up to ln(2) / 2."""
-LEAST_POWER: Final = -700.0
-EXPONENT_BIAS: Final = 1023
-MANTISSA_BITS: Final = 52
-"""Of float64."""
-WHOLE: Final = 1.5 * 2.0**MANTISSA_BITS
-"""Added to a number it leaves the nearest whole one in the lowest bits."""
+
+class Precision(NamedTuple):
+    """Constants of :func:`_raise_e` in one kind of numbers.
+
+    Parameters
+    ----------
+    ln2_high, ln2_low
+        Logarithm of 2 in two parts: whole multiples of the first are exact.
+    doublings
+        In one power of e.
+    whole
+        Added to a number it leaves the nearest whole one in the lowest bits.
+    least
+        Power below which the result has no exponent of its own.
+    bias, mantissa_bits
+        Of the kind of numbers.
+    taylor
+        Of the exponential function; what is left out is below rounding up to ln(2) / 2.
+    """
+
+    ln2_high: np.floating
+    ln2_low: np.floating
+    doublings: np.floating
+    whole: np.floating
+    least: np.floating
+    bias: np.signedinteger
+    mantissa_bits: np.signedinteger
+    taylor: tuple[np.floating, ...]
+
+
+def _precision(
+    real: type[np.floating],
+    integer: type[np.signedinteger],
+    ln2_high: float,
+    ln2_low: float,
+    degree: int,
+) -> Precision:
+    kind = np.finfo(real)
+    return Precision(
+        real(ln2_high),
+        real(ln2_low),
+        real(1 / math.log(2)),
+        real(1.5 * 2.0**kind.nmant),
+        real(kind.minexp * math.log(2) + 1),
+        integer(kind.maxexp - 1),
+        integer(kind.nmant),
+        tuple(real(1 / math.factorial(power)) for power in range(degree, -1, -1)),
+    )
+
+
+DOUBLE: Final = _precision(
+    np.float64, np.int64, float.fromhex("0x1.62e42feep-1"), 1.9082149292705877e-10, 12
+)
+SINGLE: Final = _precision(np.float32, np.int32, 0.693359375, -2.1219444005469057e-4, 7)
 
 
 @compiled
 @no_type_check
-def _raise_e(powers: Float64[np.ndarray, "n"], scales: Int64[np.ndarray, "n"]) -> None:
+def _raise_e(
+    powers: Float[np.ndarray, "n"], scales: Int[np.ndarray, "n"], precision: Precision
+) -> None:
     """Replace some powers by e raised to them, many at once where the processor can.
 
     A call of the library's function for each would keep the loop from being vectorised, as would
@@ -43,23 +88,25 @@ def _raise_e(powers: Float64[np.ndarray, "n"], scales: Int64[np.ndarray, "n"]) -
     Parameters
     ----------
     powers
-        At most 700; those below -700 count as that. Overwritten.
+        At most the same as above the least; those below the least count as that. Overwritten.
     scales
-        Room to work in.
+        Room to work in, integers as wide as the powers.
+    precision
+        Of the powers.
     """
-    doublings = scales.view(np.float64)
+    doublings = scales.view(powers.dtype)
     for i in range(len(powers)):
-        power = max(powers[i], LEAST_POWER)
-        whole = power * (1 / LN2_HIGH) + WHOLE
-        twos = whole - WHOLE
-        rest = (power - twos * LN2_HIGH) - twos * LN2_LOW
-        series = 0.0
-        for coefficient in TAYLOR:
+        power = max(powers[i], precision.least)
+        whole = power * precision.doublings + precision.whole
+        twos = whole - precision.whole
+        rest = (power - twos * precision.ln2_high) - twos * precision.ln2_low
+        series = precision.taylor[0]
+        for coefficient in precision.taylor[1:]:
             series = series * rest + coefficient
         powers[i] = series
         doublings[i] = whole
     for i in range(len(powers)):
-        scales[i] = (scales[i] + EXPONENT_BIAS) << MANTISSA_BITS
+        scales[i] = (scales[i] + precision.bias) << precision.mantissa_bits
     for i in range(len(powers)):
         powers[i] *= doublings[i]
 
@@ -102,7 +149,7 @@ def predict(
                     areal = way * density[part]
                     for group in range(groups):
                         light[ray * groups + group] -= areal * mac[part, group]
-        _raise_e(light[:used], scales[:used])
+        _raise_e(light[:used], scales[:used], DOUBLE)
         sums[:] = 0.0
         for ray in range(rays[pixel]):
             for group in range(groups):
@@ -162,7 +209,7 @@ def scattered(
                     for group in range(groups):
                         light[group] -= areal * mac[part, group]
                         turned[group] += areal * scattering[part, group]
-            _raise_e(light, scales)
+            _raise_e(light, scales, DOUBLE)
             for group in range(groups):
                 total += weights[pixel, group] * light[group] * turned[group]
         source[pixel] = total / rays
@@ -171,38 +218,41 @@ def scattered(
 @compiled
 @no_type_check
 def _behind(
-    others: Float64[np.ndarray, "b r"],
-    ways: Float64[np.ndarray, "r"],
+    others: Float32[np.ndarray, "b r"],
+    ways: Float32[np.ndarray, "r"],
     density: float,
     mac: Float64[np.ndarray, "b"],
-    light: Float64[np.ndarray, "r"],
-    scales: Int64[np.ndarray, "r"],
-    values: Float64[np.ndarray, "r"],
-    absorbed: Float64[np.ndarray, "r"],
+    light: Float32[np.ndarray, "r"],
+    scales: Int32[np.ndarray, "r"],
+    values: Float32[np.ndarray, "r"],
+    absorbed: Float32[np.ndarray, "r"],
 ) -> None:
     """Write the signal of each ray behind a part, and the same times its mass attenuation.
 
     Group by group, since sums over groups would keep the loop over rays from being vectorised.
     ``light`` and ``scales`` are room to work in.
     """
-    values[:] = 0.0
-    absorbed[:] = 0.0
+    values[:] = 0
+    absorbed[:] = 0
     for group in range(len(mac)):
+        attenuation, weakening = np.float32(mac[group]), np.float32(-density * mac[group])
         for ray in range(len(ways)):
-            light[ray] = -density * mac[group] * ways[ray]
-        _raise_e(light, scales)
+            light[ray] = weakening * ways[ray]
+        _raise_e(light, scales, SINGLE)
         for ray in range(len(ways)):
             light[ray] *= others[group, ray]
             values[ray] += light[ray]
-            absorbed[ray] += light[ray] * mac[group]
+            absorbed[ray] += light[ray] * attenuation
 
 
 @compiled
 @no_type_check
 def scan(
-    others: Float64[np.ndarray, "b r"],
-    ways: Float64[np.ndarray, "r"],
+    others: Float32[np.ndarray, "b r"],
+    ways: Float32[np.ndarray, "r"],
     ends: Int64[np.ndarray, "n"],
+    beside: Float64[np.ndarray, "n"],
+    counts: Int64[np.ndarray, "n"],
     measured: Float64[np.ndarray, "n"],
     at_least: Bool[np.ndarray, "n"],
     inverse_sd: Float64[np.ndarray, "n"],
@@ -214,14 +264,20 @@ def scan(
 ) -> None:
     """Find the best density of one part for each material it may be made of.
 
+    Signals are worked out in single precision, a hundred times finer than any noise.
+
     Parameters
     ----------
     others
-        Signal of each energy group along each ray behind all other parts, gain included.
+        Signal of each energy group along each ray that meets the part, behind all other parts,
+        gain included.
     ways
         Way of each ray through this part in cm.
     ends
-        Index after the last ray of each pixel; its rays are averaged.
+        Index after the last ray of each pixel.
+    beside, counts
+        Of each pixel: summed signal of those of its rays that miss the part, and how many rays
+        are averaged.
     measured, at_least, inverse_sd
         Transmission less the other light, whether it is known from below alone, and one over its
         standard deviation.
@@ -237,8 +293,8 @@ def scan(
         and its curvature.
     """
     rays = len(ways)
-    light, scales = np.empty(rays), np.empty(rays, np.int64)
-    values, absorbed = np.empty(rays), np.empty(rays)
+    light, scales = np.empty(rays, np.float32), np.empty(rays, np.int32)
+    values, absorbed = np.empty(rays, np.float32), np.empty(rays, np.float32)
     kinked = at_least.any()  # one-sided residuals begin and end: steps may go to and fro
     for candidate in range(macs.shape[0]):
         mean, sd, low, high = priors[candidate]
@@ -252,13 +308,13 @@ def scan(
             _behind(others, ways, density, macs[candidate], light, scales, values, absorbed)
             ray = 0
             for pixel in range(measured.shape[0]):
-                value, slope, count = 0.0, 0.0, ends[pixel] - ray
+                value, slope = beside[pixel], 0.0
                 while ray < ends[pixel]:
                     value += values[ray]
                     slope -= absorbed[ray] * ways[ray]
                     ray += 1
-                value /= count
-                slope /= count
+                value /= counts[pixel]
+                slope /= counts[pixel]
                 residual = (value - measured[pixel]) * inverse_sd[pixel]
                 if at_least[pixel] and residual >= 0:
                     continue
