@@ -10,6 +10,7 @@ import pytest
 from tests.builder.poly_scenes import captured, solved, tool
 from xden_builder.poly.materials import evidence
 from xden_builder.poly.materials.stand_ins import mixtures
+from xden_builder.poly.model import pixels
 
 
 def test_what_is_not_tried_would_not_have_been_probable(monkeypatch):
@@ -77,3 +78,17 @@ def test_between_materials_of_which_none_is_likely_a_density_is_one_of_theirs():
     probability[[light, middle, dense]] = 0.6, 0.0, 0.4
     clear = mixtures([table], [replace(posterior, probability=probability)], 0.1)
     assert clear.mean_g_cm3[0] <= table.priors[light, 3]
+
+
+def test_air_beside_an_object_does_not_weaken_what_its_radiographs_say(monkeypatch):
+    capture = captured(tool(), size=128)
+    little = solved(capture, pose=False)
+    monkeypatch.setattr(pixels, "AIR_PIXELS", 20 * pixels.AIR_PIXELS)
+    much = solved(capture, pose=False)
+    for before, after in zip(little.seen, much.seen, strict=True):
+        assert len(after.samples.pixels) > 2 * len(before.samples.pixels)
+    for before, after in zip(little.posteriors, much.posteriors, strict=True):
+        likeliest = int(before.probability.argmax())
+        sds = before.sd_g_cm3[likeliest], after.sd_g_cm3[likeliest]
+        assert sds[1] == pytest.approx(sds[0], rel=0.1)
+        np.testing.assert_allclose(after.probability, before.probability, atol=0.1)
