@@ -1,8 +1,8 @@
 """The beam that the objects of a folder share, found from some of them before all are rebuilt.
 
 What was found is kept in ``OUT.work/beam.json`` and holds as long as code, settings and most of the
-objects that were asked stay as they are: one object that is mended or added changes nothing of the
-others.
+objects that were asked stay as they are, and no more than :data:`GROWN` times as many would be
+asked: one object that is mended or added changes nothing of the others.
 """
 
 from __future__ import annotations
