@@ -65,6 +65,31 @@ def test_light_behind_any_depth_is_e_to_minus_that_depth():
     np.testing.assert_allclose(found, expected, rtol=5e-16, atol=1e-300)
 
 
+def test_the_search_sees_e_to_minus_any_depth_to_single_precision():
+    """Of a known density before a black panel the cost is half the square of what is seen."""
+    depths = np.geomspace(1e-6, 1e4, 5001)
+    one, known, found = np.ones(1), np.ones((5001, 4)), np.empty((5001, 3))
+    kernels.scan(
+        np.ones((1, 1), np.float32),
+        np.ones(1, np.float32),
+        np.ones(1, np.int64),
+        np.zeros(1),
+        np.ones(1, np.int64),
+        np.zeros(1),
+        np.zeros(1, bool),
+        one,
+        one,
+        HUBER,
+        depths[:, None],
+        known,
+        found,
+    )
+    seen = np.sqrt(2 * found[:, 1])
+    # a power is rounded before it is raised
+    limits = np.exp(-depths) * 1.5e-7 * np.maximum(depths, 1) + 1e-37
+    assert (np.abs(seen - np.exp(-depths)) <= limits).all()
+
+
 @settings(max_examples=25, deadline=None)
 @given(seeds)
 def test_slopes_are_the_derivatives_by_the_densities(seed):

@@ -88,7 +88,7 @@ def _raise_e(
     Parameters
     ----------
     powers
-        At most the same as above the least; those below the least count as that. Overwritten.
+        Those below the least count as that; none is as far above 0. Overwritten.
     scales
         Room to work in, integers as wide as the powers.
     precision
