@@ -20,6 +20,8 @@ __all__ = ["MaterialPosterior", "Radiographs", "weigh_materials"]
 NEGLIGIBLE: Final = 1e-3
 """Candidates that cannot be as probable as this share of the best, whatever they looked like, are
 not tried."""
+FAINTEST: Final = 1e-18
+"""Of the open field; less is none, and products stay clear of numbers that are slow."""
 MOST_PIXELS: Final = 120
 MOST_BLOCKS: Final = 15
 """Compared in each view; those left out lend their weight to these."""
@@ -77,11 +79,15 @@ class Radiographs:
 
 
 class _Rays(NamedTuple):
-    """Some samples and those of their rays that meet a part."""
+    """Some samples and those of their rays that meet a part.
+
+    Of each sample so many rays are ``meeting`` of ``counts`` that are averaged, and ``beside`` is
+    the summed signal of the others.
+    """
 
     others: Float32[np.ndarray, "groups r"]
     ways: Float32[np.ndarray, "r"]
-    met: Int64[np.ndarray, "n"]
+    meeting: Int64[np.ndarray, "n"]
     beside: Float64[np.ndarray, "n"]
     counts: Int64[np.ndarray, "n"]
     measured: Float64[np.ndarray, "n"]
@@ -145,7 +151,7 @@ def _scanned(
     kernels.scan(
         seen.others,
         seen.ways,
-        np.cumsum(seen.met),
+        np.cumsum(seen.meeting),
         seen.beside,
         seen.counts,
         seen.measured,
@@ -179,9 +185,9 @@ def _rays(
     for view, sd, stray, gain in zip(
         radiographs.views, radiographs.sds, radiographs.strays, radiographs.gains, strict=True
     ):
-        met = view.lengths_cm[:, :, part].any(axis=1)
+        behind = view.lengths_cm[:, :, part].any(axis=1)
         for kind, most in ((~view.is_block, MOST_PIXELS), (view.is_block, MOST_BLOCKS)):
-            mine = np.flatnonzero(met & kind)
+            mine = np.flatnonzero(behind & kind)
             if not len(mine):
                 continue
             some = mine[:: -(-len(mine) // most)]
@@ -191,12 +197,13 @@ def _rays(
             areal[:, :, part] = 0.0
             open_field = gain * view.weights[some, None]
             others = open_field * np.exp(-areal @ mac_cm2_g)
-            meets = lengths[:, :, part] > 0
+            others[others < FAINTEST] = 0.0
+            meeting = lengths[:, :, part] > 0
             yield _Rays(
-                np.ascontiguousarray(others[meets].T, np.float32),
-                view.lengths_cm[some, :count, part][meets],
-                meets.sum(axis=1),
-                others.sum(axis=2, where=~meets[:, :, None]).sum(axis=1),
+                np.ascontiguousarray(others[meeting].T, np.float32),
+                view.lengths_cm[some, :count, part][meeting],
+                meeting.sum(axis=1),
+                others.sum(axis=2, where=~meeting[:, :, None]).sum(axis=1),
                 np.full(len(some), count),
                 view.measured[some] - stray[some],
                 view.at_least[some],
