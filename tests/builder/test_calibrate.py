@@ -120,16 +120,30 @@ def test_too_few_steps_leave_the_voltage_at_its_prior():
 @pytest.mark.parametrize(("material", "step", "times"), [("steel", 4, 1.1), ("aluminium", 5, 1.05)])
 def test_a_step_of_another_thickness_than_told_is_named(material, step, times):
     """One alone moves the spectrum to itself: its own residual is small then."""
+    thinner = 100 * (1 - 1 / times)
     told = []
     for wedge in wedges():
         thick = list(wedge.thickness_cm)
         if wedge.material.name == material:
             thick[step - 1] *= times
         told.append(replace(wedge, thickness_cm=tuple(thick)))
-    with pytest.raises(
-        DataError, match=rf"plate: {material}: step {step} lies .* as if it were .*% thinner: "
-    ):
+    named = rf"plate: {material}: step {step} lies .* as if it were some (.*)% thinner: "
+    with pytest.raises(DataError, match=named) as refused:
         fit_spectrum([read_image_steps(seen(painted()), told)], Response(TOLD, CSI))
+    assert float(re.search(named, str(refused.value))[1]) == pytest.approx(thinner, rel=0.5)
+
+
+def test_a_thicker_step_takes_as_much_light_as_the_hardened_beam_says():
+    """Not ``T ln T``, which is half as much again behind steel."""
+    growth = 1e-4
+    image = light_up(read_image_steps(seen(painted()), wedges()), Response(TRUE, TRUE_PANEL))
+    grown = tuple(
+        replace(reading, path_cm=reading.path_cm * (1 + growth)) for reading in image.image.readings
+    )
+    thicker = replace(image, image=replace(image.image, readings=grown))
+    here, there = (each.direct(Response(TOLD, CSI)) for each in (image, thicker))
+    slopes = image.by_thickness(Response(TOLD, CSI))
+    assert slopes == pytest.approx((there - here) / growth, rel=1e-3, abs=1e-12)
 
 
 def test_an_image_of_another_exposure_than_its_flat_is_refused():

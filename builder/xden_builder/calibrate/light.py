@@ -101,12 +101,16 @@ class LitImage:
 
     def direct(self, response: Response) -> Float64[np.ndarray, "n"]:
         """Transmission of the direct beam at each reading, by the whole spectrum."""
-        slopes, place = np.unique(self._slopes(), return_inverse=True)
-        energies_kev, fluence = tube_fluence(response.tube, slopes)
-        signal = panel_signal(fluence, energies_kev, response.detector)
-        weights = signal / signal.sum(axis=1, keepdims=True)
-        ways = self._areal_g_cm2() @ self._mac_cm2_g(energies_kev)
-        return np.asarray((weights[place] * np.exp(-ways)).sum(axis=1))
+        shares, depths = self._beams(response)
+        return np.asarray((shares * np.exp(-depths)).sum(axis=1))
+
+    def by_thickness(self, response: Response) -> Float64[np.ndarray, "n"]:
+        """Derivative of the same by the relative thickness of what is before each reading.
+
+        By Beer and Lambert's law at each energy; the hardened beam loses less than ``T ln T``.
+        """
+        shares, depths = self._beams(response)
+        return np.asarray((shares * -depths * np.exp(-depths)).sum(axis=1))
 
     def stray(self, response: Response) -> PlateStray:
         """Stray light at each reading by :data:`STRAY_TERMS`, in shares of the open field.
@@ -132,6 +136,16 @@ class LitImage:
         starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
         means = np.add.reduceat(found, starts, axis=0) / sizes[:, None]
         return PlateStray(np.column_stack([means, np.ones(len(means))]))
+
+    def _beams(
+        self, response: Response
+    ) -> tuple[Float64[np.ndarray, "n e"], Float64[np.ndarray, "n e"]]:
+        """Share of each energy in the signal of the open field, and optical depth in it."""
+        slopes, place = np.unique(self._slopes(), return_inverse=True)
+        energies_kev, fluence = tube_fluence(response.tube, slopes)
+        signal = panel_signal(fluence, energies_kev, response.detector)
+        shares = signal / signal.sum(axis=1, keepdims=True)
+        return shares[place], self._areal_g_cm2() @ self._mac_cm2_g(energies_kev)
 
     def _slopes(self) -> Float64[np.ndarray, "n"]:
         rows, columns = (each.astype(float) for each in self._rows_columns())

@@ -66,7 +66,8 @@ class Off:
     sds
         By how many standard deviations.
     thicker
-        By which share of its thickness it seems thicker than told.
+        By which share of its thickness it seems thicker than told: a step along the derivatives,
+        good to a half of itself, since the spectrum that was found has been led astray by it.
     """
 
     wedge: Wedge

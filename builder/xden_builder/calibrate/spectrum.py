@@ -63,7 +63,6 @@ EXPECTED: Final = (
 )
 MOST_GAIN_SDS: Final = 4.0
 """A gain farther off was made by another exposure than the flat's."""
-NO_LIGHT: Final = 1e-30
 SAME_SD: Final = 0.002
 """Of a reading against that of the same step in another image."""
 _STEP: Final = 1e-3
@@ -361,6 +360,7 @@ class _Problem:
         """Differentiate what is expected of each image, gain and stray light being free."""
         count = len(self.terms)
         steps, widths = self._steps(values)[:count], values[count:].tolist()
+        here = self.response(values)
         moved = [
             self.response(np.append(each, values[count:]))
             for each in values[:count] + np.diag(steps)
@@ -378,7 +378,7 @@ class _Problem:
                     errors,
                     np.transpose(slopes) / steps,
                     np.column_stack([at.direct, at.shapes, at.gain * wider]),
-                    at.gain * at.direct * np.log(np.maximum(at.direct, NO_LIGHT)),
+                    at.gain * image.by_thickness(here),
                 )
             )
         return found
@@ -418,7 +418,7 @@ def _refuse_unexplained(near: Sequence[Linear], left: Float64[np.ndarray, "u u"]
     if off is not None and off.sds > MOST_OFF_SD:
         raise DataError(
             f"{off.place} lies {off.sds:.1f} sd off what all other readings say, as if it were "
-            f"{abs(off.thicker):.1%} {'thicker' if off.thicker > 0 else 'thinner'}: {EXPECTED}"
+            f"some {abs(off.thicker):.0%} {'thicker' if off.thicker > 0 else 'thinner'}: {EXPECTED}"
         )
 
 
