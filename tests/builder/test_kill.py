@@ -95,6 +95,7 @@ def wrong_files(root: Path) -> list[str]:
 
 
 def assert_whole_or_absent(out: Path) -> None:
+    before = None
     try:
         before = out.stat().st_ino
         wrong = wrong_files(out)
@@ -149,11 +150,11 @@ def test_kills_while_the_filter_of_the_folder_is_sought_change_no_byte_of_it(tmp
     found = (work_folder(whole) / BEAM_NAME).read_bytes()
     assert any(each["clues"] for each in json.loads(found)["objects"].values())
     chance, killed = np.random.default_rng(14), 0
-    for _ in range(5):
+    for round_ in range(5):
         (work_folder(out) / BEAM_NAME).unlink(missing_ok=True)
         with start_run(captures, out) as run:
             until(lambda: work_folder(out).is_dir() or run.poll() is not None)
-            time.sleep(chance.uniform(0, 3))
+            time.sleep(round_ * chance.uniform(0, 0.75))  # the first right at the beginning
             killed += run.poll() is None and not (work_folder(out) / BEAM_NAME).exists()
             run.kill()
         left = work_folder(out) / BEAM_NAME

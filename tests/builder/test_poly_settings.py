@@ -19,7 +19,8 @@ from xden_builder.reconstruct.settings import MODELS, BuildSettings
         ({"model_share": -1.0}, "model_share must not be negative, got -1"),
         ({"floor": 0.0}, "floors and worth_a_part must be above zero"),
         ({"worth_a_part": 0.0}, "must be above zero"),
-        ({"floor": float("nan")}, "floor must not be negative, got nan"),
+        ({"floor": float("nan")}, "floor must be a finite number, got nan"),
+        ({"extra_filter_mm_cu": float("nan")}, "extra_filter_mm_cu must be a finite number"),
     ],
 )
 def test_choices_out_of_range_are_refused(change, message):

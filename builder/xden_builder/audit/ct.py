@@ -21,7 +21,7 @@ class CTAudit:
     """Attenuation of an object against a CT of it.
 
     The model of a voxel is the attenuation of each part times the share of the voxel it fills.
-    The first three figures are over the labelled voxels of the CT, or over all where none are.
+    The first four figures are over the labelled voxels of the CT, or over all where none are.
 
     Parameters
     ----------

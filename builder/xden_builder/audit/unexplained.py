@@ -78,7 +78,8 @@ class Unexplained:
         last row, last column. None where there is none.
     content_g
         Mass of water that would darken those pixels as much; negative where they are brighter than
-        the model. Metals of the same effect weigh a third to a tenth.
+        the model. Of the same effect at 70 keV (NIST, coefficients over water's 0.19 cm²/g)
+        aluminium weighs four fifths, steel a quarter, copper and zinc a sixth, lead a twentieth.
     shadow_share
         The largest connected shadow beside the parts, as a share of the object's pixels.
     shadow_box, shadow_g

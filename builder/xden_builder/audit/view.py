@@ -49,7 +49,7 @@ class ViewAudit:
         False for an audit view, which the fit has not seen.
     gain
         Open-field factor of the model: the fit's, or for an audit view the median transmission
-        of the background, 1 if it has none.
+        of the background over that of the model there, 1 if it has none.
     transmission_mae, transmission_corr
         On the object, in T.
     attenuation_mae, attenuation_corr

@@ -105,7 +105,7 @@ class LitImage:
         return np.asarray((shares * np.exp(-depths)).sum(axis=1))
 
     def by_thickness(self, response: Response) -> Float64[np.ndarray, "n"]:
-        """Derivative of the same by the relative thickness of what is before each reading.
+        """Differentiate that by the relative thickness of what is before each reading.
 
         By Beer and Lambert's law at each energy; the hardened beam loses less than ``T ln T``.
         """

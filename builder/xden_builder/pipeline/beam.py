@@ -18,15 +18,15 @@ from typing import Any, Final, NamedTuple
 from xden1k.values.cost import Meter
 from xden_builder.capture import ObjectRow
 from xden_builder.pipeline.remarks import is_calibrated
+from xden_builder.pipeline.resumable import refuse_to_go_on
 from xden_builder.pipeline.storage import (
-    FULL,
     Place,
     inside,
     object_capture,
     read_bytes,
     write_bytes,
 )
-from xden_builder.pipeline.version import OtherVersionError, refuse_other_code
+from xden_builder.pipeline.version import refuse_other_code
 from xden_builder.poly.hardness import Hardness, join, pilots
 from xden_builder.poly.survey import FILTERS_MM_CU, Clue
 from xden_builder.reconstruct.clues import find_clues
@@ -126,10 +126,7 @@ def _answers(answers: Generator[Answer[ObjectRow, Any], None, None]) -> list[Any
     found = []
     with closing(answers):
         for _, answer in answers:
-            if isinstance(answer, OtherVersionError):
-                raise answer
-            if isinstance(answer, OSError) and answer.errno in FULL:
-                raise answer
+            refuse_to_go_on(answer)
             if not isinstance(answer, BaseException):
                 found.append(answer)
     return found

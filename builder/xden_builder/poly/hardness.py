@@ -41,7 +41,7 @@ folders filters come out 0.002 mm too thick in the mean, however many objects ar
 CLEARLY_SD: Final = 3.0
 CLEARLY_MM: Final = 0.02
 """A filter is said to be missing if it is this many deviations from none, and this thick."""
-NEVER_POROUS: Final = frozenset({"metal", "glass", "liquid"})
+FULL_DENSITY: Final = frozenset({"metal", "glass", "liquid"})
 """Families of materials whose parts are of their full density, if no hollow is drawn full."""
 FAR_OFF: Final = 0.3
 """Logarithm of the densities of such parts over those of their labels, in the median of a folder,
@@ -76,7 +76,7 @@ class Hardness:
     composition_scale
         How far compositions do, likewise.
     label_ratio
-        Density by the images over that of the label, in the median of :data:`NEVER_POROUS` parts,
+        Density by the images over that of the label, in the median of :data:`FULL_DENSITY` parts,
         behind the filter that brings it nearest to 1; 1 where there are fewer than three objects
         with such.
     rests_on
@@ -219,7 +219,7 @@ def _label_ratio(clues: Mapping[str, Sequence[Clue]]) -> float:
         object_id: [
             clue.log_ratio
             for clue in mine
-            if clue.name in library and library[clue.name].family in NEVER_POROUS
+            if clue.name in library and library[clue.name].family in FULL_DENSITY
         ]
         for object_id, mine in clues.items()
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 
 from xden1k.errors import DataError
@@ -53,7 +54,7 @@ class PolySettings:
     Raises
     ------
     DataError
-        If a number is negative or none at all.
+        If a number is not finite, or is negative where none can be.
     """
 
     gain: bool = True
@@ -78,7 +79,9 @@ class PolySettings:
     def __post_init__(self) -> None:
         for each in fields(self):
             value = getattr(self, each.name)
-            if not value >= 0 and each.name != "extra_filter_mm_cu":
+            if not math.isfinite(value):
+                raise DataError(f"{each.name} must be a finite number, got {value:g}")
+            if value < 0 and each.name != "extra_filter_mm_cu":
                 raise DataError(f"{each.name} must not be negative, got {value:g}")
         if not (self.floor and self.clear_floor and self.worth_a_part):
             raise DataError("floors and worth_a_part must be above zero")

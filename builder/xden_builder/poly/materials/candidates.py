@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float64
 
 from xden1k.values.materials import Material, load_materials
 from xden_builder.capture import CapturePart
+from xden_builder.fit.density import HOLLOW_LEAST, HOLLOW_SD, HOLLOW_USUAL
 from xden_builder.physics.groups import EnergyGroups
 from xden_builder.poly.materials.composition import composition_sd
 from xden_builder.poly.materials.shares import material_shares
@@ -24,10 +25,6 @@ POROUS_MEAN: Final = 0.68
 POROUS_SD: Final = 0.19
 POROUS_LEAST: Final = 0.2
 """Density of a porous body as shares of the solid's: structural foam has a third and more of it."""
-HOLLOW_MEAN: Final = 0.8
-HOLLOW_SD: Final = 0.35
-HOLLOW_LEAST: Final = 0.05
-"""Of a part annotated as hollow, whose mesh holds more space than material."""
 LEAST_SD_SHARE: Final = 0.01
 """The densities of no material are known better."""
 NEVER_POROUS: Final = frozenset({"metal", "glass", "liquid", "foam", "gas", "composite", "textile"})
@@ -224,7 +221,7 @@ def _hollow(material: Material, share: float) -> Candidate:
         material.name,
         False,
         math.log(share),
-        HOLLOW_MEAN * nominal,
+        HOLLOW_USUAL * nominal,
         HOLLOW_SD * nominal,
         HOLLOW_LEAST * nominal,
         material.density_high_g_cm3,

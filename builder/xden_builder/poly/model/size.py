@@ -79,9 +79,9 @@ class Size:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Size:
-        """Read what :meth:`to_dict` gives."""
+        """Read what :meth:`to_dict` gives, the factor that is told."""
         return cls(values["factor"], values["sd"], np.array(values["centre_cm"]))
 
     def to_dict(self) -> dict[str, Any]:
-        """Values for JSON."""
+        """Values for JSON; ``factor_by_light``, which judges the fit alone, is not kept."""
         return {"factor": self.factor, "sd": self.sd, "centre_cm": self.centre_cm.tolist()}

@@ -1,7 +1,7 @@
 """What surfaces that are off change: ways through parts, and their volumes.
 
-A wall of a millimetre between two surfaces that are a tenth off each is some seventh thicker or
-thinner than its mesh, and looks as if it were denser or lighter by as much.
+A wall of a millimetre whose two surfaces are a tenth off each, both outwards or both inwards, is a
+fifth thicker or thinner than its mesh, and looks as if it were denser or lighter by as much.
 """
 
 from __future__ import annotations

@@ -73,7 +73,8 @@ def sample_sd(
     veil
         Scatter as it is thought to be: its error is in proportion to it.
     noise_sd
-        Behind something opaque.
+        Of a pixel behind something opaque. Blocks are given as much, though they are means: in a
+        scintillator neighbours share their noise.
     settings
         Sizes of the errors.
     """
