@@ -176,6 +176,17 @@ def test_pores_and_masses_in_another_unit_are_no_images_that_are_not_linear():
         assert not found.no_filter_explains
 
 
+@pytest.mark.parametrize(("share", "told"), [(0.43, True), (0.75, True), (0.9, False)])
+def test_plastics_tell_images_that_are_not_linear_where_nothing_else_can(share, told):
+    """Decimal logarithms show 0.43 of what natural ones do, a power of 0.75 so much."""
+    plastics = [clue(0.0, off=np.log(share), slope=0.25, name=name) for name in ("abs", "pp", "pc")]
+    foamed = clue(0.0, off=np.log(0.5), slope=0.25, name="ps")
+    assert join(folder(*plastics, foamed)).plastics_are_light == told
+    assert not join(folder(*plastics[:2])).plastics_are_light, "two clues say nothing"
+    sound = [clue(0.0, slope=slope, name=name) for name, slope in SLOPES.items()]
+    assert not join(folder(*plastics, *sound)).plastics_are_light, "metals are as they should be"
+
+
 @cache
 def clues_of(copper_mm, *, weighed=False, off=(1.0, 1.0, 1.0)):
     """Clues of an aluminium tool with a plastic grip whose tube has more copper than told.

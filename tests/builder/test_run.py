@@ -178,6 +178,10 @@ def test_a_filter_that_was_told_is_believed(captures, tmp_path):
             Hardness(0.29, 0.1, 16, 7, None, 2.3, 2.3, label_ratio=0.51),
             "behind any filter metals, glass and liquids show 0.51 times the density",
         ),
+        (
+            Hardness(0.0, 0.1, 16, 7, None, 2.3, 2.3, plastics_ratio=0.43),
+            "plastics show 0.43 times the density of their labels",
+        ),
     ],
 )
 def test_a_filter_that_does_not_explain_the_images_is_told(beam, words):

@@ -118,6 +118,13 @@ def _of_filter(beam: Hardness) -> Iterator[FolderRemark]:
             f"density of their labels or farther off (check [tube] kv and filtration, {LINEAR}; "
             "or the labels of these are wrong)",
         )
+    if beam.plastics_are_light:
+        yield FolderRemark(
+            "needs_you",
+            f"plastics show {beam.plastics_ratio:.2f} times the density of their labels, and there "
+            f"is hardly a metal, glass or liquid to compare (check {LINEAR}; right if most of them "
+            "are foamed or hollow: say so in parts.csv)",
+        )
     if beam.contradicts:
         more = "more" if beam.filter_mm_cu > 0 else "less"
         alone = ""
