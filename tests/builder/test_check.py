@@ -574,7 +574,13 @@ def test_air_that_is_brighter_at_one_border_tells_of_the_open_field_and_of_nothi
 
 @pytest.mark.parametrize(
     ("corners", "words"),
-    [(0.96, ["air in pa is 4.0% darker in the corners than"]), (0.99, []), (0.5, []), (None, [])],
+    [
+        (0.96, ["air in pa is 4.0% darker in the corners than"]),
+        (0.71, ["air in pa is 29.0% darker in the corners than"]),
+        (0.99, []),
+        (0.3, []),
+        (None, []),
+    ],
 )
 def test_air_that_is_darker_in_the_corners_tells_of_no_open_field(
     corners: float | None, words: list[str]
