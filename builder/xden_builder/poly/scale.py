@@ -15,7 +15,7 @@ __all__ = ["Weighing", "compare"]
 COMMON_SHARE: Final = 0.03
 """Error that all densities of an object share: spectrum, composition, scale of the meshes."""
 SIGMAS: Final = 3.0
-LEAST_SHARE: Final = 0.1
+LEAST_SHARE: Final = 0.05
 """Masses that differ by less are not said to disagree."""
 
 
@@ -37,7 +37,15 @@ class Weighing:
 
     @property
     def disagrees(self) -> bool:
-        """Whether the two are apart by more than their errors, and by more than a tenth."""
+        """Whether the two are apart by more than their errors, and by more than a twentieth.
+
+        Examples
+        --------
+        >>> [Weighing(scale_g, 100.0, 3.0).disagrees for scale_g in (108.0, 112.0)]
+        [False, True]
+        >>> Weighing(104.0, 100.0, 1.0).disagrees
+        False
+        """
         apart_g = abs(self.weighed_g - self.by_images_g)
         return apart_g > max(SIGMAS * self.by_images_sd_g, LEAST_SHARE * self.weighed_g)
 
