@@ -269,7 +269,8 @@ class CaptureFolder:
         if self.parts_root is not None and not meshes.is_dir():
             raise DataError(
                 f"{meshes}: no meshes of this object: was it put in place ({self.parts_root}/"
-                "index.html of `xden-build align` says why not), or mended (mended.csv)?"
+                "index.html of `xden-build align` says why not, unless --objects left it out), or "
+                "mended (mended.csv)?"
             )
         if (origin := meshes / ORIGIN_NAME).is_file():
             refuse_stale(origin, self.made_from(object_id))

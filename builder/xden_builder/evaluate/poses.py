@@ -273,15 +273,20 @@ def _row(name: str, errors: Sequence[PoseError]) -> list[str]:
 
 def _compared(captures: Path, root: Path, object_id: str) -> PoseError:
     rebuilt = open_folder(root).object(object_id)
-    parts = CaptureFolder(captures).read(object_id).parts
+    capture = CaptureFolder(captures).read(object_id)
+    if capture.pose != "near" and rebuilt.meta.get("registration") is None:
+        raise DataError(
+            "expected a rebuild that found the pose, got one of meshes put in place before it (run "
+            "--parts), which does not say from where"
+        )
     path = captures / object_id / "truth.json"
     if not path.is_file():
         raise DataError(f"{path}: expected the truth of a simulated object, found none")
     values = json.loads(path.read_text(encoding="utf-8"))
     kinds = {part["name"]: part["material"] for part in values["parts"]}
     return pose_error(
-        [part.mesh for part in parts],
-        [kinds[part.name] for part in parts],
+        [part.mesh for part in capture.parts],
+        [kinds[part.name] for part in capture.parts],
         _stood(values),
         _found(rebuilt),
         rebuilt.flags,
