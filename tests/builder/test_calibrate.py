@@ -146,6 +146,15 @@ def test_a_thicker_step_takes_as_much_light_as_the_hardened_beam_says():
     assert slopes == pytest.approx((there - here) / growth, rel=1e-3, abs=1e-12)
 
 
+def test_a_step_that_is_saturated_is_refused_as_that():
+    bright = seen(painted())
+    full = bright.view.transmission > 0.5
+    view = replace(bright.view, valid=bright.view.valid & ~full)
+    saturated = replace(bright, view=view, at_least=np.where(full, 0.5, np.nan))
+    with pytest.raises(DataError, match=r"0 valid pixels, .* that are saturated: expose image and"):
+        read_image_steps(saturated, wedges())
+
+
 def test_an_image_of_another_exposure_than_its_flat_is_refused():
     image = read_image_steps(seen(painted(gain=0.5)), wedges())
     with pytest.raises(DataError, match=r"plate/pa: was exposed 0\.5\d times as much as its flat"):
@@ -378,6 +387,14 @@ def test_the_steps_of_a_plate_share_no_space_and_lie_on_one_plane():
             {"steel": {"thickness_cm": [0.1, -1.0]}},
             "wedges.2..thickness_cm must be positive",
         ),
+        (
+            {"aluminium": {"thickness_cm": [1.0, 10.0, 40.0]}},
+            r"wedges.\d..thickness_cm has 40, and so many cm of aluminium let no X-rays through",
+        ),
+        (
+            {"steel": {"density_g_cm3": 7850}},
+            r"wedges.2..density_g_cm3 is 7850, but steel has 7\.75 to 7\.9 g/cm³",
+        ),
         ({"lead": {"view": "top"}}, "wedges.3..view must be pa or lat"),
         ({"lead": {"colour": "grey"}}, "wedges.3..colour is not a known key"),
     ],
@@ -460,7 +477,7 @@ def test_what_is_written_reads_back_and_nothing_is_overwritten(made):
 def test_what_was_not_measured_is_said_in_a_sentence(made):
     _, _, found = made
     said = "\n".join(found.sentences())
-    assert "Al stays at 2.5 mm Al, within 3:" in said
+    assert re.search(r"Al stays at its prior, 2\.5 ± 3 mm Al, within which \S+ is written: ", said)
     assert "no balls were scanned: the geometry is as told" in said
 
 

@@ -106,6 +106,14 @@ def test_sound_captures_are_clean_and_left_as_they_are(captures: Path) -> None:
     assert contents(captures) == before
 
 
+def test_what_is_wrong_with_all_alike_is_told_once(captures: Path) -> None:
+    for name in ("key-1", "key-02"):
+        np.save(captures / name / "pa.npy", np.ones((10, 10), dtype=np.float32))
+    ((finding, object_ids),) = checked(captures).by_finding.items()
+    assert sorted(object_ids) == ["key-02", "key-1"]
+    assert f"{captures / object_ids[0] / 'pa.npy'}: expected" in finding.message
+
+
 def test_a_sheet_that_stands_edge_on_between_two_rows_of_pixels_is_not_accused(
     captures: Path,
 ) -> None:

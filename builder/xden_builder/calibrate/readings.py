@@ -106,7 +106,7 @@ def read_image_steps(seen: CalibratedView, wedges: Sequence[Wedge]) -> ImageRead
         not even, or a thicker step is brighter than a thinner one; the message names the wedge.
     """
     view = seen.view
-    steps = [_read_wedge(view, place, wedge) for place, wedge in enumerate(wedges)]
+    steps = [_read_wedge(seen, place, wedge) for place, wedge in enumerate(wedges)]
     for wedge, readings in zip(wedges, steps, strict=True):
         _refuse_implausible(wedge, readings)
     lengths = _path_lengths(view.geometry, wedges)
@@ -117,8 +117,8 @@ def read_image_steps(seen: CalibratedView, wedges: Sequence[Wedge]) -> ImageRead
     return ImageReadings(view, seen.open_field, tuple(wedges), every, lengths)
 
 
-def _read_wedge(view: XRayView, place: int, wedge: Wedge) -> list[Reading]:
-    found = []
+def _read_wedge(seen: CalibratedView, place: int, wedge: Wedge) -> list[Reading]:
+    found, view = [], seen.view
     for step, thickness_cm in enumerate(wedge.thickness_cm):
         inside = _step_pixels(view.geometry, wedge, step, KEPT)
         row, column = wedge.centres_px[step]
@@ -128,7 +128,12 @@ def _read_wedge(view: XRayView, place: int, wedge: Wedge) -> list[Reading]:
         region = np.flatnonzero(inside & view.valid)
         values = view.transmission.flat[region].astype(np.float64)
         if len(values) < LEAST_PIXELS:
-            raise DataError(f"{where}: {len(values)} valid pixels, expected {LEAST_PIXELS} or more")
+            full = 0 if seen.at_least is None else int((inside & ~np.isnan(seen.at_least)).sum())
+            saturated = f", and {full} that are saturated: expose image and flat less"
+            raise DataError(
+                f"{where}: {len(values)} valid pixels, expected {LEAST_PIXELS} or more"
+                f"{saturated if full else ''}"
+            )
         mean, sd = float(values.mean()), float(values.std(ddof=1))
         if sd > UNEVEN * mean + _FAINT:
             raise DataError(

@@ -268,15 +268,17 @@ def _digits(values: tuple[float, ...]) -> list[float]:
 
 
 def _of_spectrum(fit: SpectrumFit) -> list[str]:
-    found = zip(fit.terms, fit.response.known(fit.terms).tolist(), fit.sd, strict=True)
+    values = dict(zip(fit.terms, fit.response.known(fit.terms).tolist(), strict=True))
+    found = zip(fit.terms, values.values(), fit.sd, strict=True)
     said = ", ".join(
         f"{term.times * value:.2f} ± {term.times * sd:.2f} {term.unit}" for term, value, sd in found
     )
     probes = zip(PROBES, fit.probe_sd, strict=True)
     through = ", ".join(f"{probe.name} ± {sd:.1%}" for probe, sd in probes)
     stays = [
-        f"{term.name} stays at {term.times * term.mean:.4g} {term.unit}, within "
-        f"{term.times * term.sd:.3g}: {HINTS.get(term.name, TOGETHER)}"
+        f"{term.name} stays at its prior, {term.times * term.mean:.4g} ± "
+        f"{term.times * term.sd:.3g} {term.unit}, within which "
+        f"{term.times * values[term]:.4g} is written: {HINTS.get(term.name, TOGETHER)}"
         for term in fit.at_prior
     ]
     elsewhere = [

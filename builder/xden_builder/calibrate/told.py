@@ -23,6 +23,7 @@ from xden_builder.capture.tables import (
     number_or_nan,
     read_csv,
 )
+from xden_builder.physics.attenuation import mac_cm2_g
 
 __all__ = ["SCHEMA", "CalibrationFolder", "ToldBalls", "Wedge", "read_folder"]
 
@@ -32,6 +33,13 @@ _WEDGE_KEYS = (
     *("scan", "view", "material", "density_g_cm3", "thickness_cm"),
     *("first_px", "last_px", "step_cm", "width_cm"),
 )
+OTHER_DENSITY: Final = 1.5
+"""A piece is no lighter or denser than its material's range by more."""
+HARD_KEV: Final = 100.0
+OPAQUE_DEPTH: Final = 16.0
+OPAQUE_CM: Final = 5.0
+"""A step through which 1e-7 of the hardest photons come, and as thick as that, is told in mm: 40 cm
+of aluminium, 10 cm of steel."""
 _BALL_KEYS = ("scan", "table", "diameter_cm", "placed_within_cm", "placed_within_deg")
 
 
@@ -190,7 +198,14 @@ def _read_tube(table: TomlTable, scanner: ScannerFile) -> str:
 def _read_wedge(table: TomlTable, scanner: ScannerFile) -> Wedge:
     table.refuse_unknown(_WEDGE_KEYS)
     material = _read_material(table)
-    density = table.get_or_none("density_g_cm3", is_positive, "a positive number")
+    told = table.get_or_none("density_g_cm3", is_positive, "a positive number")
+    density = material.density_nominal_g_cm3 if told is None else float(told)
+    if not _is_density_of(material, density):
+        raise table.error(
+            "density_g_cm3",
+            f"is {density:g}, but {material.name} has {material.density_low_g_cm3:g} to "
+            f"{material.density_high_g_cm3:g} g/cm³",
+        )
     thickness = table.get("thickness_cm", _is_thicknesses, "positive numbers, one a step")
     first = table.get("first_px", _is_place, "row and column")
     many = len(thickness) > 1
@@ -199,11 +214,17 @@ def _read_wedge(table: TomlTable, scanner: ScannerFile) -> Wedge:
     )
     if many == (first == last):
         raise table.error("last_px", "must differ from first_px where there are several steps only")
+    if many and _is_opaque(material, density, max(thickness)):
+        raise table.error(
+            "thickness_cm",
+            f"has {max(thickness):g}, and so many cm of {material.name} let no X-rays through: is "
+            "it in mm?",
+        )
     return Wedge(
         scan=table.get("scan", _is_name, "the name of a folder"),
         view=table.choice("view", tuple(scanner.views)),
         material=material,
-        density_g_cm3=density or material.density_nominal_g_cm3,
+        density_g_cm3=density,
         thickness_cm=tuple(map(float, thickness)),
         first_px=tuple(first),
         last_px=tuple(last),
@@ -250,6 +271,19 @@ def _is_tables(value: object) -> bool:
 
 def _is_name(value: object) -> bool:
     return isinstance(value, str) and value not in ("", ".", "..") and Path(value).name == value
+
+
+def _is_density_of(material: Material, density_g_cm3: float) -> bool:
+    """Whether a piece of it may be so dense, alloys and cavities of castings included."""
+    low, high = material.density_low_g_cm3, material.density_high_g_cm3
+    return low / OTHER_DENSITY <= density_g_cm3 <= high * OTHER_DENSITY
+
+
+def _is_opaque(material: Material, density_g_cm3: float, thickness_cm: float) -> bool:
+    """Whether a step is thick, and not even the hardest photons come through."""
+    (mac,) = mac_cm2_g(material.composition, np.array([HARD_KEV])).tolist()
+    depth = mac * density_g_cm3 * thickness_cm
+    return thickness_cm > OPAQUE_CM and bool(depth > OPAQUE_DEPTH)
 
 
 def _is_thicknesses(value: object) -> bool:

@@ -45,7 +45,9 @@ def read_dicom(path: Path) -> ImageFile:
 def _image(path: Path, data: Any) -> ImageFile:
     photometry = str(data.get("PhotometricInterpretation", "none"))
     if photometry not in _BY_PHOTOMETRY:
-        raise DataError(f"{path}: expected MONOCHROME1 or MONOCHROME2, got {photometry}")
+        raise DataError(
+            f"{path}: expected a DICOM image that is MONOCHROME1 or MONOCHROME2, got {photometry}"
+        )
     if data.file_meta.TransferSyntaxUID in _JPEG_2000:
         _require_decoders(path)
     slope = float(data.get("RescaleSlope", None) or 1.0)

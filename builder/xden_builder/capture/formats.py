@@ -70,7 +70,8 @@ def _packing(compression: int) -> str:
 
 def _read_png(path: Path) -> ImageFile:
     pillow = require("PIL.Image", "build")
-    with decoding(path, "a PNG image"), pillow.open(path, formats=["PNG"]) as image:
+    too_large = pillow.DecompressionBombError
+    with decoding(path, "a PNG image", too_large), pillow.open(path, formats=["PNG"]) as image:
         if image.mode not in _PNG_MODES:
             raise DataError(f"{path}: expected grey values of 8 or 16 bits, got {image.mode}")
         pixels = np.asarray(image)

@@ -48,11 +48,16 @@ class FolderCheck:
 
     @property
     def by_finding(self) -> dict[Finding, tuple[str, ...]]:
-        """Each finding, and of which objects it was found: a wrong ``scanner.toml`` is of all."""
+        """Each finding, and of which objects it was found: a wrong ``scanner.toml`` is of all.
+
+        What differs by the object's own files alone is one finding, told of the first of them.
+        """
+        first: dict[Finding, Finding] = {}
         found: dict[Finding, list[str]] = {}
         for each in self.objects:
             for finding in each.findings:
-                found.setdefault(finding, []).append(each.object_id)
+                alike = replace(finding, message=finding.message.replace(each.object_id, "OBJECT"))
+                found.setdefault(first.setdefault(alike, finding), []).append(each.object_id)
         return {finding: tuple(object_ids) for finding, object_ids in found.items()}
 
     def count(self, kind: Kind) -> int:
