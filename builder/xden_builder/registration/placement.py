@@ -160,8 +160,10 @@ class Found:
         The same of neighbouring pixels' differences, and of light that the model lacks; where a
         part may have no mesh and the source is not told, on the images of the search.
     deviance
-        Twice minus the logarithm of the posterior of the whole fit in that pose; None where it was
-        not fitted: :func:`xden_builder.registration.contest.told_by_labels`.
+        Squares that the whole fit leaves in that pose, of samples and of priors, in their standard
+        deviations: twice minus the logarithm of the posterior but for norms, and for how likely the
+        materials are; None where it was not fitted:
+        :func:`xden_builder.registration.contest.told_by_labels`.
     gains
         Of the views, and after them their shares of glare, where the pose has been moved with them.
     growth

@@ -198,7 +198,7 @@ class Problem:
         return np.where(counts, residuals, 0.0), jacobian / sd[:, None], weights
 
     def evaluate(self, unknowns: Float64[np.ndarray, "u"]) -> Evaluation:
-        """Twice minus the logarithm of the posterior, and half its derivatives."""
+        """Twice minus the logarithm of the posterior without norms, and half its derivatives."""
         off = (unknowns - self.prior.mean) / self.prior.sd
         loss = float(off @ off)
         gradient, hessian = off / self.prior.sd, np.diag(self.prior.sd**-2.0)
