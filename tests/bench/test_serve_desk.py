@@ -331,6 +331,23 @@ def test_a_file_whose_desk_was_killed_after_it_was_entered_is_entered_once(
     assert {one: one.read_bytes() for one in results.rglob("*.*") if one.is_file()} == before
 
 
+def test_a_stranger_adds_no_seed_to_an_entry_that_nobody_signed(
+    reference: Reference, submission: Submit, tmp_path: Path
+) -> None:
+    """Entries of one name are averaged: a bad one would spoil the row."""
+    results = tmp_path / "results"
+    first = score_upload(submission(scaled(1.1), method="net", seed=0), reference, RULES, results)
+    assert first.state == "scored"
+    before = read_entries(results)
+    spoiler = submission(scaled(2.0), method="Net", seed=99)
+    outcome = score_upload(spoiler, reference, RULES, results)
+    assert outcome.state == "refused"
+    assert outcome.message.startswith("'Net' is entered already, of seed 0 (")
+    assert read_entries(results) == before
+    again = score_upload(submission(scaled(1.2), method="net", seed=0), reference, RULES, results)
+    assert again.state == "scored", "the better one of a seed counts"
+
+
 @pytest.mark.slow
 def test_the_scoring_process_ends_when_the_desk_is_gone(dataset: Path, tmp_path: Path) -> None:
     setting = Setting(str(dataset), "test", RULES.name, str(tmp_path), memory_bytes=10**9)

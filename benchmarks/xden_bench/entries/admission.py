@@ -87,7 +87,11 @@ def light_entries(results: Path) -> list[tuple[Path, dict[str, Any]]]:
 
 
 def check_admission(
-    entry: Entry, others: Iterable[tuple[Path, Entry]], quota: Quota | None = None
+    entry: Entry,
+    others: Iterable[tuple[Path, Entry]],
+    quota: Quota | None = None,
+    *,
+    by_anyone: bool = False,
 ) -> None:
     """Refuse an entry that is a copy, takes another's name, or is one too many.
 
@@ -99,6 +103,8 @@ def check_admission(
         Those that are there, from :func:`light_entries`.
     quota
         Of its team; None = the default.
+    by_anyone
+        Whether nobody looks who sends it: then an unsigned entry is no seed of another's method.
 
     Raises
     ------
@@ -118,6 +124,8 @@ def check_admission(
         with suppress(DataError):  # of two that are there, the first has the name
             owners.admit(path, other)
     owners.admit(Path("this submission"), entry)
+    if by_anyone and owner(entry) is None:
+        _check_seed(entry, known)
     _check_quota(entry, [other for _, other in known], quota or Quota())
 
 
@@ -143,6 +151,26 @@ class Owners:
             if key != owner(entry):
                 raise DataError(f"{path}: the {kind} name {name!r} belongs to the entry {first}")
         self._first.update({(kind, skeleton(name)): (path, owner(entry)) for kind, name in names})
+
+
+def _check_seed(entry: Entry, known: Iterable[tuple[Path, Entry]]) -> None:
+    """Refuse another seed of a method that is there: a row is the mean over its seeds.
+
+    One of a seed that is there can do no harm, since the better entry counts.
+    """
+    name, seed = entry["method"]["name"], entry["method"]["seed"]
+    alike = [
+        (path, other["method"]["seed"])
+        for path, other in known
+        if skeleton(name) == skeleton(other["method"]["name"]) and _where(entry) == _where(other)
+    ]
+    if alike and seed not in [one for _, one in alike]:
+        path, other = alike[0]
+        raise DataError(
+            f"{name!r} is entered already, of seed {other} ({path}), and nothing shows that seed "
+            f"{seed} is of the same author: choose another name, or send seeds signed (xden-bench "
+            "submit --signing-key)"
+        )
 
 
 def _check_reserved(path: Path, entry: Entry) -> None:
