@@ -146,11 +146,18 @@ def _family(members: Sequence[Entry]) -> list[Entry]:
     best: dict[int | None, Entry] = {}
     for entry in sorted(members, key=place):
         best.setdefault(entry["method"]["seed"], entry)
-    counted = sorted(best.values(), key=_came)
+    seeds = sorted(best.values(), key=_came)
+    ids = seeds[0]["object_scores"]["object_id"]
+    counted = [one for one in seeds if one["object_scores"]["object_id"] == ids]
+    others = [one for one in seeds if one not in counted]
     row = _mean_of_seeds(counted) if len(counted) > 1 else counted[0]
-    kept = {one["submission_sha256"] for one in counted}
+    kept = {one["submission_sha256"] for one in seeds}
     again = [one for one in members if one["submission_sha256"] not in kept]
-    return [row, *(_merged(one, "its method and seed have a better entry") for one in again)]
+    return [
+        row,
+        *(_merged(one, "its objects are others than those of its first seed") for one in others),
+        *(_merged(one, "its method and seed have a better entry") for one in again),
+    ]
 
 
 def _mean_of_seeds(seeds: Sequence[Entry]) -> Entry:

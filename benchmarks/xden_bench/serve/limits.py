@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import resource
+from typing import Final
 
 from xden1k.errors import DataError
 
-__all__ = ["Limits"]
+__all__ = ["Limits", "be_modest"]
+
+_NICENESS: Final = 5
+"""So much behind the web server."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -78,3 +84,21 @@ class Limits:
     def spare_disk_bytes(self) -> int:
         """What must stay free on the disk."""
         return self.spare_disk_mb * 10**6
+
+
+def be_modest(memory_bytes: int) -> None:
+    """Bound the memory of this process, write no image of it when it dies, and let others go first.
+
+    The limit is on data (heap and private memory), not on addresses, which libraries and threads
+    reserve by the gigabyte and never touch.
+
+    Parameters
+    ----------
+    memory_bytes
+        At most so much; never more than there may be already.
+    """
+    _, most = resource.getrlimit(resource.RLIMIT_DATA)
+    limit = memory_bytes if most == resource.RLIM_INFINITY else min(memory_bytes, most)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    os.nice(_NICENESS)

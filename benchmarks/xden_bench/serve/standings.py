@@ -14,7 +14,7 @@ import os
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
@@ -28,6 +28,7 @@ from xden_bench.entries.reading import read_entry, read_sound_entries
 from xden_bench.entries.result import entry_path, entry_paths
 from xden_bench.entries.untrusted import read_table
 from xden_bench.serve.kept import Kept, entry_key, key_of
+from xden_bench.serve.limits import be_modest
 
 __all__ = ["Snapshot", "Standings", "Table", "place_of"]
 
@@ -39,7 +40,8 @@ Compute = Callable[..., Callable[[], Any]]
 
 POLL_S: Final = 0.5
 """How often the folder of the results is looked at."""
-_NICENESS: Final = 5
+_MEMORY_BYTES: Final = 2 * 10**9
+"""Of a process that verifies and ranks: the files are anybody's."""
 _OBJECTS: Final = "object_scores"
 
 
@@ -118,8 +120,13 @@ class Standings:
         """
         try:
             files = _files(self.results)
-            if files == self._files:
-                return
+        except OSError as err:
+            logger.error("the results cannot be read: %s", err)
+            self.now = replace(self.now, is_current=False)
+            return
+        if files == self._files:
+            return
+        try:
             self.now = self._snapshot()
         except BrokenExecutor as err:
             logger.error("a process that verifies entries ended, another will try: %s", err)
@@ -145,7 +152,11 @@ class Standings:
 
     def _watch(self) -> None:
         while not self._stopping.wait(POLL_S):
-            self.refresh()
+            try:
+                self.refresh()
+            except Exception:
+                logger.exception("the results cannot be ranked: the tables stay as they were")
+                self.now = replace(self.now, is_current=False)
 
     def _snapshot(self) -> Snapshot:
         keys: dict[Path, str] = {}
@@ -206,8 +217,8 @@ def place_of(row: Entry) -> str:
 
 
 def _begin() -> None:
-    """Let the web server go first, and end with it, however it ends."""
-    os.nice(_NICENESS)
+    """Let the web server go first, take little memory, and end with it, however it ends."""
+    be_modest(_MEMORY_BYTES)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -224,7 +235,10 @@ def _submitted(pool: Executor, work: Callable[..., Any], *about: Any) -> Callabl
 
 def _verified(path: Path, results: Path) -> Entry:
     """Read an entry, all of it checked, without the scores of its objects."""
-    return _light(read_entry(path, results))
+    try:
+        return _light(read_entry(path, results))
+    except MemoryError as err:  # what a file says of its size is not to be believed
+        raise DataError(f"{path}: takes more memory than an entry may") from err
 
 
 def _objects(row: Entry, results: Path) -> dict[str, list[Any]]:
@@ -242,7 +256,10 @@ def _light(entry: Entry) -> Entry:
 
 def _files(results: Path) -> Files:
     """Name, time and size of every file of the results."""
-    found = (path for path in results.rglob("*") if path.suffix in (".json", ".parquet", ".toml"))
-    return tuple(
-        sorted((str(path), (stat := path.stat()).st_mtime_ns, stat.st_size) for path in found)
-    )
+    found = []
+    for path in results.rglob("*"):
+        if path.suffix in (".json", ".parquet", ".toml"):
+            with suppress(FileNotFoundError):  # it was removed meanwhile, or is a link to nothing
+                stat = path.stat()
+                found.append((str(path), stat.st_mtime_ns, stat.st_size))
+    return tuple(sorted(found))

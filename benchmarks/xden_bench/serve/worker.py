@@ -13,7 +13,6 @@ import datetime
 import json
 import os
 import queue
-import resource
 import shlex
 import threading
 import time
@@ -23,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from xden1k.errors import DataError, SubmissionError
+from xden_bench.serve.limits import be_modest
 from xden_bench.serve.outcome import Outcome, find_entered
 
 if TYPE_CHECKING:
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 __all__ = ["Setting", "Task", "check_upload", "score_upload"]
 
 _PROGRESS_S: Final = 0.2
-_NICENESS: Final = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,19 +188,6 @@ def _command(split: str, protocol: str) -> str:
     return shlex.join(words)
 
 
-def _limit(memory_bytes: int) -> None:
-    """Bound the memory, write no image of it when it dies, and let the web server go first.
-
-    The limit is on data (heap and private memory), not on addresses, which libraries and threads
-    reserve by the gigabyte and never touch.
-    """
-    _, most = resource.getrlimit(resource.RLIMIT_DATA)
-    limit = memory_bytes if most == resource.RLIM_INFINITY else min(memory_bytes, most)
-    resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    os.nice(_NICENESS)
-
-
 def _input_lines() -> Iterator[str]:
     """Lines of the input; at its end the process ends, whatever it is at."""
     lines: queue.SimpleQueue[str] = queue.SimpleQueue()
@@ -241,7 +227,7 @@ def _main() -> None:
 
     lines = _input_lines()
     setting = Setting(**json.loads(next(lines)))
-    _limit(setting.memory_bytes)
+    be_modest(setting.memory_bytes)
     reference, rules = _truth(setting)
     for line in lines:
         task = Task(**json.loads(line))
