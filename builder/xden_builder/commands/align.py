@@ -11,6 +11,7 @@ from xden1k.commands import DONE_IN_PART, json_option, print_json
 from xden_builder.commands.shared import (
     FOLDER,
     Progress,
+    loading,
     names_in,
     parts_option,
     progress_bar,
@@ -49,7 +50,8 @@ def align(
     they are. Can be stopped (Ctrl-C) and started again: what is done is kept in OUT.align until OUT
     is there. Exits with 3 if an object could not be put in place.
     """
-    from xden_builder.pipeline.align.run import align_folder
+    with loading():
+        from xden_builder.pipeline.align.run import align_folder
 
     with progress_bar() as bar, resumable(progress := Progress(bar)):
         alignment = align_folder(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 
 import click
 
@@ -84,4 +85,5 @@ def _simulate(out: Path, seed: int, size: int, as_json: bool) -> None:
     if as_json:
         print_json({"out": str(out), "seed": seed, "size": size})
     else:
-        click.echo(f"{out}: simulated scans; try xden-build calibrate {out} --out calibrated")
+        named = quote(str(out))
+        click.echo(f"{out}: simulated scans; try xden-build calibrate {named} --out calibrated")

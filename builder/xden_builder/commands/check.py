@@ -12,6 +12,7 @@ from xden1k.commands import json_option, print_json
 from xden_builder.commands.shared import (
     FOLDER,
     echo_scanner,
+    loading,
     parts_option,
     progress_bar,
     workers_option,
@@ -39,8 +40,9 @@ def check(captures: Path, parts: Path | None, workers: int, as_json: bool) -> No
     but for the pose of meshes that lie in a frame of their own, and nothing written. Exits with 1
     if anything is wrong.
     """
-    from xden_builder.capture import CaptureFolder
-    from xden_builder.pipeline.check.run import check_folder
+    with loading():
+        from xden_builder.capture import CaptureFolder
+        from xden_builder.pipeline.check.run import check_folder
 
     with progress_bar(len(CaptureFolder(captures).object_ids)) as bar:
         report = check_folder(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 
 import click
 
@@ -29,4 +30,4 @@ def init(folder: Path, as_json: bool) -> None:
     else:
         for path in written:
             click.echo(path)
-        click.echo(f"fill them in, then: xden-build check {folder}")
+        click.echo(f"fill them in, then: xden-build check {quote(str(folder))}")

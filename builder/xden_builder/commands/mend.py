@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import click
@@ -53,5 +54,5 @@ def _echo(mending: Mending, captures: Path, out: Path) -> None:
     objects = "1 object" if count == 1 else f"{count} objects"
     click.echo(
         f"{out}: {objects} mended, {len(mending.sound)} sound, {len(mending.failures)} failed; "
-        f"go on with `xden-build run {captures} --parts {out}`"
+        f"go on with `xden-build run {quote(str(captures))} --parts {quote(str(out))}`"
     )

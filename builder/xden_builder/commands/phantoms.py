@@ -10,7 +10,7 @@ import click
 from xden1k.commands import DONE_IN_PART, json_option, print_json
 from xden1k.errors import DataError
 from xden_builder.commands.scanning import scan_options, simulated_scanner, wanted_realism
-from xden_builder.commands.shared import FOLDER, names_in, progress_bar, workers_option
+from xden_builder.commands.shared import FOLDER, loading, names_in, progress_bar, workers_option
 
 if TYPE_CHECKING:
     from xden1k.values.types import Split
@@ -65,8 +65,9 @@ def phantoms(
     With --check, exits with 3 if a part is open or shares space with another, an object does not
     read back, or a truth grid weighs something else than its parts.
     """
-    from xden_builder.phantoms import plan_objects, write_captures, write_truth_dataset
-    from xden_builder.phantoms.posing import Posing
+    with loading():
+        from xden_builder.phantoms import plan_objects, write_captures, write_truth_dataset
+        from xden_builder.phantoms.posing import Posing
 
     if as_dataset and check:
         raise click.UsageError("--check is for captures, not for --as-dataset")

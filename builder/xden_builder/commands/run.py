@@ -16,6 +16,7 @@ from xden1k.commands import DONE_IN_PART, json_option, print_json
 from xden_builder.commands.shared import (
     Progress,
     echo_scanner,
+    loading,
     progress_bar,
     resumable,
     workers_option,
@@ -89,9 +90,10 @@ def run(
     objects failed; they are listed, and in OUT.work/build_report.json. Objects that a person must
     look at are listed with what to do, the worst first; see them with `xden-build report`.
     """
-    from xden_builder.pipeline.run import build
-    from xden_builder.pipeline.storage import place
-    from xden_builder.reconstruct.settings import BuildSettings
+    with loading():
+        from xden_builder.pipeline.run import build
+        from xden_builder.pipeline.storage import place
+        from xden_builder.reconstruct.settings import BuildSettings
 
     if parts and outer_only:
         raise click.UsageError("--outer-only has no use for --parts: it takes parts for one")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +17,7 @@ __all__ = [
     "FOLDER",
     "Progress",
     "echo_scanner",
+    "loading",
     "names_in",
     "parts_option",
     "progress_bar",
@@ -81,6 +83,24 @@ class Progress:
         """Show that another is done."""
         self.done += 1
         self.bar.update()
+
+
+@contextmanager
+def loading() -> Iterator[None]:
+    """Let Ctrl-C end the program at once while modules are loaded: nothing has begun.
+
+    Some libraries take whatever an import of theirs raises for a package that is not there, an
+    interrupt too, and go on without it.
+    """
+    asked = signal.getsignal(signal.SIGINT)
+    if asked is not signal.default_int_handler:  # ignored, in the background, or not ours
+        yield
+        return
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, asked)
 
 
 @contextmanager
