@@ -24,26 +24,39 @@ LONGEST_ARROW: Final = 0.05
 def draw_steps(images: Sequence[ImageReadings], fit: SpectrumFit, path: Path) -> None:
     """Draw what is read behind each step over what the fit expects, against the thickness.
 
+    Bars are two of the standard deviations that readings are trusted to.
+
     Raises
     ------
     MissingExtraError
         If matplotlib is not installed.
     """
     figure, axes = _figure(len(images))
-    for axis, image, expected in zip(axes, images, fit.expected, strict=True):
-        for place, wedge in enumerate(image.wedges):
+    fitted = zip(fit.expected, fit.expected_sd, strict=True)
+    for axis, image, (expected, sd) in zip(axes, images, fitted, strict=True):
+        names = _apart([wedge.material.name for wedge in image.wedges])
+        for place, name in enumerate(names):
             mine = [at for at, each in enumerate(image.readings) if each.wedge == place]
             read = np.array([image.readings[at].transmission for at in mine])
             paths = [10 * image.readings[at].path_cm for at in mine]
             percent = 100 * (read / expected[mine] - 1)
+            bars = 200 * sd[mine] / expected[mine]
             line = "o-" if max(paths) > 1.01 * min(paths) else "o"  # a staircase, or stops
-            axis.plot(paths, percent, line, ms=3, label=wedge.material.name)
+            axis.errorbar(paths, percent, bars, fmt=line, ms=3, lw=1, elinewidth=0.6, label=name)
         axis.axhline(0.0, color="0.7", lw=0.8)
         axis.set(xlabel="thickness, mm", ylabel="read over expected, %", title=image.name)
         axis.set_xscale("log")
         axis.xaxis.set_major_formatter("{x:g}")
-        axis.legend(fontsize="small")
+        axis.legend(fontsize="small", loc="upper left")
     figure.savefig(path, dpi=DPI)
+
+
+def _apart(names: Sequence[str]) -> list[str]:
+    """Tell names apart that are there more than once."""
+    return [
+        f"{name} {names[: place + 1].count(name)}" if names.count(name) > 1 else name
+        for place, name in enumerate(names)
+    ]
 
 
 def draw_balls(fit: GeometryFit, path: Path) -> None:

@@ -108,8 +108,9 @@ class SpectrumFit:
         Of the transmission of each of :data:`PROBES`, as a share of it.
     stray
         Of each image.
-    expected
-        Transmission that the fit gives each reading, per image.
+    expected, expected_sd
+        Transmission that the fit gives each reading, per image, and how far readings may lie off
+        it: by noise, and by what is assumed of steps and stray light.
     rms
         Root mean square of the weighted residuals; 1 is what is assumed of steps and stray light.
     """
@@ -120,6 +121,7 @@ class SpectrumFit:
     probe_sd: tuple[float, ...]
     stray: tuple[StrayLight, ...]
     expected: tuple[Float64[np.ndarray, "_n"], ...]
+    expected_sd: tuple[Float64[np.ndarray, "_n"], ...]
     rms: float
 
     @property
@@ -338,6 +340,7 @@ class _Problem:
                 for at, each in zip(lights, self.images, strict=True)
             ),
             expected=tuple(at.expected for at in lights),
+            expected_sd=tuple(np.linalg.norm(errors, axis=1) for errors in self.errors),
             rms=float(np.sqrt((off**2).mean())),
         )
 
