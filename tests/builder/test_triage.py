@@ -122,8 +122,9 @@ def test_the_summary_names_grave_flags_with_one_remedy_each_and_counts_the_rest(
     assert first.startswith("needs you: c: lat:not_seen (check `mesh_units`")
     assert second == (
         "needs you: b: body:label_doubted, lid:label_doubted (check the label; if it is "
-        "right, check that its mesh lies where the part does, is hollow where it is, and is not "
-        "another part's)"
+        "right, check that its mesh lies where the part does, is as thick, is hollow where it is, "
+        "and is not another part's; where it is dark in the image, that dark image and bits are as "
+        "told)"
     )
     assert third == "for information: 1 of 3 objects have other flags"
 

@@ -192,7 +192,8 @@ def sought_by_edges(
         "final_tr_radius": last_reach,
         "maxfev": MOST_TRIES,
     }
-    minimize(left, start, method="COBYQA", options=options)
+    least, most = (end[pose] / units for end in bounds)
+    minimize(left, start, method="COBYQA", bounds=np.stack([least, most], axis=1), options=options)
     return best[1]
 
 

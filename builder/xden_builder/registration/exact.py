@@ -27,7 +27,7 @@ from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import first_guess
 from xden_builder.poly.target import Averaged, Bounds, Target, Window, window
 from xden_builder.registration.body import Body
-from xden_builder.registration.middles import own_shifts
+from xden_builder.registration.middles import own_shifts, room_of
 from xden_builder.registration.placement import Found, RigidPlacement
 from xden_builder.registration.reduced import binning_of, reduced, widest_px
 from xden_builder.registration.shadow import Shadow
@@ -254,6 +254,12 @@ class Judge:
         low, high = level.target.bounds(density, level.poses.count, SHARES)
         if level.poses.sized:
             low[-1], high[-1] = -SIZE_SDS_MOST * self.size_sd, SIZE_SDS_MOST * self.size_sd
+        if self.incomplete:  # near the source a shadow has no edges, and nothing to explain
+            first = len(unknowns) - level.poses.count
+            shift, centre_cm = slice(first + 3, first + 6), level.poses.origin.centre_cm
+            least_cm, most_cm = room_of(self.shadows, self.body.radius_cm)
+            low[shift] = np.minimum(least_cm - centre_cm, unknowns[shift])
+            high[shift] = np.maximum(most_cm - centre_cm, unknowns[shift])
         return level, unknowns, (low, high)
 
     def found(

@@ -13,9 +13,18 @@ from xden1k.values.views import ViewGeometry
 from xden_builder.registration.camera import Rotations, Shifts
 from xden_builder.registration.shadow import Shadow
 
-__all__ = ["led_to", "lone_sight", "own_shifts", "scales_to_sizes", "shifts_to_middles"]
+__all__ = [
+    "led_to",
+    "lone_sight",
+    "own_shifts",
+    "room_of",
+    "scales_to_sizes",
+    "shifts_to_middles",
+]
 
 ROUNDS: Final = 2
+FARTHEST: Final = 0.75
+"""Of the way to a source, that an object may be elsewhere."""
 WEAKLY: Final = 1e-6
 """Share of the curvature that keeps what no view tells where it is."""
 
@@ -130,6 +139,33 @@ def lone_sight(shadows: Sequence[Shadow]) -> Vec3 | None:
         return None
     _, way = _ray(still[0].geometry, still[0].middle_px)
     return way
+
+
+def room_of(shadows: Sequence[Shadow], radius_cm: float) -> tuple[Vec3, Vec3]:
+    """Least and most place of the middle of an object that casts a part of the shadows.
+
+    Parameters
+    ----------
+    shadows
+        Of all views, none of which was turned.
+    radius_cm
+        Of the object.
+
+    Returns
+    -------
+    tuple
+        Shapes (3,), in cm: as far from where the shadows' middles meet as half a shadow is long on
+        its panel, and the object beside it; not nearer to a source than a quarter of the way.
+    """
+    middle = _between_rays(shadows)
+    reach_cm = radius_cm
+    for shadow in shadows:
+        pitch_cm = float(np.linalg.norm(shadow.geometry.column_step_cm))
+        reach_cm = max(reach_cm, radius_cm + pitch_cm * float(shadow.size_px.max()) / 2)
+    for shadow in shadows:
+        if (source := shadow.geometry.source_cm) is not None:
+            reach_cm = min(reach_cm, FARTHEST * float(np.linalg.norm(source - middle)))
+    return middle - reach_cm, middle + reach_cm
 
 
 def _between_rays(shadows: Sequence[Shadow]) -> Vec3:
