@@ -213,6 +213,19 @@ def test_seeds_of_a_method_are_one_row_with_their_mean_and_spread() -> None:
     assert [one["method"]["seed"] for one in found["seeds"]] == [0, 1, 2]
 
 
+def test_a_seed_of_other_objects_is_not_averaged_with_the_first() -> None:
+    """Means of other objects would be taken, or none could be."""
+    first, other, fewer = (row("net", HARD * 1.1**seed, seed=seed) for seed in range(3))
+    scores = other["object_scores"]
+    scores["object_id"] = scores["object_id"][::-1]
+    fewer["object_scores"] = {name: values[1:] for name, values in scores.items()}
+    found, *others = merged_rows([first, other, fewer])
+    assert found["metrics"][METRIC]["mean"] == pytest.approx(HARD.mean())
+    assert [one["merged"] for one in others] == [
+        "its objects are others than those of its first seed"
+    ] * 2
+
+
 def test_deviations_that_one_seed_does_not_state_are_not_in_the_mean_of_the_seeds() -> None:
     bare, stating = (row("net", HARD * factor, seed=i) for i, factor in enumerate((1.0, 1.1)))
     stating["object_scores"] |= dict.fromkeys(RULES.sd_metrics, HARD.tolist())

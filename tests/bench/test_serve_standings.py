@@ -197,3 +197,38 @@ def test_processes_that_verify_end_with_a_server_that_is_killed(tmp_path: Path) 
         worker = int(server.stdout.readline())
         server.kill()
         until(lambda: not Path(f"/proc/{worker}").exists(), every_s=0.1)
+
+
+def test_a_link_to_nothing_and_a_failure_leave_the_watcher_at_work(
+    opened: Open,
+    enter: Callable[[float], Path],
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    one = opened()
+    (one.results / "gone.json").symlink_to(one.results / "nowhere.json")
+    failing = iter([ValueError("no such shape")])
+
+    def refresh() -> None:
+        for error in failing:
+            raise error
+        Standings.refresh(one)
+
+    monkeypatch.setattr(one, "refresh", refresh)
+    monkeypatch.setattr(standings, "POLL_S", 0.01)
+    enter(1.5)
+    with one:
+        until(lambda: len(one.now.entries) == 1)
+    assert "the results cannot be ranked" in caplog.text
+
+
+def test_an_entry_whose_objects_take_more_memory_than_there_is_is_refused_by_name(
+    opened: Open, enter: Callable[[float], Path], monkeypatch: pytest.MonkeyPatch, caplog: Any
+) -> None:
+    def too_much(*_: Any) -> None:
+        raise MemoryError
+
+    enter(1.5)
+    monkeypatch.setattr(standings, "read_entry", too_much)
+    assert refreshed(opened()).entries == ()
+    assert "takes more memory than an entry may" in caplog.text

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
@@ -177,7 +178,10 @@ class Standings:
 
     def _entry(self, path: Path, keys: dict[Path, str], compute: Compute) -> Callable[[], Any]:
         """Begin to verify an entry, unless it was; what is returned waits for it."""
-        key = keys[path] = entry_key(path, self.results)
+        try:
+            key = keys[path] = entry_key(path, self.results)
+        except OSError as err:
+            return partial(_fail, err)
         if key in self._kept:
             return lambda: self._kept[key]
         finish = compute(_verified, path, self.results)
@@ -209,6 +213,10 @@ class Standings:
         spawn = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(self._workers, mp_context=spawn, initializer=_begin) as pool:
             yield lambda work, *about: _submitted(pool, work, *about)
+
+
+def _fail(error: OSError) -> Any:
+    raise error
 
 
 def place_of(row: Entry) -> str:
