@@ -76,6 +76,12 @@ def test_an_object_of_few_voxels_has_them_all() -> None:
     assert np.ptp(points.points_cm[:, 0]) > 8.9
 
 
+def test_an_object_between_two_layers_of_voxels_is_refused_in_words() -> None:
+    """A playing card: without points nothing can be compared."""
+    with pytest.raises(DataError, match=r"thinner than a voxel of 0\.37 mm: its segments cannot"):
+        drawn([trimesh.creation.box((9, 6, 0.03))])
+
+
 def test_owners_are_those_of_the_meshes_and_only_cavities_are_void() -> None:
     leaf = trimesh.creation.box(bounds=[(-1, -0.5, 0.5), (1, 0.5, 0.51)])  # below a label voxel
     parts = [hollow(), leaf]

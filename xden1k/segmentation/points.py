@@ -9,6 +9,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Bool, Float64, UInt8
 
+from xden1k.errors import DataError
 from xden1k.rays import CubeGrid, sealed, voxel_labels
 from xden1k.segmentation.values import GRID_SIZE, MAX_POINTS, SegmentPoints
 from xden1k.values.arrays import Vec3
@@ -61,9 +62,14 @@ def draw_points(outer: trimesh.Trimesh, grid: CubeGrid, object_id: str, seed: in
     Raises
     ------
     DataError
-        If the surface is not closed.
+        If the surface is not closed, or so thin that no voxel's centre lies inside.
     """
     inside = inside_voxels(outer, grid)
+    if not inside.any():
+        raise DataError(
+            "expected an object with voxels' centres inside, got one thinner than a voxel of "
+            f"{10 * grid.voxel_size_cm:.2g} mm: its segments cannot be compared"
+        )
     random = np.random.Generator(np.random.PCG64((seed, zlib.crc32(object_id.encode()))))
     # twice as many as are wanted, or all: to sort millions would take memory for nothing
     below = 2 * MAX_POINTS / max(int(inside.sum()), 1)
