@@ -92,6 +92,20 @@ def test_dicom_rescale_is_applied_and_moves_the_range_of_the_converter(tmp_path:
     assert image.converter_range(4) == (-10, 20)
 
 
+@pytest.mark.parametrize(("slope", "polarity"), [("1", "inverted"), ("-1", "linear")])
+def test_a_sign_of_what_is_stored_turns_over_with_a_falling_rescale(
+    tmp_path: Path, slope: str, polarity: str
+) -> None:
+    path = write_dicom(
+        tmp_path / "a.dcm",
+        np.eye(2),
+        PixelIntensityRelationshipSign=-1,
+        RescaleSlope=slope,
+        RescaleIntercept="4095",
+    )
+    assert read_image(path).polarity == polarity
+
+
 def test_imager_pixel_spacing_goes_first(tmp_path: Path) -> None:
     path = write_dicom(
         tmp_path / "a.dcm", np.eye(2), PixelSpacing=[0.1, 0.1], ImagerPixelSpacing=[0.2, 0.4]
@@ -137,7 +151,10 @@ def test_jpeg_2000_without_its_decoder_names_the_package(
 @pytest.mark.parametrize("photometry", ["RGB", "YBR_FULL"])
 def test_colours_are_refused(tmp_path: Path, photometry: str) -> None:
     path = write_dicom(tmp_path / "a.dcm", np.eye(2), PhotometricInterpretation=photometry)
-    with pytest.raises(DataError, match=f"expected MONOCHROME1 or MONOCHROME2, got {photometry}"):
+    with pytest.raises(
+        DataError,
+        match=f"expected a DICOM image that is MONOCHROME1 or MONOCHROME2, got {photometry}",
+    ):
         read_image(path)
 
 

@@ -56,6 +56,8 @@ def _image(path: Path, data: Any) -> ImageFile:
     if (slope, intercept) != (1.0, 0.0):
         pixels = pixels * slope + intercept
     sign = data.get("PixelIntensityRelationshipSign", None)
+    if sign is not None and slope < 0:  # it is of what is stored
+        sign = -sign
     return ImageFile(
         path,
         pixels,
