@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import cast
 
@@ -1157,6 +1158,22 @@ def test_halves_of_one_shape_are_told_by_their_labels_and_a_person_may_choose_th
         DataError, match=r"candidate 99 was asked for, and the poses that were found are \d+"
     ):
         found(replace(capture, pose=Candidate(99)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("label", ["", "aluminium"])
+def test_a_leg_that_has_no_label_leaves_no_choice_between_its_like(label: str) -> None:
+    """Whichever of the places it stands in, the object is the same."""
+    legs = [
+        Solid(f"leg_{number}", box((0.5, 0.5, 2.4), (x, y, -0.2)), "aluminium", 2.7)
+        for number, (x, y) in enumerate(product((-1.4, 1.4), (-1.0, 1.0)))
+    ]
+    top = Solid("top", box((3.6, 2.8, 0.4), (0.0, 0.0, 1.2)), "pp", 0.9)
+    capture = captured([*legs, top], size=128)
+    first, *others = capture.parts
+    parts = (replace(first, material=label), *others)
+    registration = found(astray(replace(capture, parts=parts)))
+    assert registration.flags == ()
 
 
 @pytest.mark.slow

@@ -191,6 +191,11 @@ class Judge:
         view = self.scene.views[0].geometry
         return self.binning * float(np.linalg.norm(view.column_step_cm))
 
+    def lac_per_cm(self, placement: RigidPlacement) -> Float64[np.ndarray, "k"]:
+        """Give each part the attenuation that explains the images in a pose, whatever its label."""
+        light = self.scene.outlines.groups.weights.mean(axis=0)
+        return np.asarray((self.mac_cm2_g @ light) * self.fixed(placement).density_g_cm3)
+
     def fixed(self, placement: RigidPlacement) -> Found:
         """Find densities, gains and glare in a pose, and what they leave."""
         return self.anew(Found(placement, np.inf, self.density_g_cm3))

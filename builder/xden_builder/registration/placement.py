@@ -263,7 +263,8 @@ class Registration:
     chosen
         Index of the candidate that is used: 0, or the one a person chose.
     outline_share
-        By view: share of the pixels inside either outline that are inside one alone.
+        By view: share of the pixels inside either outline that lie more than two pixels outside
+        of the other.
     flags
         ``pose_ambiguous``, ``pose_not_found``, ``mirrored``, ``shape_differs``.
     """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Final, NamedTuple
 
@@ -107,6 +108,8 @@ SOUGHT_AGAIN_LOSS: Final = 0.4
 left more, all wrong; a spanner of ours left 0.415 where it was 15 mm off, and 0.39 in its place."""
 REJUDGED_LOSS: Final = 0.75
 """Of poses that are judged once more on the finest images."""
+LOOKS_ALIKE: Final = 0.1
+"""Logarithm of attenuations, of parts that images can hardly tell apart."""
 MOST_OUTLINE: Final = 0.12
 """Of a shape that is believed: share of the outline's pixels."""
 
@@ -403,13 +406,12 @@ def _judged(
     told, named = _told(capture, candidates, body), isinstance(capture.pose, Candidate)
     chosen = told or 0
     best = candidates[0].placement
+    rivals = [each for each in candidates[1:] if each.as_good_as(candidates[0])]
     outlines = fine.judge.outline_shares(candidates[chosen])
     raised = {
         "pose_ambiguous": told is None
-        and any(
-            each.as_good_as(candidates[0]) and elsewhere(best, each.placement, likeness, body)
-            for each in candidates[1:]
-        ),
+        and _some_elsewhere(best, rivals, likeness, body)
+        and _some_elsewhere(best, rivals, *_as_seen(fine.judge, best, body)),
         "pose_not_found": not named and doubted,
         "shape_differs": max(outlines.values()) > MOST_OUTLINE,
     }
@@ -423,6 +425,36 @@ def _judged(
         outlines,
         tuple(flag for flag, is_raised in raised.items() if is_raised),
     )
+
+
+def _some_elsewhere(
+    best: RigidPlacement, rivals: Sequence[Found], likeness: Likeness, body: Body
+) -> bool:
+    return any(elsewhere(best, each.placement, likeness, body) for each in rivals)
+
+
+def _as_seen(judge: Judge, best: RigidPlacement, body: Body) -> tuple[Likeness, Body]:
+    """Take parts for one kind that look alike: one of four legs may have no label, or another.
+
+    Where something may have no mesh, what parts look like says little.
+    """
+    seen = body if judge.incomplete else replace(body, lac_per_cm=_joined(judge.lac_per_cm(best)))
+    return Likeness(seen, lone_sight(judge.shadows)), seen
+
+
+def _joined(lac_per_cm: Float64[np.ndarray, "k"]) -> Float64[np.ndarray, "k"]:
+    """Give those the same value that differ by little from the next; spectra differ by materials.
+
+    Examples
+    --------
+    >>> _joined(np.array([1.30, 0.20, 1.24])).round(2).tolist()
+    [1.27, 0.2, 1.27]
+    """
+    logs = np.log(lac_per_cm)
+    order = np.argsort(logs)
+    kinds = np.empty(len(logs), dtype=np.int64)
+    kinds[order] = np.cumsum(np.diff(logs[order], prepend=logs.min()) > LOOKS_ALIKE)
+    return np.exp([logs[kinds == kind].mean() for kind in kinds])
 
 
 def _symmetries(placement: RigidPlacement, likeness: Likeness, body: Body) -> int:

@@ -89,7 +89,7 @@ class Breadth:
 
 
 USUAL: Final = Breadth(4608, 320, 50, 14)
-"""Begins with rotations about ten degrees from any there is."""
+"""Begins with rotations within 13 degrees of any there is, 7 in the mean."""
 WIDE: Final = Breadth(4608, 640, 100, 20)
 """For an object that was hardly found."""
 
