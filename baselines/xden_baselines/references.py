@@ -1,7 +1,7 @@
 """What the truth, the material table or the X-rays alone would give: rows to read others by.
 
-The first four are oracles: they are told what no method knows and have no rank. The last two need
-the extra ``build``.
+The first four are oracles: they are told what no method knows and have no rank. All need the extra
+``build``, whose path lengths two of them use.
 """
 
 from __future__ import annotations

@@ -101,8 +101,9 @@ def to_tensors(batch: Mapping[str, Sequence[Any]]) -> dict[str, list[Any]]:
     """Make tensors of what a batch of rows holds, for ``rows.with_transform(to_tensors)``.
 
     Arrays become tensors of their type: ``labels`` stay uint8, where ``with_format("torch")``
-    makes int64 of them and takes several times as long. Numbers and lists of numbers become float32
-    tensors. Texts, images, lists of texts and what is unknown (None) are left as they are.
+    makes int64 of them and takes several times as long. Fractions and lists of them become float32
+    tensors. Whole numbers, texts, images, lists of these and what is unknown (None) stay as they
+    are.
 
     Parameters
     ----------
@@ -129,7 +130,7 @@ def _tensor(value: Any) -> Any:
 
 
 def _is_numbers(values: list[Any]) -> bool:
-    """Whether a list, or the lists in it, are numbers alone."""
+    """Whether a list, or the lists in it, are fractions alone."""
     return bool(values) and all(
         _is_numbers(value) if isinstance(value, list) else isinstance(value, float)
         for value in values

@@ -279,7 +279,7 @@ class DensityField:
         Raises
         ------
         MissingExtraError
-            If nibabel (extra ``nifti``) is not installed.
+            If nibabel (extra ``volumes``) is not installed.
         """
         nibabel = require("nibabel", "volumes")
         affine = np.diag([*[10 * self.voxel_size_cm] * 3, 1.0])
@@ -402,7 +402,7 @@ class DensityObject:
     def label_voxels(self) -> Integer[np.ndarray, "parts"]:
         """How many voxels of the labels each part has, in the order of the parts.
 
-        None where a part is thinner than they are: its mesh and the shares of the field grid have
+        0 where a part is thinner than they are: its mesh and the shares of the field grid have
         it all the same.
         """
         return count_label_voxels(self.labels, len(self.parts))

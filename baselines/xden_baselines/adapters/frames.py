@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -16,11 +16,10 @@ from xden1k.values.arrays import Points, Vec3
 from xden_baselines.adapters.cloud import Cloud
 from xden_baselines.adapters.files import numbers, read_json
 
-__all__ = ["FRAMES", "Frame", "Frames", "Similarity", "dataparser"]
+__all__ = ["Frame", "Frames", "Similarity", "dataparser"]
 
 Frame = Literal["m", "cm", "box"]
 """The object's frame in metres or centimetres, or one that shares its axes and its box."""
-FRAMES: tuple[Frame, ...] = get_args(Frame)
 TOLERANCE = 1e-3
 """A rotation from a file is rounded."""
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from xden1k.errors import DataError
-from xden_bench.entries.notes import file_sha256
+from xden1k.format.checksums import file_sha256
 
 __all__ = ["ARCHIVE", "archived", "check_url", "keep"]
 

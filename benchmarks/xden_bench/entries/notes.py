@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import datetime
-import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from xden1k.errors import DataError
+from xden1k.format.checksums import file_sha256
 from xden_bench.entries.durable import write_text
 from xden_bench.entries.signing import SigningKey, is_public_key, is_signed
 from xden_bench.entries.untrusted import read_json
 
-__all__ = ["file_sha256", "read_note", "uncounted_because", "write_note"]
+__all__ = ["read_note", "uncounted_because", "write_note"]
 
 
 def write_note(path: Path, entry: Path, values: Mapping[str, Any], key: SigningKey | None) -> None:
@@ -90,9 +90,3 @@ def uncounted_because(note: Mapping[str, Any], trusted: Mapping[str, str]) -> st
     if key not in trusted:
         return f"the key {key[:8]} is not trusted here"
     return None if is_signed(note, key) else f"its signature is not that of {trusted[key]}"
-
-
-def file_sha256(path: Path) -> str:
-    """Checksum of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -21,7 +21,7 @@ from xden1k.export.si import M_PER_CM, Inertial
 from xden1k.format.checksums import file_sha256
 from xden1k.values.mass import MassProperties
 from xden_bench.manip.arm_protocol import ArmProtocol
-from xden_bench.manip.closed_forms import STANDARD_GRAVITY_M_S2
+from xden_bench.manip.closed_forms import GRAVITY_M_S2
 from xden_bench.manip.pose import Pose, turn_between_deg
 from xden_bench.manip.scene import OBJECT, add_massive_body, mujoco
 
@@ -219,7 +219,7 @@ def load_arm(menagerie: Path, rules: ArmProtocol) -> ArmModel:
     for kind in UNFELT:
         for one in list(getattr(spec, kind)):
             spec.delete(one)
-    spec.option.gravity = [0, 0, -STANDARD_GRAVITY_M_S2]
+    spec.option.gravity = [0, 0, -GRAVITY_M_S2]
     return ArmModel(spec, path, file_sha256(path), rules)
 
 

@@ -12,7 +12,7 @@ from math import atan2, degrees, hypot
 from xden1k.export.si import KG_PER_G, M_PER_CM
 
 __all__ = [
-    "STANDARD_GRAVITY_M_S2",
+    "GRAVITY_M_S2",
     "Push",
     "edge_margin_cm",
     "push",
@@ -22,7 +22,7 @@ __all__ = [
     "weight_n",
 ]
 
-STANDARD_GRAVITY_M_S2 = 9.81
+GRAVITY_M_S2 = 9.81
 
 
 def weight_n(mass_g: float) -> float:
@@ -33,7 +33,7 @@ def weight_n(mass_g: float) -> float:
     >>> weight_n(500.0)
     4.905
     """
-    return KG_PER_G * mass_g * STANDARD_GRAVITY_M_S2
+    return KG_PER_G * mass_g * GRAVITY_M_S2
 
 
 def slip_ratio(

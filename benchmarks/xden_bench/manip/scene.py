@@ -15,7 +15,7 @@ import trimesh
 from xden1k.errors import require
 from xden1k.export.si import KG_PER_G, M_PER_CM, Inertial
 from xden1k.values.mass import MassProperties
-from xden_bench.manip.closed_forms import STANDARD_GRAVITY_M_S2
+from xden_bench.manip.closed_forms import GRAVITY_M_S2
 from xden_bench.manip.protocol import GripperRules, ManipProtocol, SolverRules
 
 mujoco: Any = require("mujoco", "sim")
@@ -60,7 +60,7 @@ def table_scene(hulls: Sequence[trimesh.Trimesh], mass: MassProperties, rules: S
     """
     spec = mujoco.MjSpec()
     option = spec.option
-    option.timestep, option.gravity = rules.timestep_s, [0, 0, -STANDARD_GRAVITY_M_S2]
+    option.timestep, option.gravity = rules.timestep_s, [0, 0, -GRAVITY_M_S2]
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, rules.impratio
     option.noslip_iterations = rules.noslip_iterations

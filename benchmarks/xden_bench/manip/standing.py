@@ -13,7 +13,7 @@ import trimesh
 from xden1k.export.si import M_PER_CM
 from xden1k.values.arrays import Vec3
 from xden1k.values.mass import MassProperties
-from xden_bench.manip.closed_forms import STANDARD_GRAVITY_M_S2
+from xden_bench.manip.closed_forms import GRAVITY_M_S2
 from xden_bench.manip.mechanics_protocol import (
     EdgeRules,
     MechanicsProtocol,
@@ -106,7 +106,7 @@ def tipping_tilt_deg(standing: Standing, rules: TiltRules) -> float:
         middle_deg = (low_deg + high_deg) / 2
         angle = radians(middle_deg)
         model.opt.gravity[:] = [*(sin(angle) * towards), -cos(angle)]
-        model.opt.gravity *= STANDARD_GRAVITY_M_S2
+        model.opt.gravity *= GRAVITY_M_S2
         if _stays(model, mujoco.MjData(model), standing.rest, rules.time_s, rules.max_turn_deg):
             low_deg = middle_deg
         else:

@@ -48,9 +48,9 @@ USUAL: Final = MappingProxyType(
 of its family (assumed)."""
 USUAL_G: Final = 1000.0
 LIGHTER: Final = 2.0
-"""Mean mass of the parts of what people own and scan, and the power with which heavier ones become
-rarer (assumed): a large body is rather foam or water than steel, whose attenuation looks alike
-where hardly a ray comes through, but a kettlebell is possible."""
+"""Mass from which parts of what people own and scan become rarer, and the power with which they do
+(Lomax's distribution without its norm; assumed): a large body is rather foam or water than steel,
+whose attenuation looks alike where hardly a ray comes through, but a kettlebell is possible."""
 METAL_ALONE: Final = frozenset({"metal"})
 """Families of a name, or else of a category, whose parts are not taken for lighter ones for being
 heavy."""
@@ -156,7 +156,7 @@ def log_prior(tried: Hypotheses, volume_cm3: float) -> Float64[np.ndarray, "h"]:
     True
     """
     mass_g = tried.density_g_cm3 * volume_cm3
-    heavier = tried.lighter * np.log1p(mass_g / (USUAL_G * (LIGHTER - 1)))
+    heavier = tried.lighter * np.log1p(mass_g / USUAL_G)
     denser = SMALL_DENSER * np.log(tried.density_g_cm3) * np.log(volume_cm3 / USUAL_CM3)
     weight = tried.log_prior - heavier - denser
     return np.asarray(weight - np.logaddexp.reduce(weight))

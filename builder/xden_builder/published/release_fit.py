@@ -81,11 +81,6 @@ class BeamFit:
     parts: int
     likely: tuple[tuple[Beam, float], ...]
 
-    @property
-    def at_end(self) -> bool:
-        """Whether the filter is at an end of what was tried."""
-        return self.beam.filter_mm_al in (FILTERS_MM_AL[0], FILTERS_MM_AL[-1])
-
 
 @dataclass(frozen=True, slots=True)
 class ReleaseFit:

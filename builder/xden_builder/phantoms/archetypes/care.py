@@ -182,13 +182,13 @@ def pump_bottle(rng: np.random.Generator, size_cm: float) -> list[Piece]:
     )
     liquid = shapes.cut_above(room, top * rng.uniform(0.3, 0.85))
     return [
-        *_pump(neck, top, size_cm, wall),
+        *_pump(neck, top, size_cm),
         Piece("liquid", "liquid", liquid),
         Piece("bottle", "shell", outside - room),
     ]
 
 
-def _pump(neck: float, top: float, size: float, wall: float) -> list[Piece]:
+def _pump(neck: float, top: float, size: float) -> list[Piece]:
     """Dip tube, chamber with a spring, collar and a spout to press."""
     bore, low = 0.5 * neck, top - 2.2
     straw = shapes.tube(0.28, 0.18, 0.6, low + 0.3)

@@ -49,11 +49,11 @@ def handset(rng: np.random.Generator, size_cm: float, head: str) -> list[Piece]:
         Piece("frame", "frame", frame + bridge),
     ]
     tops = _brush_head if head == "brush" else _foil_head
-    pieces += tops(radius, top, size_cm, cell_r)
+    pieces += tops(radius, top, size_cm)
     return moved([*pieces, Piece("shell", "shell", body - room)], shapes.along_x)
 
 
-def _brush_head(radius: float, top: float, size: float, cell_r: float) -> list[Piece]:
+def _brush_head(radius: float, top: float, size: float) -> list[Piece]:
     """Steel shaft out of the body, a slip-on neck with tufts."""
     shaft = shapes.cylinder(0.18, top - 1.05, top + 2.0)
     stations = [(top, 0.75 * radius), (0.8 * size, 0.5 * radius), (0.9 * size, 0.42 * radius)]
@@ -68,7 +68,7 @@ def _brush_head(radius: float, top: float, size: float, cell_r: float) -> list[P
     ]
 
 
-def _foil_head(radius: float, top: float, size: float, cell_r: float) -> list[Piece]:
+def _foil_head(radius: float, top: float, size: float) -> list[Piece]:
     """Drive pin, cutter blocks under two arched foils, a frame around them."""
     long, half = 0.85 * radius, 0.36 * radius
     pin = shapes.cylinder(0.15, top - 1.05, size - 0.9 * half)
