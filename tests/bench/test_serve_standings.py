@@ -199,27 +199,31 @@ def test_processes_that_verify_end_with_a_server_that_is_killed(tmp_path: Path) 
         until(lambda: not Path(f"/proc/{worker}").exists(), every_s=0.1)
 
 
-def test_a_link_to_nothing_and_a_failure_leave_the_watcher_at_work(
-    opened: Open,
-    enter: Callable[[float], Path],
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
+def test_links_to_nothing_and_to_themselves_leave_the_entries_as_they_are(
+    opened: Open, enter: Callable[[float], Path]
 ) -> None:
     one = opened()
-    (one.results / "gone.json").symlink_to(one.results / "nowhere.json")
-    failing = iter([ValueError("no such shape")])
-
-    def refresh() -> None:
-        for error in failing:
-            raise error
-        Standings.refresh(one)
-
-    monkeypatch.setattr(one, "refresh", refresh)
-    monkeypatch.setattr(standings, "POLL_S", 0.01)
+    for name, to in (("gone", "nowhere"), ("loop", "loop")):
+        (one.results / f"{name}.json").symlink_to(one.results / f"{to}.json")
     enter(1.5)
-    with one:
-        until(lambda: len(one.now.entries) == 1)
-    assert "the results cannot be ranked" in caplog.text
+    now = refreshed(one)
+    assert len(now.entries) == 1
+    assert now.is_current
+
+
+def test_a_failure_in_ranking_is_said_once_and_over_when_the_results_change(
+    opened: Open, enter: Callable[[float], Path], monkeypatch: pytest.MonkeyPatch, caplog: Any
+) -> None:
+    one = opened()
+    enter(1.5)
+    with monkeypatch.context() as patch:
+        patch.setattr(standings, "ranks", lambda _: 1 / 0)
+        assert not refreshed(one).is_current
+        assert not refreshed(one).is_current
+    assert caplog.text.count("the results cannot be ranked") == 1
+    enter(1.6)
+    assert refreshed(one).is_current
+    assert len(one.now.entries) == 2
 
 
 def test_an_entry_whose_objects_take_more_memory_than_there_is_is_refused_by_name(

@@ -1,6 +1,8 @@
 """Image files: every format comes back pixel for pixel, every damage is one clear error."""
 
 import re
+import struct
+import zlib
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -112,6 +114,17 @@ def test_a_tiff_that_lost_something_when_it_was_packed_is_refused(tmp_path: Path
     Image.fromarray(pixels).save(tmp_path / "a.tif", compression="jpeg")
     with pytest.raises(DataError, match=r"a\.tif: expected a TIFF image that is plain .*got JPEG"):
         read_image(tmp_path / "a.tif")
+
+
+def test_a_png_whose_header_tells_an_absurd_size_is_refused_by_name(tmp_path: Path) -> None:
+    size = struct.pack(">IIBBBBB", 100_000, 100_000, 8, 0, 0, 0, 0)
+    chunks = [
+        struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        for name, data in ((b"IHDR", size), (b"IDAT", b""))
+    ]
+    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(chunks))
+    with pytest.raises(DataError, match=r"a\.png: not a PNG image that can be read: Image size"):
+        read_image(tmp_path / "a.png")
 
 
 @pytest.mark.parametrize("dtype", ["u1", "u2"])

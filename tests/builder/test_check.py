@@ -28,7 +28,7 @@ from xden_builder.capture.parts import CapturePart
 from xden_builder.cli import cli
 from xden_builder.physics.source import Tube
 from xden_builder.pipeline.check import run as check_run
-from xden_builder.pipeline.check.object import ObjectCheck
+from xden_builder.pipeline.check.object import Finding, ObjectCheck
 from xden_builder.pipeline.check.outlines import (
     Lengths,
     Outline,
@@ -112,6 +112,18 @@ def test_what_is_wrong_with_all_alike_is_told_once(captures: Path) -> None:
     ((finding, object_ids),) = checked(captures).by_finding.items()
     assert sorted(object_ids) == ["key-02", "key-1"]
     assert f"{captures / object_ids[0] / 'pa.npy'}: expected" in finding.message
+
+
+def test_figures_in_which_an_id_occurs_are_told_apart() -> None:
+    said = [("1", "expected 100, got 11"), ("2", "expected 200, got 22"), ("3", "3/pa.png: dark")]
+    said += [("4", "4/pa.png: dark")]
+    objects = tuple(ObjectCheck(name, (Finding("refused", words),)) for name, words in said)
+    found = {each.message: names for each, names in FolderCheck(objects).by_finding.items()}
+    assert found == {
+        "expected 100, got 11": ("1",),
+        "expected 200, got 22": ("2",),
+        "3/pa.png: dark": ("3", "4"),
+    }
 
 
 def test_a_sheet_that_stands_edge_on_between_two_rows_of_pixels_is_not_accused(

@@ -44,7 +44,12 @@ from xden_builder.registration.kinds import (
     unlike_of,
 )
 from xden_builder.registration.likeness import Likeness, unlike
-from xden_builder.registration.middles import own_shifts, scales_to_sizes, shifts_to_middles
+from xden_builder.registration.middles import (
+    own_shifts,
+    room_of,
+    scales_to_sizes,
+    shifts_to_middles,
+)
 from xden_builder.registration.mirror import as_itself, mirrored
 from xden_builder.registration.missing import told_by_edges
 from xden_builder.registration.placement import Found, Registration, RigidPlacement
@@ -900,6 +905,35 @@ def test_an_exposure_that_is_off_leaves_the_loss_of_a_pose_as_it_is(hammer: Capt
         judge_of(each).fixed(place).loss for each in (hammer, replace(hammer, views=darker))
     )
     assert other == pytest.approx(usual, rel=0.2)
+
+
+@pytest.mark.parametrize("radius_cm", [2.0, 500.0])
+def test_the_room_of_an_object_holds_its_place_and_no_source(
+    hammer: Capture, radius_cm: float
+) -> None:
+    """Near a source a shadow has no edges: nothing would be left to explain there."""
+    aside = Rotation.from_euler("z", 45, degrees=True).as_matrix()
+    shadows = [shadow_of(view) for view in hammer.fitted_views]
+    oblique = [
+        replace(
+            shadow,
+            geometry=replace(
+                shadow.geometry,
+                source_cm=aside @ shadow.geometry.source_cm,
+                pixel00_cm=aside @ shadow.geometry.pixel00_cm,
+                column_step_cm=aside @ shadow.geometry.column_step_cm,
+                row_step_cm=aside @ shadow.geometry.row_step_cm,
+            ),
+        )
+        for shadow in shadows
+    ]
+    for seen, turn in ((shadows, np.eye(3)), (oblique, aside)):
+        least, most = room_of(seen, radius_cm)
+        middles = [turn @ part.mesh.bounds.mean(axis=0) for part in hammer.parts]
+        assert all(((least < middle) & (middle < most)).all() for middle in middles)
+        for shadow in seen:
+            source = shadow.geometry.source_cm
+            assert not ((least < source) & (source < most)).all()
 
 
 def test_labels_tell_halves_of_one_shape_that_the_images_do_not() -> None:

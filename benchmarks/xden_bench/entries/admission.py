@@ -166,10 +166,11 @@ def _check_seed(entry: Entry, known: Iterable[tuple[Path, Entry]]) -> None:
     ]
     if alike and seed not in [one for _, one in alike]:
         path, other = alike[0]
+        here, there = ("no seed" if one is None else f"seed {one}" for one in (seed, other))
         raise DataError(
-            f"{name!r} is entered already, of seed {other} ({path}), and nothing shows that seed "
-            f"{seed} is of the same author: choose another name, or send seeds signed (xden-bench "
-            "submit --signing-key)"
+            f"{name!r} is entered already, of {there} ({path}), and nothing shows that this one, "
+            f"of {here}, is of the same author: choose another name, and sign its entries if there "
+            "are more seeds (xden-bench submit --signing-key)"
         )
 
 

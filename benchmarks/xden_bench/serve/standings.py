@@ -119,12 +119,7 @@ class Standings:
         An entry that cannot be trusted is left out, with a line in the log; a folder that cannot be
         read leaves the entries as they were.
         """
-        try:
-            files = _files(self.results)
-        except OSError as err:
-            logger.error("the results cannot be read: %s", err)
-            self.now = replace(self.now, is_current=False)
-            return
+        files = _files(self.results)
         if files == self._files:
             return
         try:
@@ -134,6 +129,9 @@ class Standings:
             return
         except (DataError, OSError) as err:
             logger.error("the results cannot be read: %s", err)
+            self.now = replace(self.now, is_current=False)
+        except Exception:
+            logger.exception("the results cannot be ranked: the tables stay as they were")
             self.now = replace(self.now, is_current=False)
         self._files = files
 
@@ -153,11 +151,7 @@ class Standings:
 
     def _watch(self) -> None:
         while not self._stopping.wait(POLL_S):
-            try:
-                self.refresh()
-            except Exception:
-                logger.exception("the results cannot be ranked: the tables stay as they were")
-                self.now = replace(self.now, is_current=False)
+            self.refresh()
 
     def _snapshot(self) -> Snapshot:
         keys: dict[Path, str] = {}
@@ -265,9 +259,10 @@ def _light(entry: Entry) -> Entry:
 def _files(results: Path) -> Files:
     """Name, time and size of every file of the results."""
     found = []
-    for path in results.rglob("*"):
-        if path.suffix in (".json", ".parquet", ".toml"):
-            with suppress(FileNotFoundError):  # it was removed meanwhile, or is a link to nothing
-                stat = path.stat()
-                found.append((str(path), stat.st_mtime_ns, stat.st_size))
+    for folder, _, names in os.walk(results):  # what cannot be listed is not there
+        for path in (Path(folder, name) for name in names):
+            if path.suffix in (".json", ".parquet", ".toml"):
+                with suppress(OSError):  # it was removed meanwhile, or is a link to nothing
+                    stat = path.stat()
+                    found.append((str(path), stat.st_mtime_ns, stat.st_size))
     return tuple(sorted(found))

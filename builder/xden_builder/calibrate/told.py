@@ -38,8 +38,8 @@ OTHER_DENSITY: Final = 1.5
 HARD_KEV: Final = 100.0
 OPAQUE_DEPTH: Final = 16.0
 OPAQUE_CM: Final = 5.0
-"""A step through which 1e-7 of the hardest photons come, and as thick as that, is told in mm: 40 cm
-of aluminium, 10 cm of steel."""
+"""A step through which 1e-7 of photons of 100 keV come, and as thick as that, is told in mm: 35 cm
+of aluminium, 6 cm of steel."""
 _BALL_KEYS = ("scan", "table", "diameter_cm", "placed_within_cm", "placed_within_deg")
 
 

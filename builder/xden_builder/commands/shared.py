@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -93,7 +94,8 @@ def loading() -> Iterator[None]:
     interrupt too, and go on without it.
     """
     asked = signal.getsignal(signal.SIGINT)
-    if asked is not signal.default_int_handler:  # ignored, in the background, or not ours
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or asked is not signal.default_int_handler:  # ignored, or not ours
         yield
         return
     signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -24,7 +24,7 @@ __all__ = [
 
 ROUNDS: Final = 2
 FARTHEST: Final = 0.75
-"""Of the way to a source, that an object may be elsewhere."""
+"""Of the way to a source along its longest axis, that an object may be elsewhere."""
 WEAKLY: Final = 1e-6
 """Share of the curvature that keeps what no view tells where it is."""
 
@@ -155,7 +155,7 @@ def room_of(shadows: Sequence[Shadow], radius_cm: float) -> tuple[Vec3, Vec3]:
     -------
     tuple
         Shapes (3,), in cm: as far from where the shadows' middles meet as half a shadow is long on
-        its panel, and the object beside it; not nearer to a source than a quarter of the way.
+        its panel, and the object beside it; no source is in that box.
     """
     middle = _between_rays(shadows)
     reach_cm = radius_cm
@@ -164,7 +164,7 @@ def room_of(shadows: Sequence[Shadow], radius_cm: float) -> tuple[Vec3, Vec3]:
         reach_cm = max(reach_cm, radius_cm + pitch_cm * float(shadow.size_px.max()) / 2)
     for shadow in shadows:
         if (source := shadow.geometry.source_cm) is not None:
-            reach_cm = min(reach_cm, FARTHEST * float(np.linalg.norm(source - middle)))
+            reach_cm = min(reach_cm, FARTHEST * float(np.abs(source - middle).max()))
     return middle - reach_cm, middle + reach_cm
 
 

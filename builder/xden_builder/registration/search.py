@@ -406,12 +406,9 @@ def _judged(
     told, named = _told(capture, candidates, body), isinstance(capture.pose, Candidate)
     chosen = told or 0
     best = candidates[0].placement
-    rivals = [each for each in candidates[1:] if each.as_good_as(candidates[0])]
     outlines = fine.judge.outline_shares(candidates[chosen])
     raised = {
-        "pose_ambiguous": told is None
-        and _some_elsewhere(best, rivals, likeness, body)
-        and _some_elsewhere(best, rivals, *_as_seen(fine.judge, best, body)),
+        "pose_ambiguous": told is None and _is_ambiguous(candidates, fine.judge, likeness, body),
         "pose_not_found": not named and doubted,
         "shape_differs": max(outlines.values()) > MOST_OUTLINE,
     }
@@ -427,10 +424,20 @@ def _judged(
     )
 
 
-def _some_elsewhere(
-    best: RigidPlacement, rivals: Sequence[Found], likeness: Likeness, body: Body
+def _is_ambiguous(
+    candidates: Sequence[Found], judge: Judge, likeness: Likeness, body: Body
 ) -> bool:
-    return any(elsewhere(best, each.placement, likeness, body) for each in rivals)
+    """Whether one as good as the first puts parts elsewhere, by labels and by what is seen."""
+    best = candidates[0].placement
+    rivals = [
+        each.placement
+        for each in candidates[1:]
+        if each.as_good_as(candidates[0]) and elsewhere(best, each.placement, likeness, body)
+    ]
+    if not rivals:
+        return False
+    seen = _as_seen(judge, best, body)
+    return any(elsewhere(best, each, *seen) for each in rivals)
 
 
 def _as_seen(judge: Judge, best: RigidPlacement, body: Body) -> tuple[Likeness, Body]:
@@ -443,17 +450,20 @@ def _as_seen(judge: Judge, best: RigidPlacement, body: Body) -> tuple[Likeness, 
 
 
 def _joined(lac_per_cm: Float64[np.ndarray, "k"]) -> Float64[np.ndarray, "k"]:
-    """Give those the same value that differ by little from the next; spectra differ by materials.
+    """Give those the same value that differ by little; spectra differ by materials.
 
     Examples
     --------
     >>> _joined(np.array([1.30, 0.20, 1.24])).round(2).tolist()
     [1.27, 0.2, 1.27]
+    >>> _joined(np.array([1.0, 1.08, 1.16, 1.24])).round(2).tolist()
+    [1.04, 1.04, 1.2, 1.2]
     """
     logs = np.log(lac_per_cm)
-    order = np.argsort(logs)
-    kinds = np.empty(len(logs), dtype=np.int64)
-    kinds[order] = np.cumsum(np.diff(logs[order], prepend=logs.min()) > LOOKS_ALIKE)
+    kinds, least = np.empty(len(logs), dtype=np.int64), -np.inf
+    for place in np.argsort(logs).tolist():
+        least = least if logs[place] - least <= LOOKS_ALIKE else logs[place]
+        kinds[place] = np.searchsorted(np.sort(logs), least)
     return np.exp([logs[kinds == kind].mean() for kind in kinds])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -56,7 +57,8 @@ class FolderCheck:
         found: dict[Finding, list[str]] = {}
         for each in self.objects:
             for finding in each.findings:
-                alike = replace(finding, message=finding.message.replace(each.object_id, "OBJECT"))
+                own = rf"(?<![\w.-]){re.escape(each.object_id)}(?![\w.-])"
+                alike = replace(finding, message=re.sub(own, "OBJECT", finding.message))
                 found.setdefault(first.setdefault(alike, finding), []).append(each.object_id)
         return {finding: tuple(object_ids) for finding, object_ids in found.items()}
 

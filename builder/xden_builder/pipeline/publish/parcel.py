@@ -6,6 +6,7 @@ import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 from typing import Final
 
 from xden1k.documents.croissant import croissant_text
@@ -107,7 +108,8 @@ def read_folder(root: Path) -> Manifest:
     names = {path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()}
     if ANSWERS_NAME in names - listed_sums(root).keys():
         raise DataError(
-            f"{root / ANSWERS_NAME} is not in the datasheet yet: `xden-build datasheet {root}`"
+            f"{root / ANSWERS_NAME} is not in the datasheet yet: "
+            f"`xden-build datasheet {quote(str(root))}`"
         )
     if others := sorted(names - listed_sums(root).keys() - {CHECKSUMS_NAME}):
         raise DataError(
