@@ -155,7 +155,7 @@ def room_of(shadows: Sequence[Shadow], radius_cm: float) -> tuple[Vec3, Vec3]:
     -------
     tuple
         Shapes (3,), in cm: as far from where the shadows' middles meet as half a shadow is long on
-        its panel, and the object beside it; no source is in that box.
+        its panel, and the object beside it; no source is in an object in that box.
     """
     middle = _between_rays(shadows)
     reach_cm = radius_cm
@@ -164,7 +164,8 @@ def room_of(shadows: Sequence[Shadow], radius_cm: float) -> tuple[Vec3, Vec3]:
         reach_cm = max(reach_cm, radius_cm + pitch_cm * float(shadow.size_px.max()) / 2)
     for shadow in shadows:
         if (source := shadow.geometry.source_cm) is not None:
-            reach_cm = min(reach_cm, FARTHEST * float(np.abs(source - middle).max()))
+            away_cm = float(np.abs(source - middle).max())
+            reach_cm = max(min(reach_cm, FARTHEST * away_cm, away_cm - 1.1 * radius_cm), 0.0)
     return middle - reach_cm, middle + reach_cm
 
 

@@ -9,11 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+from xden1k.values.arrays import Vec3
 from xden_builder.capture import Capture
 from xden_builder.registration.body import Body
 from xden_builder.registration.exact import COARSE_PX, Judge
 from xden_builder.registration.kinds import FINAL_APART, first_of_like
 from xden_builder.registration.likeness import Likeness
+from xden_builder.registration.middles import room_of
 from xden_builder.registration.placement import Found, RigidPlacement
 from xden_builder.registration.shadow import Shadow
 
@@ -48,6 +50,7 @@ def told_by_edges(
     fine
         Compares fine images, and lets light be lost.
     """
+    poses = _within(room_of(shadows, body.radius_cm), body, poses) or list(poses)
     coarse = Judge.of(capture, shadows, body, COARSE_PX, poses[0], incomplete=True)
     starts = [coarse.fixed(each) for each in poses]
     moved = [coarse.edged(each) for each in starts]
@@ -59,6 +62,19 @@ def told_by_edges(
         closer = [_looked_around(fine, each) for each in there[:count]]
         there = _best_first([*closer, *there[count:]])
     return first_of_like(there, likeness, body, CLOSELY)
+
+
+def _within(
+    room_cm: tuple[Vec3, Vec3], body: Body, poses: Sequence[RigidPlacement]
+) -> list[RigidPlacement]:
+    """Leave out poses elsewhere: a search that explains all has gone near a source with some."""
+    least, most = room_cm
+    middles = [each.apply(body.middle_cm[None])[0] for each in poses]
+    return [
+        each
+        for each, middle in zip(poses, middles, strict=True)
+        if ((least <= middle) & (middle <= most)).all()
+    ]
 
 
 def _looked_around(judge: Judge, found: Found) -> Found:

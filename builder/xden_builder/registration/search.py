@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Final, NamedTuple
 
@@ -12,7 +11,7 @@ from jaxtyping import Float64
 
 from xden1k.errors import DataError
 from xden_builder.capture import Capture
-from xden_builder.capture.pose import Candidate, CoarsePose
+from xden_builder.capture.pose import CoarsePose
 from xden_builder.capture.saturation import completed
 from xden_builder.capture.space import Space
 from xden_builder.physics.groups import energy_groups
@@ -24,7 +23,6 @@ from xden_builder.registration.body import Body
 from xden_builder.registration.closely import told_closely
 from xden_builder.registration.coarse_pose import (
     around_told,
-    told_one,
     told_placement,
     told_rotations,
 )
@@ -34,29 +32,27 @@ from xden_builder.registration.kinds import (
     CLOSE,
     FINAL_APART,
     close_to_best,
-    elsewhere,
     listed_of,
     loss_of,
     most_of_rivals,
     unlike_of,
 )
 from xden_builder.registration.likeness import Likeness
-from xden_builder.registration.middles import lone_sight
+from xden_builder.registration.middles import lone_sight, scales_to_sizes
 from xden_builder.registration.mirror import as_itself, mirrored
 from xden_builder.registration.missing import told_by_edges
 from xden_builder.registration.placement import Found, Registration, RigidPlacement
 from xden_builder.registration.reduced import USUAL_KEV
+from xden_builder.registration.rotations import spread_rotations
 from xden_builder.registration.shadow import Shadow, shadow_of
 from xden_builder.registration.shortlist import (
     USUAL,
     WIDE,
     Breadth,
-    Poses,
     Search,
     finer_search,
     laid_upon_content,
     shortlist,
-    turned_about,
 )
 from xden_builder.registration.steps import (
     DERIVATIVES,
@@ -66,6 +62,7 @@ from xden_builder.registration.steps import (
     settled_if_hopeful,
 )
 from xden_builder.registration.turns import least_turns, same_share, slightly_turned
+from xden_builder.registration.verdict import judged
 
 __all__ = ["register"]
 
@@ -86,17 +83,11 @@ HOPS, WORTH_ANOTHER = 3, 0.85
 """How often it is looked beside the best, and share of its loss that must be left for once more."""
 MANY_RAYS: Final = 30_000
 """Through the object in a view, on fine images: by a third of them a hinge leaves twice as much."""
-SYMMETRY_DEG: Final = 15
-"""Between turns that may leave the object where it is."""
 LISTED, LAID = 6, 60
 """Poses that are handed on, and where a part may have no mesh those that are moved first, by either
 of two images."""
-SYMMETRIC: Final = 0.03
-"""Of the radius: a turn that moves surfaces less leaves the object where it is."""
 GROUPS: Final = 8
-"""Around a pose that a person told."""
-SCALES: Final = (0.49, 2.05)
-"""Between 0.5 and 2, and a little for meshes that err themselves."""
+"""Of energy, of the attenuation that labels let expect."""
 DOUBTED_LOSS, HOPELESS_LOSS = 1.5, 6.0
 """Of a pose that is not believed: two of 262 right ones of simulated objects are worse; and of one
 on coarse images that is not moved on before it is looked for again.
@@ -108,10 +99,9 @@ SOUGHT_AGAIN_LOSS: Final = 0.4
 left more, all wrong; a spanner of ours left 0.415 where it was 15 mm off, and 0.39 in its place."""
 REJUDGED_LOSS: Final = 0.75
 """Of poses that are judged once more on the finest images."""
-LOOKS_ALIKE: Final = 0.1
-"""Logarithm of attenuations, of parts that images can hardly tell apart."""
-MOST_OUTLINE: Final = 0.12
-"""Of a shape that is believed: share of the outline's pixels."""
+FEW_ROTATIONS: Final = 1000
+LEAST_FACTOR: Final = 0.4
+"""Of shadows beside those of the meshes, which are in another unit, or of another object."""
 
 
 def register(capture: Capture, space: Space) -> Registration:
@@ -133,8 +123,9 @@ def register(capture: Capture, space: Space) -> Registration:
     Raises
     ------
     DataError
-        If a view shows no shadow or its edge cuts it, the meshes are flat, the scale found lies
-        outside 0.5 to 2, or a candidate is asked for that there is not.
+        If a view shows no shadow or its edge cuts it, the meshes are flat or far larger than the
+        shadows, the scale found lies outside 0.5 to 2, or a candidate is asked for that there is
+        not.
     """
     shadows = [
         shadow_of(
@@ -143,6 +134,8 @@ def register(capture: Capture, space: Space) -> Registration:
         for view in capture.fitted_views
     ]
     body = Body.of(space, _usual_lac_per_cm(capture))
+    if not capture.scale_sought:
+        _refuse_too_large(shadows, body)
     likeness = Likeness(body, lone_sight(shadows))
     fine = _searched(capture, shadows, body, likeness)
     doubted = fine.doubted
@@ -150,7 +143,9 @@ def register(capture: Capture, space: Space) -> Registration:
     unlike = listed_of(told, likeness, body, LISTED)
     if not doubted:
         unlike = told_by_labels(capture, space, shadows, unlike)
-    return _judged(capture, fine._replace(found=unlike), likeness, body, doubted=doubted)
+    return judged(
+        capture, unlike, fine.judge, likeness, body, doubted=doubted, is_mirrored=fine.mirrored
+    )
 
 
 def _searched(capture: Capture, shadows: Sequence[Shadow], body: Body, likeness: Likeness) -> _Fine:
@@ -398,110 +393,15 @@ def _turned(
     return there[1:]
 
 
-def _judged(
-    capture: Capture, fine: _Fine, likeness: Likeness, body: Body, *, doubted: bool
-) -> Registration:
-    """Choose one of unlike poses, and say how sure it is."""
-    candidates = fine.found
-    told, named = _told(capture, candidates, body), isinstance(capture.pose, Candidate)
-    chosen = told or 0
-    best = candidates[0].placement
-    outlines = fine.judge.outline_shares(candidates[chosen])
-    raised = {
-        "pose_ambiguous": told is None and _is_ambiguous(candidates, fine.judge, likeness, body),
-        "pose_not_found": not named and doubted,
-        "shape_differs": max(outlines.values()) > MOST_OUTLINE,
-    }
-    if not named and fine.mirrored:
-        raised = {"mirrored": True}
-    _check_scale(candidates[chosen].placement.scale)
-    return Registration(
-        tuple(candidates),
-        _symmetries(best, likeness, body),
-        chosen,
-        outlines,
-        tuple(flag for flag, is_raised in raised.items() if is_raised),
-    )
-
-
-def _is_ambiguous(
-    candidates: Sequence[Found], judge: Judge, likeness: Likeness, body: Body
-) -> bool:
-    """Whether one as good as the first puts parts elsewhere, by labels and by what is seen."""
-    best = candidates[0].placement
-    rivals = [
-        each.placement
-        for each in candidates[1:]
-        if each.as_good_as(candidates[0]) and elsewhere(best, each.placement, likeness, body)
-    ]
-    if not rivals:
-        return False
-    seen = _as_seen(judge, best, body)
-    return any(elsewhere(best, each, *seen) for each in rivals)
-
-
-def _as_seen(judge: Judge, best: RigidPlacement, body: Body) -> tuple[Likeness, Body]:
-    """Take parts for one kind that look alike: one of four legs may have no label, or another.
-
-    Where something may have no mesh, what parts look like says little.
-    """
-    seen = body if judge.incomplete else replace(body, lac_per_cm=_joined(judge.lac_per_cm(best)))
-    return Likeness(seen, lone_sight(judge.shadows)), seen
-
-
-def _joined(lac_per_cm: Float64[np.ndarray, "k"]) -> Float64[np.ndarray, "k"]:
-    """Give those the same value that differ by little; spectra differ by materials.
-
-    Examples
-    --------
-    >>> _joined(np.array([1.30, 0.20, 1.24])).round(2).tolist()
-    [1.27, 0.2, 1.27]
-    >>> _joined(np.array([1.0, 1.08, 1.16, 1.24])).round(2).tolist()
-    [1.04, 1.04, 1.2, 1.2]
-    """
-    logs = np.log(lac_per_cm)
-    kinds, least = np.empty(len(logs), dtype=np.int64), -np.inf
-    for place in np.argsort(logs).tolist():
-        least = least if logs[place] - least <= LOOKS_ALIKE else logs[place]
-        kinds[place] = np.searchsorted(np.sort(logs), least)
-    return np.exp([logs[kinds == kind].mean() for kind in kinds])
-
-
-def _symmetries(placement: RigidPlacement, likeness: Likeness, body: Body) -> int:
-    """Count the turns about the principal axes that leave the object where it is."""
-    here = Poses.of([body.placed(placement)])
-    angles = np.radians(np.arange(SYMMETRY_DEG, 360, SYMMETRY_DEG)).tolist()
-    turns = [
-        turn for axis in range(3) for turn in turned_about(here, body, axis, angles).placements()
-    ]
-    least_cm = SYMMETRIC * body.radius_cm
-    return sum(not likeness.apart(here.placements()[0], turn, least_cm) for turn in turns)
-
-
-def _told(capture: Capture, candidates: Sequence[Found], body: Body) -> int | None:
-    """Index of the candidate that a person chose, by its number or its pose; None where nobody did.
-
-    Raises
-    ------
-    DataError
-        If there is none of that number.
-    """
-    if not isinstance(capture.pose, Candidate):
-        return told_one(capture.pose, candidates, body)
-    if capture.pose.number > len(candidates):
+def _refuse_too_large(shadows: Sequence[Shadow], body: Body) -> None:
+    """Refuse meshes that cast no shadow so small, however they lie; smaller ones may be a part."""
+    rotations = spread_rotations(FEW_ROTATIONS).as_matrix()
+    tiny = 1 / body.radius_cm  # however large they are, that is before the source
+    factor = tiny * float(scales_to_sizes(shadows, tiny * body.rim_cm, rotations).max())
+    if factor < LEAST_FACTOR:
         raise DataError(
-            f"objects.csv, pose: candidate {capture.pose.number} was asked for, and the poses that "
-            f"were found are {len(candidates)}; look at the page of `xden-build align`"
-        )
-    return capture.pose.number - 1
-
-
-def _check_scale(scale: float) -> None:
-    least, most = SCALES
-    if not least <= scale <= most:
-        raise DataError(
-            f"the shadows are {scale:.3g} times as large as the meshes' would be; a scale between "
-            "0.5 and 2 was expected: check mesh_units in objects.csv"
+            f"the shadows are at most {factor:.2g} times as large as those of the meshes would be, "
+            "however they lie: check mesh_units in objects.csv"
         )
 
 
