@@ -41,9 +41,9 @@ folders filters come out 0.002 mm too thick in the mean, however many objects ar
 CLEARLY_SD: Final = 3.0
 CLEARLY_MM: Final = 0.02
 """A filter is said to be missing if it is this many deviations from none, and this thick."""
+PLASTICS: Final = frozenset({"polymer"})
 FULL_DENSITY: Final = frozenset({"metal", "glass", "liquid"})
 """Families of materials whose parts are of their full density, if no hollow is drawn full."""
-PLASTICS: Final = frozenset({"polymer"})
 FAR_OFF: Final = 0.3
 """Logarithm of the densities of such parts over those of their labels, in the median of a folder,
 that no beam makes: of 15 simulated scanners it is within 0.1, where images are square roots or
