@@ -19,7 +19,7 @@ from xden_bench.entries.identities import contradictions
 from xden_bench.entries.recomputed import read_recomputed
 from xden_bench.entries.result import entry_path, entry_paths, figures, objects_of
 from xden_bench.entries.signing import read_maintainers
-from xden_bench.entries.untrusted import MAX_BYTES, read_table
+from xden_bench.entries.untrusted import read_limited, read_table
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.protocol import load_rules
 from xden_bench.scoring.reference import RECOMPUTED
@@ -210,10 +210,7 @@ def _checked_objects(path: Path, entry: Mapping[str, Any]) -> dict[str, list[Any
     objects = path.with_suffix(".parquet")
     if entry["objects"]["file"] != objects.name or not objects.is_file():
         raise DataError(f"{path}: its objects must lie beside it, in {objects.name}")
-    with objects.open("rb") as stream:
-        data = stream.read(MAX_BYTES + 1)
-    if len(data) > MAX_BYTES:
-        raise DataError(f"{objects}: larger than {MAX_BYTES} bytes")
+    data = read_limited(objects)
     if (found := hashlib.sha256(data).hexdigest()) != (stored := entry["objects"]["sha256"]):
         raise DataError(f"{objects}: sha256 is {found}, {path.name} says {stored}")
     try:

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from xden1k.errors import DataError
 from xden1k.predictions.meta import COMMENT_MARKS
 
-__all__ = ["read_json", "read_table"]
+__all__ = ["read_json", "read_limited", "read_table"]
 
 MAX_BYTES: Final = 16 << 20
 """Of one file. The scores of 1,000 objects take a tenth of a MiB."""
@@ -46,10 +46,7 @@ def read_json(path: Path) -> Any:
     """
     if path.exists() and not path.is_file():
         raise DataError(f"{path}: must be a file")
-    with path.open("rb") as stream:
-        data = stream.read(MAX_BYTES + 1)
-    if len(data) > MAX_BYTES:
-        raise DataError(f"{path}: larger than {MAX_BYTES} bytes")
+    data = read_limited(path)
     try:
         values = json.loads(data.decode("utf-8"))
         texts = tuple(_texts(values))
@@ -62,6 +59,28 @@ def read_json(path: Path) -> Any:
             expected = " nor ".join(COMMENT_MARKS)
             raise DataError(f"{path}: no text may hold {expected}, found {text[:60]!a}")
     return values
+
+
+def read_limited(path: Path) -> bytes:
+    """Read a file of at most 16 MiB, whatever its directory says of its size.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Raises
+    ------
+    DataError
+        If it is larger.
+    OSError
+        If there is no such file.
+    """
+    with path.open("rb") as stream:
+        data = stream.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
+        raise DataError(f"{path}: larger than {MAX_BYTES} bytes")
+    return data
 
 
 def read_table(data: bytes) -> pa.Table:

@@ -27,7 +27,7 @@ from xden_bench.entries.merging import entries_of, holds
 from xden_bench.entries.ranking import Entry, ranks, trusted_metrics
 from xden_bench.entries.reading import read_entry, read_sound_entries
 from xden_bench.entries.result import entry_path, entry_paths
-from xden_bench.entries.untrusted import read_table
+from xden_bench.entries.untrusted import read_limited, read_table
 from xden_bench.serve.kept import Kept, entry_key, key_of
 from xden_bench.serve.limits import be_modest
 
@@ -244,7 +244,7 @@ def _verified(path: Path, results: Path) -> Entry:
 
 
 def _objects(row: Entry, results: Path) -> dict[str, list[Any]]:
-    data = (results / entry_path(row)).with_suffix(".parquet").read_bytes()
+    data = read_limited((results / entry_path(row)).with_suffix(".parquet"))
     columns: dict[str, list[Any]] = read_table(data).to_pydict()
     return columns
 
