@@ -35,6 +35,7 @@ from xden_builder.registration.closely import told_closely
 from xden_builder.registration.contest import told_by_labels
 from xden_builder.registration.costs import explained_in_part
 from xden_builder.registration.exact import Judge, side_of
+from xden_builder.registration.exchange import exchanged
 from xden_builder.registration.kinds import (
     apart,
     close_to_best,
@@ -1187,6 +1188,64 @@ def like_halves() -> Capture:
     capture = captured(solids, size=96)
     half = at(Rotation.from_rotvec([np.pi, 0, 0]))
     return replace(capture, parts=half.of_parts(capture.parts), pose="unknown")
+
+
+@pytest.mark.parametrize(
+    ("material", "density_g_cm3", "count"),
+    [("ptfe", 2.16, 1), ("pmma", 1.18, 0), ("pmma", 1.3, 0)],
+)
+def test_parts_alike_by_label_that_look_unlike_may_each_be_the_other(
+    material: str, density_g_cm3: float, count: int
+) -> None:
+    """Nothing tells which of two unlabelled meshes of one shape is the dense one."""
+    capture = unlabelled_halves(material, density_g_cm3)
+    meshes = [part.mesh for part in capture.parts]
+    body = Body.of(divide(capture.parts), np.ones(2))
+    judge = judge_of(capture)
+    best = judge.refined(judge.fixed(at(Rotation.identity())), 2)
+    likeness = Likeness(body)
+    others, finer = exchanged(judge, best, likeness, body)
+    assert len(others) == count
+    assert (finer is likeness) == (not count)
+    for each in others:
+        back = each.placement.apply(meshes[0].centroid[None])[0]
+        assert back == pytest.approx(meshes[1].centroid, abs=0.05)
+        assert finer.apart(best.placement, each.placement, 0.5)
+        assert each.loss < 1.3 * best.loss + 0.02
+        swapped = each.density_g_cm3[::-1] / best.density_g_cm3
+        assert swapped == pytest.approx(np.ones(2), rel=0.1)
+
+
+def test_parts_of_unlike_labels_are_not_exchanged() -> None:
+    capture = like_halves()
+    body = Body.of(divide(capture.parts), np.array([0.2, 0.4]))
+    judge = judge_of(capture)
+    assert exchanged(judge, judge.fixed(at(TURN)), Likeness(body), body)[0] == []
+
+
+def unlabelled_halves(material: str, density_g_cm3: float) -> Capture:
+    """A box of two halves of one shape that are said to be of nothing; the pose is as read."""
+    solids = (
+        Solid("one", box((2.0, 2.0, 3.0), (0, 0, 1.5)), "pmma", 1.18),
+        Solid("other", box((2.0, 2.0, 3.0), (0, 0, -1.5)), material, density_g_cm3),
+    )
+    capture = captured(solids, size=96)
+    return replace(capture, parts=tuple(replace(each, material="") for each in capture.parts))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("density_g_cm3", "flags"), [(2.16, ("pose_ambiguous",)), (1.2, ())])
+def test_an_exchange_of_unlabelled_halves_is_told_and_a_person_may_choose_it(
+    density_g_cm3: float, flags: tuple[str, ...]
+) -> None:
+    capture = unlabelled_halves("ptfe" if flags else "pmma", density_g_cm3)
+    registration = found(astray(capture))
+    assert registration.flags == flags
+    if flags:
+        assert registration.density_spread().min() > 0.3
+        second = found(replace(astray(capture), pose=Candidate(2)))
+        ratio = second.used.density_g_cm3[::-1] / registration.used.density_g_cm3
+        assert ratio == pytest.approx(np.ones(2), rel=0.1)
 
 
 def light_end_cm(capture: Capture, registration: Registration) -> np.ndarray:

@@ -181,6 +181,15 @@ class Judge:
         few = tuple(min(each, FEW_SUBRAYS) for each in self.subrays)
         return replace(self, subrays=few, slope_subrays=few)
 
+    def taken_anew(self, placement: RigidPlacement) -> Judge:
+        """Take what labels do not tell of the parts from another likely pose."""
+        guess = first_guess(self.scene.moved(placement.moved))
+        return replace(
+            self,
+            mac_cm2_g=guess.outline_stand_ins.mac_cm2_g,
+            density_g_cm3=guess.density_g_cm3,
+        )
+
     def panel(self, number: int) -> ViewGeometry:
         """Of a view, in compared pixels."""
         return coarse(self.scene.views[number].geometry, self.binning)

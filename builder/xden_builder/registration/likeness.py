@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 import trimesh
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Int
 from scipy.spatial import cKDTree
 
 from xden1k.values.arrays import Vec3
@@ -48,15 +48,23 @@ class Likeness:
     sight
         Along which it is hardly told where it is, nor how large: poses that differ by these alone
         are alike.
+    kinds
+        Shape (K,): number of each part's kind, if not by its attenuation.
     """
 
-    def __init__(self, body: Body, sight: Vec3 | None = None) -> None:
+    def __init__(
+        self,
+        body: Body,
+        sight: Vec3 | None = None,
+        kinds: Int[np.ndarray, "k"] | None = None,
+    ) -> None:
         self._sight, self._middle_cm = sight, body.spin[0]
         self._far_share, self._own_times = FAR_SHARE, 0.0
         levels = np.round(np.log(body.lac_per_cm), 1)
+        self.kinds = np.unique(levels, return_inverse=True)[1] if kinds is None else kinds
         self._kinds = [
-            _Kind([mesh for mesh, its in zip(body.meshes, levels, strict=True) if its == level])
-            for level in np.unique(levels)
+            _Kind([mesh for mesh, its in zip(body.meshes, self.kinds, strict=True) if its == kind])
+            for kind in np.unique(self.kinds)
         ]
 
     @property

@@ -28,6 +28,7 @@ from xden_builder.registration.coarse_pose import (
 )
 from xden_builder.registration.contest import told_by_labels
 from xden_builder.registration.exact import COARSE_PX, Judge, side_of
+from xden_builder.registration.exchange import exchanged
 from xden_builder.registration.kinds import (
     CLOSE,
     FINAL_APART,
@@ -138,8 +139,11 @@ def register(capture: Capture, space: Space) -> Registration:
         _refuse_too_large(shadows, body)
     likeness = Likeness(body, lone_sight(shadows))
     fine = _searched(capture, shadows, body, likeness)
-    doubted = fine.doubted
-    told = told_closely(capture, space, fine.found, doubted=doubted)
+    doubted, found = fine.doubted, fine.found
+    if not doubted:
+        others, likeness = exchanged(fine.judge, found[0], likeness, body)
+        found = around_told(capture.pose, [*found, *others])
+    told = told_closely(capture, space, found, doubted=doubted)
     unlike = listed_of(told, likeness, body, LISTED)
     if not doubted:
         unlike = told_by_labels(capture, space, shadows, unlike)

@@ -19,14 +19,10 @@ from xden_builder.registration.kinds import elsewhere
 from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.middles import lone_sight
 from xden_builder.registration.placement import Found, Registration, RigidPlacement
-from xden_builder.registration.shortlist import Poses, turned_about
+from xden_builder.registration.turns import symmetric_turns
 
 __all__ = ["judged"]
 
-SYMMETRY_DEG: Final = 15
-"""Between turns that may leave the object where it is."""
-SYMMETRIC: Final = 0.03
-"""Of the radius: a turn that moves surfaces less leaves the object where it is."""
 SCALES: Final = (0.49, 2.05)
 """Between 0.5 and 2, and a little for meshes that err themselves."""
 LOOKS_ALIKE: Final = 0.1
@@ -79,7 +75,7 @@ def judged(
     _check_scale(candidates[chosen].placement.scale)
     return Registration(
         tuple(candidates),
-        _symmetries(best, likeness, body),
+        len(symmetric_turns(best, likeness, body)),
         chosen,
         outlines,
         tuple(flag for flag, is_raised in raised.items() if is_raised),
@@ -127,17 +123,6 @@ def _joined(lac_per_cm: Float64[np.ndarray, "k"]) -> Float64[np.ndarray, "k"]:
         least = least if logs[place] - least <= LOOKS_ALIKE else logs[place]
         kinds[place] = np.searchsorted(np.sort(logs), least)
     return np.exp([logs[kinds == kind].mean() for kind in kinds])
-
-
-def _symmetries(placement: RigidPlacement, likeness: Likeness, body: Body) -> int:
-    """Count the turns about the principal axes that leave the object where it is."""
-    here = Poses.of([body.placed(placement)])
-    angles = np.radians(np.arange(SYMMETRY_DEG, 360, SYMMETRY_DEG)).tolist()
-    turns = [
-        turn for axis in range(3) for turn in turned_about(here, body, axis, angles).placements()
-    ]
-    least_cm = SYMMETRIC * body.radius_cm
-    return sum(not likeness.apart(here.placements()[0], turn, least_cm) for turn in turns)
 
 
 def _told(capture: Capture, candidates: Sequence[Found], body: Body) -> int | None:

@@ -1,0 +1,73 @@
+"""Which mesh is which, of parts alike by shape and label that look unlike.
+
+Where a turn lays every part onto one of its kind, two of them may exchange their densities. Kinds
+are told by labels while poses are sought, since what is seen in a wrong pose says nothing.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from xden_builder.registration.body import Body
+from xden_builder.registration.exact import Judge
+from xden_builder.registration.kinds import apart, most_of_rivals
+from xden_builder.registration.likeness import Likeness, unlike
+from xden_builder.registration.middles import lone_sight
+from xden_builder.registration.placement import Found
+from xden_builder.registration.steps import settled
+from xden_builder.registration.turns import symmetric_box_turns, symmetric_turns
+
+__all__ = ["exchanged"]
+
+LOOKS_UNLIKE: Final = 0.2
+"""Difference of logarithms of attenuations, and of densities, that is told: legs of one wood differ
+by less."""
+MOST: Final = 3
+
+
+def exchanged(
+    judge: Judge, best: Found, likeness: Likeness, body: Body
+) -> tuple[list[Found], Likeness]:
+    """Give poses in which parts of one kind stand in each other's place, with other densities.
+
+    Parameters
+    ----------
+    judge, best
+        A settled pose, and what judged it.
+    likeness
+        Takes parts of like labels for one kind.
+    body
+        The object.
+
+    Returns
+    -------
+    list of Found
+        Those that explain the images about as well; mostly none.
+    Likeness
+        Tells them from the best: the same if there are none.
+    """
+    logs = np.log(judge.lac_per_cm(best.placement))
+    if max(np.ptp(logs[likeness.kinds == kind]) for kind in likeness.kinds) < LOOKS_UNLIKE:
+        return [], likeness
+    here = best.placement
+    turns = [
+        *symmetric_turns(here, likeness, body),
+        *symmetric_box_turns(here, likeness, body),
+    ]
+    if not turns:
+        return [], likeness
+    single = Likeness(body, lone_sight(judge.shadows), np.arange(len(logs)))
+    is_apart = partial(apart, likeness=single, body=body)
+    placements = [here, *turns]
+    _, *others = (placements[number] for number in unlike(placements, is_apart, MOST + 1))
+    found = []
+    for each in others:
+        anew = judge.taken_anew(each)
+        there = settled(anew, anew.elsewhere(best, each), best)
+        unlike_by = np.abs(np.log(anew.lac_per_cm(there.placement)) - logs).max()
+        if there.loss <= most_of_rivals(best) and unlike_by > LOOKS_UNLIKE:
+            found.append(there)
+    return found, single if found else likeness
