@@ -16,13 +16,15 @@ from xden1k.folder import open_folder, write_folder
 from xden1k.rays import path_lengths
 from xden_builder.audit.object import audit_object
 from xden_builder.audit.view import audit_view
-from xden_builder.capture import CaptureFolder
+from xden_builder.capture import Capture, CaptureFolder
 from xden_builder.cli import cli
 from xden_builder.phantoms import write_captures
 from xden_builder.pipeline import version
 from xden_builder.pipeline.run import build, work_folder
 from xden_builder.pipeline.version import OtherVersionError
 from xden_builder.poly.hardness import Hardness
+from xden_builder.poly.survey import Clue
+from xden_builder.reconstruct.clues import find_clues
 from xden_builder.reconstruct.object import reconstruct
 from xden_builder.reconstruct.settings import BuildSettings
 from xden_builder.triage.findings import Findings, Remark
@@ -136,6 +138,30 @@ def test_a_beam_of_a_few_objects_is_asked_for_anew_where_there_are_many(captures
     report = build(captures, half_built, SETTINGS, workers=1)
     assert report.shared_processor_s is not None
     assert json.loads(beam.read_text()) == said
+
+
+def test_who_told_of_the_beam_before_a_run_was_stopped_is_not_asked_again(
+    captures, built, tmp_path, monkeypatch
+):
+    def stop(answered: int, asked: int) -> None:
+        assert asked == 3
+        if answered == 2:
+            raise KeyboardInterrupt
+
+    def counted(capture: Capture, settings: BuildSettings) -> tuple[Clue, ...]:
+        again.append(capture.object_id)
+        return find_clues(capture, settings)
+
+    again: list[str] = []
+    with pytest.raises(KeyboardInterrupt):
+        build(captures, tmp_path / "dataset", SETTINGS, workers=1, on_asked=stop)
+    monkeypatch.setattr("xden_builder.pipeline.beam.find_clues", counted)
+    report = build(captures, tmp_path / "dataset", SETTINGS, workers=1)
+    assert len(again) == 1
+    assert set(statuses(report).values()) == {"built"}
+    found, whole = (work_folder(each) / "beam.json" for each in (tmp_path / "dataset", built))
+    assert found.read_bytes() == whole.read_bytes()
+    assert contents(tmp_path / "dataset") == contents(built)
 
 
 def test_a_damaged_record_of_the_beam_is_made_again(captures, half_built):

@@ -115,6 +115,7 @@ def run(
             parts=place(parts) if parts else None,
             on_start=progress.start,
             on_done=progress.add,
+            on_asked=progress.ask,
         )
     echo_scanner(captures)
     if as_json:
@@ -132,7 +133,14 @@ class _Progress(Progress):
     need_you: int = 0
     reasons: Counter[str] = field(default_factory=Counter)
 
+    def ask(self, answered: int, asked: int) -> None:
+        """Show how many have told of the beam they share, of how many."""
+        self.before = f"asked of their beam: {answered} of {asked}" if answered < asked else ""
+        self.bar.set_description(self.before)
+
     def add(self, outcome: Outcome) -> None:
+        if self.before:
+            self.ask(0, 0)
         if outcome.needs_you:
             self.need_you += 1
             self.bar.set_postfix_str(f"{self.need_you} need you", refresh=False)

@@ -74,6 +74,8 @@ class Progress:
     bar: Any
     total: int = 0
     done: int = 0
+    before: str = ""
+    """How far what comes before them is; empty once it is done."""
 
     def start(self, total: int) -> None:
         """Show how many there are."""
@@ -111,7 +113,8 @@ def resumable(progress: Progress) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        so_far = f"{progress.done} of {progress.total} done; run again to go on"
+        parts = [f"{progress.done} of {progress.total} done", progress.before, "run again to go on"]
+        so_far = "; ".join(filter(None, parts))
         progress.bar.write(so_far if progress.total else "stopped before the start", sys.stderr)
         raise SystemExit(INTERRUPTED) from None
 

@@ -2,14 +2,15 @@
 
 What was found is kept in ``OUT.work/beam.json`` and holds as long as code, settings and most of the
 objects that were asked stay as they are, and no more than :data:`GROWN` times as many would be
-asked: one object that is mended or added changes nothing of the others.
+asked: one object that is mended or added changes nothing of the others. Each answer is kept there
+as it comes, so that whoever was asked before a run was stopped is not asked again.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import asdict, replace
 from functools import partial
@@ -44,12 +45,24 @@ GROWN: Final = 2
 
 
 class Said(NamedTuple):
-    """Clues of one object, the checksum of all they were made from, and what they took."""
+    """Clues of one object, the checksum of all they were made from, and what they just took."""
 
     object_id: str
     digest: str
     clues: tuple[Clue, ...]
     processor_s: float
+
+    @classmethod
+    def from_dict(cls, object_id: str, values: Mapping[str, Any]) -> Said:
+        """Read what :meth:`to_dict` gives."""
+        clues = tuple(
+            Clue(**clue | {"log_ratio": tuple(clue["log_ratio"])}) for clue in values["clues"]
+        )
+        return cls(object_id, str(values["digest"]), clues, 0.0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values for JSON."""
+        return {"digest": self.digest, "clues": [asdict(clue) for clue in self.clues]}
 
 
 class SharedBeam(NamedTuple):
@@ -60,11 +73,11 @@ class SharedBeam(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """What was found before, the checksums of those that answered, and how many were asked."""
+    """What objects said before, how many were asked, and what was found once all had answered."""
 
-    found: Hardness
-    digests: Mapping[str, str]
+    said: Mapping[str, Said]
     asked: int
+    found: Hardness | None
 
 
 Run = Callable[
@@ -79,6 +92,7 @@ def shared_beam(
     made_by: str,
     places: tuple[Place, Place | None, Place],
     run: Run,
+    on_asked: Callable[[int, int], None] = lambda *_: None,
 ) -> SharedBeam:
     """Ask some objects what they say of the beam, and weigh it together.
 
@@ -92,6 +106,8 @@ def shared_beam(
         Captures, other part meshes if any, work files; as workers see them.
     run
         Runs a task for each row, in processes or on a cluster.
+    on_asked
+        Told as they answer: how many have, of how many.
 
     Raises
     ------
@@ -101,19 +117,26 @@ def shared_beam(
         If a machine of the cluster has other code than this one.
     """
     captures, parts, work = places
-    if (kept := _kept(work)) is not None:
-        asked = [rows[name] for name in kept.digests if name in rows]
-        now = _answers(run(partial(_digest, made_by, captures, parts), asked))
-        same = sum(kept.digests[name] == digest for name, digest in now)
-        if same > MOST * len(kept.digests) and len(pilots(rows)) <= GROWN * kept.asked:
-            return SharedBeam(kept.found, None)
-    task = partial(_ask, settings, made_by, captures, parts)
     chosen = pilots(rows)
-    said = sorted(_answers(run(task, [rows[name] for name in chosen])))
-    clues = {each.object_id: each.clues for each in said}
+    kept = _kept(work)
+    again = [rows[name] for name in kept.said if name in rows]
+    digests = dict(_answers(run(partial(_digest, made_by, captures, parts), again)))
+    same = [each for name, each in kept.said.items() if digests.get(name) == each.digest]
+    enough = len(same) > MOST * len(kept.said) and len(chosen) <= GROWN * kept.asked
+    if kept.found is not None and enough:
+        return SharedBeam(kept.found, None)
+    said = {each.object_id: each for each in same if each.object_id in chosen}
+    on_asked(len(said), len(chosen))
+    task = partial(_ask, settings, made_by, captures, parts)
+    for each in _answers(run(task, [rows[name] for name in chosen if name not in said])):
+        said[each.object_id] = each
+        _write(work, Kept(said, len(chosen), None))
+        on_asked(len(said), len(chosen))
+    said = dict(sorted(said.items()))
+    clues = {name: each.clues for name, each in said.items()}
     found = join(clues, calibrated=is_calibrated(captures))
-    write_bytes(inside(work, BEAM_NAME), _text(found, said, len(chosen)).encode())
-    return SharedBeam(found, sum(each.processor_s for each in said))
+    _write(work, Kept(said, len(chosen), found))
+    return SharedBeam(found, sum(each.processor_s for each in said.values()))
 
 
 def with_beam(settings: BuildSettings, found: Hardness | None) -> BuildSettings:
@@ -121,15 +144,13 @@ def with_beam(settings: BuildSettings, found: Hardness | None) -> BuildSettings:
     return settings if found is None else replace(settings, poly=found.applied(settings.poly))
 
 
-def _answers(answers: Generator[Answer[ObjectRow, Any], None, None]) -> list[Any]:
-    """Collect what came back; an object that says nothing is judged when it is rebuilt."""
-    found = []
+def _answers(answers: Generator[Answer[ObjectRow, Any], None, None]) -> Iterator[Any]:
+    """Yield what comes back; an object that says nothing is judged when it is rebuilt."""
     with closing(answers):
         for _, answer in answers:
             refuse_to_go_on(answer)
             if not isinstance(answer, BaseException):
-                found.append(answer)
-    return found
+                yield answer
 
 
 def _digest(
@@ -157,35 +178,34 @@ def _ask(
     return Said(name, digest, clues, meter.read().processor_s)
 
 
-def _text(found: Hardness, said: Sequence[Said], asked: int) -> str:
-    objects = {
-        each.object_id: {"digest": each.digest, "clues": [asdict(clue) for clue in each.clues]}
-        for each in said
-    }
+def _write(work: Place, kept: Kept) -> None:
+    """Write what :func:`_kept` reads, at once or not at all."""
     values = {
         "schema": SCHEMA,
-        "hardness": asdict(found),
+        "hardness": None if kept.found is None else asdict(kept.found),
         "filters_mm_cu": FILTERS_MM_CU,
-        "asked": asked,
-        "objects": objects,
+        "asked": kept.asked,
+        "objects": {name: kept.said[name].to_dict() for name in sorted(kept.said)},
     }
-    return json.dumps(values, indent=1) + "\n"
+    write_bytes(inside(work, BEAM_NAME), (json.dumps(values, indent=1) + "\n").encode())
 
 
-def _kept(work: Place) -> Kept | None:
-    """Read what was found before; None where there is nothing, or it is damaged."""
+def _kept(work: Place) -> Kept:
+    """Read what was said and found before; nothing where there is nothing, or it is damaged."""
     content = read_bytes(inside(work, BEAM_NAME))
-    if content is None:
-        return None
     try:
-        values = json.loads(content)
-        if values["schema"] != SCHEMA:
-            return None
-        digests = {name: each["digest"] for name, each in values["objects"].items()}
-        tubes = values["hardness"]["two_tubes_mm_cu"]
-        pair = None if tubes is None else (tubes[0], tubes[1])
-        rests_on = tuple(values["hardness"]["rests_on"])
-        found = Hardness(**values["hardness"] | {"two_tubes_mm_cu": pair, "rests_on": rests_on})
-        return Kept(found, digests, int(values.get("asked", len(digests))))
+        values = json.loads(content or "{}")
+        if values.get("schema") != SCHEMA:
+            return Kept({}, 0, None)
+        said = {name: Said.from_dict(name, each) for name, each in values["objects"].items()}
+        return Kept(said, int(values.get("asked", len(said))), _hardness(values["hardness"]))
     except (ValueError, KeyError, TypeError, AttributeError, IndexError):
+        return Kept({}, 0, None)
+
+
+def _hardness(values: Mapping[str, Any] | None) -> Hardness | None:
+    if values is None:
         return None
+    tubes, rests_on = values["two_tubes_mm_cu"], tuple(values["rests_on"])
+    pair = None if tubes is None else (tubes[0], tubes[1])
+    return Hardness(**{**values, "two_tubes_mm_cu": pair, "rests_on": rests_on})

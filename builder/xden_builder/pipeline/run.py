@@ -57,6 +57,7 @@ def build(
     parts: Place | None = None,
     on_start: Callable[[int], None] = lambda _: None,
     on_done: Callable[[Outcome], None] = lambda _: None,
+    on_asked: Callable[[int, int], None] = lambda *_: None,
 ) -> BuildReport:
     """Rebuild every object of a capture folder into a dataset folder.
 
@@ -81,6 +82,9 @@ def build(
         Called with the number of objects.
     on_done
         Called with each outcome as it comes.
+    on_asked
+        Called before, while some objects are asked for the beam they share: how many have answered,
+        of how many.
 
     Raises
     ------
@@ -108,7 +112,7 @@ def build(
         rows = with_splits(captures, stated)
         on_start(len(rows))
         if settings.model == "poly" and settings.filtration == "fitted":
-            beam = shared_beam(rows, settings, made_by, seen, run)
+            beam = shared_beam(rows, settings, made_by, seen, run, on_asked)
             settings = with_beam(settings, beam.found)
         task = partial(_build_object, settings, made_by_checksum(settings), *seen)
         outcomes = gather(run(task, rows.values()), on_done)

@@ -251,6 +251,11 @@ class Judge:
         end = descend(level, start, derivatives, *bounds)
         return self.found(level, placement, end.unknowns, end.residuals)
 
+    def loss_of(self, found: Found) -> float:
+        """Say what a pose leaves with the densities and all else that were found."""
+        level, unknowns, _ = self.unknowns(found)
+        return self._loss(level.residuals(unknowns), level)
+
     def edged(self, found: Found) -> Found:
         """Move a pose by what neighbouring pixels differ by, and say what it leaves of that."""
         level, unknowns, bounds = self.unknowns(found)

@@ -6,6 +6,7 @@ are told by labels while poses are sought, since what is seen in a wrong pose sa
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -67,7 +68,8 @@ def exchanged(
     for each in others:
         anew = judge.taken_anew(each)
         there = settled(anew, anew.elsewhere(best, each), best)
-        unlike_by = np.abs(np.log(anew.lac_per_cm(there.placement)) - logs).max()
-        if there.loss <= most_of_rivals(best) and unlike_by > LOOKS_UNLIKE:
+        off = np.abs(np.log(anew.lac_per_cm(there.placement)) - logs).max()
+        as_before = judge.loss_of(replace(there, density_g_cm3=best.density_g_cm3))
+        if off > LOOKS_UNLIKE and there.loss <= most_of_rivals(best) < as_before:
             found.append(there)
     return found, single if found else likeness
