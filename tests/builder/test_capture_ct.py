@@ -78,9 +78,9 @@ def test_a_wrong_array_is_named(tmp_path: Path, changes: dict[str, Any], message
 def test_what_is_no_archive_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "ct.npz"
     path.write_text("nothing")
-    with pytest.raises(DataError, match=r"ct\.npz: not an npz archive without pickled objects"):
+    with pytest.raises(DataError, match=r"ct\.npz: not an npz archive$"):
         read_ct(path)
     with path.open("wb") as stream:
         np.save(stream, MU)
-    with pytest.raises(DataError, match=r"ct\.npz: not an npz archive without pickled objects"):
+    with pytest.raises(DataError, match=r"ct\.npz: not an npz archive$"):
         read_ct(path)

@@ -280,6 +280,7 @@ def refused_in_one_line(root: Path, raw: bytes, message: str) -> None:
             HEADER + "a,b,,,,,\npen,pen,,-3,,,",
             "row 3, mass_g: must be a positive number of grams, ",
         ),
+        (HEADER + "pen,pen,,1e308,,,", "row 2, mass_g: .*, 1e[+]07 at most, got '1e308'"),
         (HEADER + "pen,pen,,0,,,", "row 2, mass_g: must be a positive number of grams, got '0'"),
         (
             HEADER + "pen,pen,,nan,,,",
@@ -373,6 +374,7 @@ def write(name: str, text: str) -> Callable[[Path], None]:
     ("spoil", "message"),
     [
         (remove("lat.npy"), r"mug-01/lat\.npy: no such image"),
+        (shutil.rmtree, r"mug-01: no such folder, though objects\.csv has a row for it"),
         (save("pa.npy", RAMP[:5]), r"mug-01/pa\.npy: expected 8 x 6 pixels .*, got 5 x 6"),
         (
             save("pa.npy", RAMP * np.nan),

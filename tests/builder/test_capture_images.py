@@ -196,6 +196,7 @@ def write_text(path: Path) -> None:
         ("a.npy", write_text, "not a NumPy array that can be read"),
         ("a.jpg", write_text, "expected one of .tif, .tiff, .png, .npy, .dcm, got '.jpg'"),
         ("a.tif", lambda path: None, "a.tif: no such image"),
+        ("a.tif", lambda path: path.mkdir(), "a.tif: not a file"),
     ],
 )
 def test_what_is_no_grey_image_is_refused(

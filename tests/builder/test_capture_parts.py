@@ -251,6 +251,7 @@ sheet = together(box((1, 1, 0)), box((1, 1, 0)))
         (one_face_turned(box()), "triangles are wound against each other at 3 edges: expected all"),
         (with_nan(box()), "the mesh has vertices that are not finite"),
         (box((1, 1, 0)), "the mesh encloses no volume"),
+        (box(at=1e20), "a vertex is 1e+20 cm from the origin: check mesh_units"),
         (together(box(), turned_inside_out(box(at=9))), "the mesh encloses no volume"),
         (
             together(box(), turned_inside_out(box((1, 1, 1), at=9))),

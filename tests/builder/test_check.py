@@ -228,6 +228,10 @@ def put_behind_the_source(folder: Path) -> None:
     solid((1, 1, 1), (0, -400, 0)).export(folder / "parts" / "grip.ply")
 
 
+def damage_the_ct(folder: Path) -> None:
+    (folder / "ct.npz").write_text("zz")
+
+
 def lose_a_picture_and_misspell(folder: Path) -> None:
     misspell(folder)
     (folder / "pa.npy").unlink()
@@ -250,6 +254,7 @@ def lose_a_picture_and_misspell(folder: Path) -> None:
         (put_behind_the_source, "refused", "part grip reaches behind the source"),
         (lose_a_picture_and_misspell, "refused", r"pa\.npy: no such image"),
         (lose_a_picture_and_misspell, "refused", "unknown material"),
+        (damage_the_ct, "contradicts", r"ct\.npz: not an npz archive \(`xden-build audit` reads"),
     ],
 )
 def test_what_is_wrong_is_told_of_that_object(

@@ -538,6 +538,6 @@ def test_a_dry_run_without_a_hub_says_what_it_cannot_know(
     monkeypatch.setattr(constants, "ENDPOINT", "http://127.0.0.1:9")
     result = run(root, "--repo-id", REPO, "--dry-run", "--json")
     values: dict[str, Any] = json.loads(result.stdout)
-    assert "what would be deleted is not known" in values["note"]
+    assert "would be deleted, is not known" in values["note"]
     assert len(values["uploaded"]) == len(listed_sums(root)) + 1
     assert hub.log == []

@@ -86,6 +86,16 @@ def test_stored_radiographs_and_parts_reproject_onto_the_captures(pristine, buil
         assert audit_object(obj, source.read(obj.object_id)).good
 
 
+def test_a_capture_of_another_size_than_the_datasets_is_not_compared_with_it(pristine, built):
+    obj = next(open_folder(built).objects())
+    capture = CaptureFolder(pristine).read(obj.object_id)
+    pa, lat = capture.views
+    geometry = replace(pa.geometry, shape=(64, 128))
+    half = replace(pa, transmission=pa.transmission[:64], valid=pa.valid[:64], geometry=geometry)
+    with pytest.raises(DataError, match=r"view pa has 64 x 128 pixels, and 128 x 128 in the data"):
+        audit_object(obj, replace(capture, views=(half, lat)))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_build_in_processes_of_its_own_gives_the_same_bytes(

@@ -121,7 +121,8 @@ def test_the_summary_names_grave_flags_with_one_remedy_each_and_counts_the_rest(
     first, second, third, _ = capsys.readouterr().out.splitlines()
     assert first.startswith("needs you: c: lat:not_seen (check `mesh_units`")
     assert second == (
-        "needs you: b: body:label_doubted, lid:label_doubted (check the label; if it is "
+        "needs you: b: body:label_doubted, lid:label_doubted (check the label, and all "
+        "others of the object if several are doubted: they may be another object's; if it is "
         "right, check that its mesh lies where the part does, is as thick, is hollow where it is, "
         "and is not another part's; where it is dark in the image, that dark image and bits are as "
         "told)"
@@ -263,6 +264,7 @@ def test_objects_that_the_last_run_could_not_build_are_said_to_be_of_an_earlier_
     path.write_bytes(before)
     assert ran.exit_code == 0, ran.output
     text = (tmp_path / "out" / "index.html").read_text()
+    assert f"objects need you; {len(ended)} failed in the last run" in ran.output
     assert f"could not build {len(ended)} of the objects below" in text
     assert "Not shown" not in text
 
@@ -377,5 +379,6 @@ def test_a_damaged_object_is_listed_and_the_others_are_shown(
     monkeypatch.setattr(triage_report, "make_card", make)
     ran = CliRunner().invoke(cli, ["report", str(dataset), "-o", str(tmp_path / "out")])
     assert ran.exit_code == 3
+    assert "of 1 objects need you; 1 could not be drawn" in ran.stdout
     assert f"failed: {bad}: its row is damaged" in ran.stderr
     assert "its row is damaged" in (tmp_path / "out" / "index.html").read_text()

@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from xden1k.errors import DataError
 from xden1k.rays import path_lengths
 from xden1k.values.types import DensityObject
-from xden1k.values.views import ViewGeometry
+from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.audit.ct import CTAudit, audit_ct
 from xden_builder.audit.replay import replayed
 from xden_builder.audit.view import ViewAudit, audit_image, audit_view, noise_floor, pixel_sets
@@ -72,6 +73,11 @@ def audit_object(
         The capture's CT, if it has one.
     subrays
         Rays along each side of a pixel.
+
+    Raises
+    ------
+    DataError
+        If a radiograph has other rows and columns than the dataset's.
     """
     meshes = [part.mesh for part in obj.parts]  # they do not overlap, so any order will do
     lac = np.array([part.lac_per_cm for part in obj.parts])
@@ -85,6 +91,7 @@ def audit_object(
         geometry = refined.get(view.name, view.geometry)
         if view.name not in refined and pose is not None:
             geometry = _posed(geometry, view.name, pose)
+        _check_alike(capture.object_id, view, geometry)
         lengths = path_lengths(meshes, range(len(meshes)), geometry, subrays)
         floor, gain = noise_floor(capture, view.name), gains.get(view.name)
         if "poly" not in obj.meta:
@@ -108,6 +115,16 @@ def audit_object(
     return ObjectAudit(
         obj.object_id, tuple(views), None if ct is None else audit_ct(meshes, lac.tolist(), ct)
     )
+
+
+def _check_alike(object_id: str, view: XRayView, geometry: ViewGeometry) -> None:
+    if view.transmission.shape != geometry.shape:
+        rows, columns = geometry.shape
+        raise DataError(
+            f"{object_id}: view {view.name} has {view.geometry.shape[0]} x "
+            f"{view.geometry.shape[1]} pixels, and {rows} x {columns} in the dataset, which was "
+            "not made from this capture"
+        )
 
 
 def _posed(geometry: ViewGeometry, name: str, kept: Mapping[str, Any]) -> ViewGeometry:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,6 +88,8 @@ def read_ct(path: Path) -> CTReference:
         If the file is damaged, holds pickled objects, lacks an array, or an array breaks the
         format; the message names file and array.
     """
+    if not zipfile.is_zipfile(path):
+        raise DataError(f"{path}: not an npz archive")
     kind = "an npz archive without pickled objects"
     with decoding(path, kind), np.load(path, allow_pickle=False) as stored:
         arrays = dict(stored.items())

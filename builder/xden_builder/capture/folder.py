@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import re
 import shutil
 from collections.abc import Iterator, Mapping
@@ -44,6 +43,7 @@ _OPTIONAL = (
     "mesh_sd_mm",
 )
 _MOST_MESH_SD_MM = 5.0
+_MOST_MASS_G = 1e7
 """Meshes that are farther off are none of the object."""
 
 
@@ -218,6 +218,7 @@ class CaptureFolder:
             If a package that decoding needs is not installed.
         """
         row = self._row(object_id)
+        self._refuse_no_folder(object_id)
         meshes, _, _ = self._part_files(object_id)
         in_place = (meshes / REGISTRATION_NAME).is_file()
         scanner = self._scanner(object_id)
@@ -265,6 +266,7 @@ class CaptureFolder:
             As :func:`xden_builder.capture.parts.read_parts`; or if the parts were put before the
             scanner from something else than there is now.
         """
+        self._refuse_no_folder(object_id)
         meshes, table, strict = self._part_files(object_id)
         if self.parts_root is not None and not meshes.is_dir():
             raise DataError(
@@ -275,6 +277,11 @@ class CaptureFolder:
         if (origin := meshes / ORIGIN_NAME).is_file():
             refuse_stale(origin, self.made_from(object_id))
         return read_parts(meshes, table, self._row(object_id).mesh_units, strict)
+
+    def _refuse_no_folder(self, object_id: str) -> None:
+        folder = self.root / self._row(object_id).object_id
+        if not folder.is_dir():
+            raise DataError(f"{folder}: no such folder, though objects.csv has a row for it")
 
     def copy_own_table(self, object_id: str, out: Path) -> None:
         """Put the table that the other folder of parts has of an object, if any, beside meshes."""
@@ -458,8 +465,10 @@ def _object_row(row: CsvRow) -> ObjectRow:
 
 def _mass_g(row: CsvRow) -> float:
     mass_g = number_or_nan(row["mass_g"])
-    if not 0 < mass_g < math.inf:
-        raise row.error("mass_g", f"must be a positive number of grams, got {row['mass_g']!r}")
+    if not 0 < mass_g <= _MOST_MASS_G:
+        at_most = f", {_MOST_MASS_G:g} at most" * (mass_g > _MOST_MASS_G)
+        said = f"must be a positive number of grams{at_most}, got {row['mass_g']!r}"
+        raise row.error("mass_g", said)
     return mass_g
 
 

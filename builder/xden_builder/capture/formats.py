@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -38,7 +39,8 @@ def read_image(path: Path) -> ImageFile:
     if reader is None:
         raise DataError(f"{path}: expected one of {', '.join(_READERS)}, got {path.suffix!r}")
     if not path.is_file():
-        raise DataError(f"{path}: no such image")
+        said = "not a file" if os.path.lexists(path) else "no such image"
+        raise DataError(f"{path}: {said}")
     return reader(path)
 
 

@@ -18,6 +18,8 @@ __all__ = ["bare", "closed_mesh", "repeated", "simplified"]
 
 FLATTEST = 1e-9
 """A smaller volume, as a share of the bounding box, is rounding."""
+FARTHEST_CM = 1e9
+"""From the origin: beyond it vertices that are to be one cannot be told from others."""
 FLAP = 1e-4
 """Of a surface, that may be there twice: a splinter that a cut has left, of no volume."""
 
@@ -67,7 +69,9 @@ def closed_mesh(
     _check_counted_once(solid, where)
     volume = _volume(_triangles(solid))
     if not abs(volume) > FLATTEST * float(np.prod(solid.extents)):
-        raise DataError(f"{where}: the mesh encloses no volume")
+        raise DataError(
+            f"{where}: the mesh encloses no volume: a sheet, or a shell and its inside-out copy"
+        )
     if volume < 0:
         solid.invert()
     _check_pieces(solid, where)
@@ -82,6 +86,10 @@ def bare(mesh: trimesh.Trimesh, cm_per_unit: float, where: str) -> trimesh.Trime
     if not np.isfinite(mesh.vertices).all():
         raise DataError(f"{where}: the mesh has vertices that are not finite")
     solid = trimesh.Trimesh(mesh.vertices * cm_per_unit, faces, process=False)
+    if len(faces) and (largest_cm := float(np.abs(solid.vertices).max())) > FARTHEST_CM:
+        raise DataError(
+            f"{where}: a vertex is {largest_cm:.3g} cm from the origin: check mesh_units"
+        )
     solid.merge_vertices()
     first, second, third = solid.faces.T
     solid.update_faces((first != second) & (second != third) & (third != first))

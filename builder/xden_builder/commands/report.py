@@ -47,7 +47,10 @@ def report(root: Path, out: Path | None, workers: int, as_json: bool) -> None:
     if as_json:
         print_json(written.to_dict())
     else:
-        click.echo(f"{written.page}: {written.need_you} of {written.objects} objects need you")
+        unseen = {"could not be drawn": written.not_shown, "failed in the last run": not_built}
+        more = "".join(f"; {len(each)} {what}" for what, each in unseen.items() if each)
+        need = f"{written.need_you} of {written.objects} objects need you"
+        click.echo(f"{written.page}: {need}{more}")
         for object_id, why in written.not_shown:
             click.echo(f"failed: {object_id}: {why}", err=True)
     if written.not_shown:

@@ -85,9 +85,10 @@ def check_object(folder: CaptureFolder, object_id: str) -> ObjectCheck:
     if capture is None:
         return ObjectCheck(object_id, tuple(Finding("refused", said) for said in refused))
     judged = _judged(capture, refused)
+    contradicting = *judged.contradicting, *_ct(folder, object_id)
     findings = [
         *(Finding("refused", said) for said in refused),
-        *(Finding("contradicts", said) for said in judged.contradicting),
+        *(Finding("contradicts", said) for said in contradicting),
     ]
     return ObjectCheck(
         object_id, tuple(findings), _pictures(folder.images(object_id)), judged.lengths
@@ -97,10 +98,16 @@ def check_object(folder: CaptureFolder, object_id: str) -> ObjectCheck:
 def _read(folder: CaptureFolder, object_id: str, refused: list[str]) -> Capture | None:
     """Read everything; where that fails early, the parts are tried as well."""
     capture = _tried(folder.read, object_id, refused)
-    _tried(folder.ct, object_id, refused)
     if capture is None:
         _tried(folder.parts, object_id, refused)
     return None if refused else capture
+
+
+def _ct(folder: CaptureFolder, object_id: str) -> list[str]:
+    """Say what is wrong with a CT reference, which a rebuild does not read."""
+    said: list[str] = []
+    _tried(folder.ct, object_id, said)
+    return [f"{each} (`xden-build audit` reads it, a rebuild does not)" for each in said]
 
 
 def _tried(read: Callable[[str], Result], object_id: str, refused: list[str]) -> Result | None:

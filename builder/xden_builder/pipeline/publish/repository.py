@@ -15,7 +15,7 @@ from huggingface_hub.errors import HfHubHTTPError, HFValidationError, Repository
 
 from xden1k.errors import DataError
 
-__all__ = ["BRANCH", "HubError", "Repository", "one_line", "patiently"]
+__all__ = ["AGAIN", "BRANCH", "HubError", "Repository", "one_line", "patiently"]
 
 Answer = TypeVar("Answer")
 

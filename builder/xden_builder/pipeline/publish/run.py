@@ -28,6 +28,7 @@ from xden1k.format.checksums import CHECKSUMS_NAME
 from xden1k.format.manifest import MANIFEST_NAME, Manifest
 from xden_builder.pipeline.publish.parcel import CROISSANT_NAME, Parcel, published_on, read_folder
 from xden_builder.pipeline.publish.repository import (
+    AGAIN,
     BRANCH,
     HubError,
     Repository,
@@ -198,7 +199,8 @@ class _Push:
                 else:
                     plan = self._plan(head)
         except HubError as err:
-            note = f"{err}: what would be deleted is not known"
+            said = str(err).removesuffix(f"; {AGAIN}")
+            note = f"{said}; what is there unchanged, or would be deleted, is not known"
         refuse_unsound(self.root, on_row)
         changed = plan.changed if plan.head else plan.parcel.names
         return self._pushed(plan, "", changed, note)
