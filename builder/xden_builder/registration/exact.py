@@ -8,10 +8,8 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.ndimage import binary_dilation
 
 from xden1k.rays import PathLengths
-from xden1k.values.arrays import Mask
 from xden1k.values.views import ViewGeometry
 from xden_builder.capture import Capture
 from xden_builder.fit import huber
@@ -21,13 +19,14 @@ from xden_builder.poly.model.frames import Pose, coarse
 from xden_builder.poly.model.poses import Poses
 from xden_builder.poly.model.radiograph import gain_prior
 from xden_builder.poly.model.size import SIZE_SDS_MOST
-from xden_builder.poly.pyramid import AIR, LOST_FROM, PIXEL_SD, Level, subrays_of
+from xden_builder.poly.pyramid import LOST_FROM, PIXEL_SD, Level, subrays_of
 from xden_builder.poly.scene import Scene, set_scene
 from xden_builder.poly.settings import PolySettings
 from xden_builder.poly.start import first_guess
 from xden_builder.poly.target import Averaged, Bounds, Target, Window, window
 from xden_builder.registration.body import Body
 from xden_builder.registration.middles import own_shifts, room_of
+from xden_builder.registration.outlines import OUTLINE_PX, apart_share, lit
 from xden_builder.registration.placement import Found, RigidPlacement
 from xden_builder.registration.reduced import binning_of, reduced, widest_px
 from xden_builder.registration.shadow import Shadow
@@ -53,13 +52,8 @@ SHARES: Final = (0.01, 30.0)
 DAMPING: Final = 1e-2
 EDGE_SDS: Final = (0.1, 0.03)
 """Of differences of neighbouring pixels' logarithms, one after the other."""
-UNLIT, OF_TYPICAL = 0.04, 0.5
-"""Opacity of a shadow, since scatter is not modelled; less, as a share of what is
-typical of the object, where that is faint."""
 SCALE_SD: Final = 0.05
 """Standard deviation of the logarithm of a scale that is sought, beside what was found before."""
-OUTLINE_PX: Final = 2
-"""By which outlines may differ, of the pixels of a large shadow."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -314,7 +308,7 @@ class Judge:
             level.target.views, self.shadows, level.masks, images, level.measured, strict=True
         )
         return {
-            view.name: _apart_share(mask, model, seen, _lit(shadow), px)
+            view.name: apart_share(mask, model, seen, lit(shadow), px)
             for view, shadow, mask, model, seen in each
         }
 
@@ -401,26 +395,6 @@ def side_of(shadows: Sequence[Shadow], wide_px: int) -> int:
     pixels = np.mean([shadow.mask.sum() for shadow in shadows]) / binning**2
     small = widest_px(shadows) <= wide_px / BINNING or pixels <= SPARSE * wide_px**2
     return binning if small else BINNING * binning
-
-
-def _lit(shadow: Shadow) -> float:
-    """Transmission of what is no shadow."""
-    return 1 - min(UNLIT, OF_TYPICAL * -float(np.expm1(-shadow.own_depth)))
-
-
-def _apart_share(
-    mask: Mask,
-    model: Float64[np.ndarray, "n"],
-    seen: Float64[np.ndarray, "n"],
-    lit: float,
-    px: int,
-) -> float:
-    """Share of the pixels in either outline that lie more than a few pixels outside the other."""
-    outlines = np.zeros((2, *mask.shape), dtype=np.bool_)
-    outlines[:, mask] = np.stack([model, seen / np.quantile(seen, AIR)]) < lit
-    grown = [binary_dilation(each, iterations=px) for each in outlines]
-    apart = (outlines[0] & ~grown[1]) | (outlines[1] & ~grown[0])
-    return float(apart.sum() / max(outlines.any(axis=0).sum(), 1))
 
 
 def _around(shadow: Shadow, binning: int) -> Window:
