@@ -1191,14 +1191,21 @@ def like_halves() -> Capture:
 
 
 @pytest.mark.parametrize(
-    ("material", "density_g_cm3", "count"),
-    [("ptfe", 2.16, 1), ("pmma", 1.18, 0), ("pmma", 1.3, 0)],
+    ("label", "material", "densities_g_cm3", "count"),
+    [
+        ("", "ptfe", (1.18, 2.16), 1),
+        ("", "pmma", (1.18, 1.18), 0),
+        ("", "pmma", (1.18, 1.3), 0),
+        ("aluminium", "aluminium", (1.08, 2.7), 1),
+        ("steel", "steel", (3.1, 7.85), 1),
+        ("steel", "steel", (7.85, 7.85), 0),
+    ],
 )
 def test_parts_alike_by_label_that_look_unlike_may_each_be_the_other(
-    material: str, density_g_cm3: float, count: int
+    label: str, material: str, densities_g_cm3: tuple[float, float], count: int
 ) -> None:
-    """Nothing tells which of two unlabelled meshes of one shape is the dense one."""
-    capture = unlabelled_halves(material, density_g_cm3)
+    """Nothing tells which of two meshes of one shape is the dense one."""
+    capture = halves_labelled_alike(label, material, densities_g_cm3)
     meshes = [part.mesh for part in capture.parts]
     body = Body.of(divide(capture.parts), np.ones(2))
     judge = judge_of(capture)
@@ -1223,14 +1230,17 @@ def test_parts_of_unlike_labels_are_not_exchanged() -> None:
     assert exchanged(judge, judge.fixed(at(TURN)), Likeness(body), body)[0] == []
 
 
-def unlabelled_halves(material: str, density_g_cm3: float) -> Capture:
-    """A box of two halves of one shape that are said to be of nothing; the pose is as read."""
+def halves_labelled_alike(
+    label: str, material: str, densities_g_cm3: tuple[float, float]
+) -> Capture:
+    """A box of two halves of one shape and label; the pose is as read."""
+    one, other = densities_g_cm3
     solids = (
-        Solid("one", box((2.0, 2.0, 3.0), (0, 0, 1.5)), "pmma", 1.18),
-        Solid("other", box((2.0, 2.0, 3.0), (0, 0, -1.5)), material, density_g_cm3),
+        Solid("one", box((2.0, 2.0, 3.0), (0, 0, 1.5)), material if label else "pmma", one),
+        Solid("other", box((2.0, 2.0, 3.0), (0, 0, -1.5)), material, other),
     )
     capture = captured(solids, size=96)
-    return replace(capture, parts=tuple(replace(each, material="") for each in capture.parts))
+    return replace(capture, parts=tuple(replace(each, material=label) for each in capture.parts))
 
 
 @pytest.mark.slow
@@ -1238,7 +1248,8 @@ def unlabelled_halves(material: str, density_g_cm3: float) -> Capture:
 def test_an_exchange_of_unlabelled_halves_is_told_and_a_person_may_choose_it(
     density_g_cm3: float, flags: tuple[str, ...]
 ) -> None:
-    capture = unlabelled_halves("ptfe" if flags else "pmma", density_g_cm3)
+    material = "ptfe" if flags else "pmma"
+    capture = halves_labelled_alike("", material, (1.18, density_g_cm3))
     registration = found(astray(capture))
     assert registration.flags == flags
     if flags:

@@ -47,6 +47,8 @@ FEW_RAYS: Final = 10_000
 FEW_SUBRAYS: Final = 2
 """Along each side of a pixel, at most, where many poses are compared."""
 DENSITY_STEPS: Final = 2
+LEAST_SEEN: Final = 1e-6
+"""Light behind a part that is told from none."""
 SHARES: Final = (0.01, 30.0)
 """Least and most density in shares of the expected: a label may call aluminium lead."""
 DAMPING: Final = 1e-2
@@ -175,13 +177,11 @@ class Judge:
         few = tuple(min(each, FEW_SUBRAYS) for each in self.subrays)
         return replace(self, subrays=few, slope_subrays=few)
 
-    def taken_anew(self, placement: RigidPlacement) -> Judge:
-        """Take what labels do not tell of the parts from another likely pose."""
-        guess = first_guess(self.scene.moved(placement.moved))
+    def exchanged(self, order: Sequence[int]) -> Judge:
+        """Take each part for what another, of a number, was taken for."""
+        places = list(order)
         return replace(
-            self,
-            mac_cm2_g=guess.outline_stand_ins.mac_cm2_g,
-            density_g_cm3=guess.density_g_cm3,
+            self, mac_cm2_g=self.mac_cm2_g[places], density_g_cm3=self.density_g_cm3[places]
         )
 
     def panel(self, number: int) -> ViewGeometry:
@@ -194,16 +194,23 @@ class Judge:
         view = self.scene.views[0].geometry
         return self.binning * float(np.linalg.norm(view.column_step_cm))
 
-    def lac_per_cm(self, placement: RigidPlacement) -> Float64[np.ndarray, "k"]:
-        """Give each part the attenuation that explains the images in a pose, whatever its label.
+    def lac_per_cm(self, found: Found) -> Float64[np.ndarray, "k"]:
+        """Give each part the attenuation that explains the images, whatever its label.
 
         Of what comes through its mean chord, 4 V / S by Cauchy's formula: there alone curves of
-        unlike materials that explain one shadow agree.
+        unlike materials that explain one shadow agree. How dark is darker than
+        :data:`LEAST_SEEN`, no image tells.
+
+        Parameters
+        ----------
+        found
+            A pose that has moved along a derivative: from what labels let expect, densities alone
+            may go the wrong way.
         """
         light = self.scene.outlines.groups.weights.mean(axis=0)
         chords_cm = np.array([4 * abs(mesh.volume) / mesh.area for mesh in self.body.meshes])
-        depth = self.mac_cm2_g * (self.fixed(placement).density_g_cm3 * chords_cm)[:, None]
-        return np.asarray(-np.log(np.exp(-depth) @ light) / chords_cm)
+        depth = self.mac_cm2_g * (found.density_g_cm3 * chords_cm)[:, None]
+        return np.asarray(-np.log(np.exp(-depth) @ light + LEAST_SEEN) / chords_cm)
 
     def fixed(self, placement: RigidPlacement) -> Found:
         """Find densities, gains and glare in a pose, and what they leave."""

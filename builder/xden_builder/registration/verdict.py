@@ -19,6 +19,7 @@ from xden_builder.registration.kinds import elsewhere
 from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.middles import lone_sight
 from xden_builder.registration.placement import Found, Registration, RigidPlacement
+from xden_builder.registration.steps import settled
 from xden_builder.registration.turns import symmetric_turns
 
 __all__ = ["judged"]
@@ -103,7 +104,8 @@ def _as_seen(judge: Judge, best: RigidPlacement, body: Body) -> tuple[Likeness, 
 
     Where something may have no mesh, what parts look like says little.
     """
-    seen = body if judge.incomplete else replace(body, lac_per_cm=_joined(judge.lac_per_cm(best)))
+    there = settled(judge, judge.fixed(best))
+    seen = body if judge.incomplete else replace(body, lac_per_cm=_joined(judge.lac_per_cm(there)))
     return Likeness(seen, lone_sight(judge.shadows)), seen
 
 
