@@ -143,11 +143,28 @@ def test_a_beam_of_a_few_objects_is_asked_for_anew_where_there_are_many(captures
     beam = work_folder(half_built) / "beam.json"
     said = json.loads(beam.read_text())
     first, *_ = said["objects"]
-    few = said | {"objects": {first: said["objects"][first]}, "asked": 1}
+    few = said | {"objects": {first: said["objects"][first]}}
     beam.write_text(json.dumps(few))
     report = build(captures, half_built, SETTINGS, workers=1)
     assert report.shared_processor_s is not None
     assert json.loads(beam.read_text()) == said
+
+
+def test_a_beam_of_few_objects_is_sought_anew_once_the_others_can_be_read(
+    captures, built, tmp_path
+):
+    images = [captures / each / "pa.tif" for each in CaptureFolder(captures).object_ids[1:]]
+    for each in images:
+        each.rename(each.with_suffix(".gone"))
+    out = tmp_path / "dataset"
+    before = statuses(build(captures, out, SETTINGS, workers=1))
+    assert sorted(before.values()) == ["built", "failed", "failed"]
+    for each in images:
+        each.with_suffix(".gone").rename(each)
+    build(captures, out, SETTINGS, workers=1)
+    found, whole = (work_folder(each) / "beam.json" for each in (out, built))
+    assert found.read_bytes() == whole.read_bytes()
+    assert contents(out) == contents(built)
 
 
 def test_who_told_of_the_beam_before_a_run_was_stopped_is_not_asked_again(

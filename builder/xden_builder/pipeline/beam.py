@@ -1,9 +1,9 @@
 """The beam that the objects of a folder share, found from some of them before all are rebuilt.
 
 What was found is kept in ``OUT.work/beam.json`` and holds as long as code, settings and most of the
-objects that were asked stay as they are, and no more than :data:`GROWN` times as many would be
-asked: one object that is mended or added changes nothing of the others. Each answer is kept there
-as it comes, so that whoever was asked before a run was stopped is not asked again.
+objects that answered stay as they are, and no more than :data:`GROWN` times as many would be asked:
+one object that is mended or added changes nothing of the others. Each answer is kept there as it
+comes, so that whoever answered before a run was stopped is not asked again.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ SCHEMA: Final = "xden-beam/2"
 MOST: Final = 0.5
 """What was found holds while more than this share of the objects asked is unchanged."""
 GROWN: Final = 2
-"""And while no more than so many times as many would be asked."""
+"""And while no more than so many times as many would be asked: others had failed, or were not yet
+there."""
 
 
 class Said(NamedTuple):
@@ -73,10 +74,9 @@ class SharedBeam(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """What objects said before, how many were asked, and what was found once all had answered."""
+    """What objects said before, and what was found once all had answered."""
 
     said: Mapping[str, Said]
-    asked: int
     found: Hardness | None
 
 
@@ -122,7 +122,7 @@ def shared_beam(
     again = [rows[name] for name in kept.said if name in rows]
     digests = dict(_answers(run(partial(_digest, made_by, captures, parts), again)))
     same = [each for name, each in kept.said.items() if digests.get(name) == each.digest]
-    enough = len(same) > MOST * len(kept.said) and len(chosen) <= GROWN * kept.asked
+    enough = len(same) > MOST * len(kept.said) and len(chosen) <= GROWN * len(kept.said)
     if kept.found is not None and enough:
         return SharedBeam(kept.found, None)
     said = {each.object_id: each for each in same if each.object_id in chosen}
@@ -130,12 +130,12 @@ def shared_beam(
     task = partial(_ask, settings, made_by, captures, parts)
     for each in _answers(run(task, [rows[name] for name in chosen if name not in said])):
         said[each.object_id] = each
-        _write(work, Kept(said, len(chosen), None))
+        _write(work, Kept(said, None))
         on_asked(len(said), len(chosen))
     said = dict(sorted(said.items()))
     clues = {name: each.clues for name, each in said.items()}
     found = join(clues, calibrated=is_calibrated(captures))
-    _write(work, Kept(said, len(chosen), found))
+    _write(work, Kept(said, found))
     return SharedBeam(found, sum(each.processor_s for each in said.values()))
 
 
@@ -184,7 +184,6 @@ def _write(work: Place, kept: Kept) -> None:
         "schema": SCHEMA,
         "hardness": None if kept.found is None else asdict(kept.found),
         "filters_mm_cu": FILTERS_MM_CU,
-        "asked": kept.asked,
         "objects": {name: kept.said[name].to_dict() for name in sorted(kept.said)},
     }
     write_bytes(inside(work, BEAM_NAME), (json.dumps(values, indent=1) + "\n").encode())
@@ -196,11 +195,11 @@ def _kept(work: Place) -> Kept:
     try:
         values = json.loads(content or "{}")
         if values.get("schema") != SCHEMA:
-            return Kept({}, 0, None)
+            return Kept({}, None)
         said = {name: Said.from_dict(name, each) for name, each in values["objects"].items()}
-        return Kept(said, int(values.get("asked", len(said))), _hardness(values["hardness"]))
+        return Kept(said, _hardness(values["hardness"]))
     except (ValueError, KeyError, TypeError, AttributeError, IndexError):
-        return Kept({}, 0, None)
+        return Kept({}, None)
 
 
 def _hardness(values: Mapping[str, Any] | None) -> Hardness | None:
