@@ -258,6 +258,30 @@ def test_the_same_arrays_are_entered_once_whatever_they_are_called(
                 write_entry(entry, again, tmp_path / "results", submission=path)
 
 
+@pytest.mark.parametrize("days", [-1, 0, 1])
+def test_a_copy_that_would_come_before_what_it_copies_is_refused(
+    submission: Submit, reference: Reference, tmp_path: Path, days: int
+) -> None:
+    """An earlier date, or of one day a lesser checksum, would give it the other's rank."""
+    results = tmp_path / "results"
+    files = [
+        submission(lambda _, grid, by=by: by * grid, f"{by}.npz", method=f"of {by}")
+        for by in (1.1, 1.1002)
+    ]
+    every = [(score(file, reference, RULES), file) for file in files]
+    (copied, copy_file), (there, file) = sorted(every, key=lambda one: one[0].submission_sha256)
+    first, second = (
+        entry_of(each, reference, command="", date=date)
+        for each, date in ((there, DAY), (copied, DAY + datetime.timedelta(days)))
+    )
+    write_entry(first, there, results, submission=file)
+    if days > 0:  # it has no rank
+        write_entry(second, copied, results, submission=copy_file)
+    else:
+        with pytest.raises(EnteredError, match=r"nearly those of .*, which was entered before: "):
+            write_entry(second, copied, results, submission=copy_file)
+
+
 @pytest.mark.parametrize(
     "name",
     ["xray-unet", "X-Ray UNet", "xray-unet v2", "official builder", "NeRF2Physics zero-shot"],

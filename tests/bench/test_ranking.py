@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from scipy.stats import t as student_t
 
-from xden_bench.entries.merging import NEAR, merged_rows, seed_spread
+from xden_bench.entries.copies import NEAR
+from xden_bench.entries.merging import merged_rows, seed_spread
 from xden_bench.entries.ranking import (
     critical_distance,
     dense_ranks,
@@ -42,8 +43,9 @@ def row(name: str, losses: np.ndarray, **changes: Any) -> dict[str, Any]:
     return {
         "method": {
             **{"name": name, "inputs": ["mesh"], "training_data": [], "seconds_per_object": None},
-            "seed": changes.get("seed"),
+            **{"seed": changes.get("seed"), "external_data": False},
         },
+        "status": "self-reported",
         **{"protocol": "v2", "metric_version": 1, "warnings": [], "target": "density"},
         "dataset": {"source": "phantom", "split": "test"},
         "date": changes.get("date", "2026-01-01"),
@@ -224,6 +226,52 @@ def test_a_seed_of_other_objects_is_not_averaged_with_the_first() -> None:
     assert [one["merged"] for one in others] == [
         "its objects are others than those of its first seed"
     ] * 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"inputs": ["mesh", "truth"]}, "it declares other inputs or training data than its first"),
+        ({"training_data": ["all"]}, "it declares other inputs or training data than its first"),
+        ({"external_data": True}, "it declares other inputs or training data than its first seed"),
+    ],
+)
+def test_a_seed_that_declares_otherwise_moves_no_mean(changes: dict[str, Any], reason: str) -> None:
+    first, other = (row("net", HARD * 0.1**seed, seed=seed) for seed in range(2))
+    other["method"] |= changes
+    found, apart = merged_rows([first, other])
+    assert found["metrics"][METRIC]["mean"] == pytest.approx(HARD.mean())
+    assert apart["merged"].startswith(reason)
+
+
+def test_a_seed_of_the_references_values_moves_no_mean() -> None:
+    first, other = (row("net", HARD * 0.1**seed, seed=seed) for seed in range(2))
+    other["warnings"] = ["W504: near the reference"]
+    found, apart = merged_rows([first, other])
+    assert found["metrics"][METRIC]["mean"] == pytest.approx(HARD.mean())
+    assert apart["merged"] == "its values are those of the reference"
+
+
+def test_one_recomputed_seed_does_not_vouch_for_another() -> None:
+    first, other = (row("net", HARD * 1.1**seed, seed=seed) for seed in range(2))
+    told = {"status": "recomputed", "recomputed": {"how": "scored", "date": "2026-01-03"}}
+    (row_of_one,) = merged_rows([first | told, other | {"status": "self-reported"}])
+    assert row_of_one["status"] == "self-reported"
+    assert not row_of_one["recomputed"]
+    (row_of_both,) = merged_rows([first | told, other | told])
+    assert row_of_both["status"] == "recomputed"
+    assert row_of_both["recomputed"] == told["recomputed"]
+
+
+def test_a_copy_of_what_came_before_in_another_track_has_no_rank() -> None:
+    seen = row("xray net", HARD) | {"track": "xray"}
+    blind = row("eyes only", HARD * 1.01, date="2026-01-02") | {"track": "geometry"}
+    other = row("honest", HARD * 1.3, date="2026-01-02") | {"track": "geometry"}
+    assert [one.get("merged") for one in merged_rows([blind, other], [seen])] == [
+        "a copy of xray net, which came first in xray",
+        None,
+    ]
+    assert "merged" not in merged_rows([seen], [blind, other])[0]
 
 
 def test_deviations_that_one_seed_does_not_state_are_not_in_the_mean_of_the_seeds() -> None:

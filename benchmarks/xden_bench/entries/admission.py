@@ -18,7 +18,15 @@ from xden_bench.methods.rebuilt import NAMES as REBUILT
 from xden_bench.scoring.names import skeleton
 from xden_bench.scoring.protocol import is_trivial, load_rules
 
-__all__ = ["EnteredError", "Owners", "Quota", "check_admission", "light_entries", "owner"]
+__all__ = [
+    "EnteredError",
+    "Owners",
+    "Quota",
+    "board_of",
+    "check_admission",
+    "light_entries",
+    "owner",
+]
 
 Entry = Mapping[str, Any]
 PAPER_NAMES: Final = ("NeRF2Physics", "GaussianProperty", "Pixie")
@@ -117,7 +125,7 @@ def check_admission(
     known, owners = list(others), Owners()
     trivial = is_trivial(entry["method"]["name"], load_rules(entry["protocol"]))
     for path, other in known:
-        same = _where(entry) == _where(other)
+        same = board_of(entry) == board_of(other)
         if same and not trivial and entry["arrays_sha256"] == other.get("arrays_sha256"):
             raise EnteredError(f"these very predictions are entered already: {path}")
     for path, other in known:
@@ -162,7 +170,8 @@ def _check_seed(entry: Entry, known: Iterable[tuple[Path, Entry]]) -> None:
     alike = [
         (path, other["method"]["seed"])
         for path, other in known
-        if skeleton(name) == skeleton(other["method"]["name"]) and _where(entry) == _where(other)
+        if skeleton(name) == skeleton(other["method"]["name"])
+        and board_of(entry) == board_of(other)
     ]
     if alike and seed not in [one for _, one in alike]:
         path, other = alike[0]
@@ -210,7 +219,7 @@ def _words(command: str) -> list[str]:
 def _check_quota(entry: Entry, others: Iterable[Entry], quota: Quota) -> None:
     if (key := owner(entry)) is None:
         return
-    own = [one for one in others if owner(one) == key and _where(one) == _where(entry)]
+    own = [one for one in others if owner(one) == key and board_of(one) == board_of(entry)]
     today = sum(one["date"] == entry["date"] for one in own)
     name = entry["team"]["name"]
     if today >= quota.a_day:
@@ -219,7 +228,7 @@ def _check_quota(entry: Entry, others: Iterable[Entry], quota: Quota) -> None:
         raise DataError(f"the team {name!r} has entered {len(own)} of {quota.in_all} in all")
 
 
-def _where(entry: Entry) -> tuple[str, ...]:
+def board_of(entry: Entry) -> tuple[str, ...]:
     """Return what two entries must be scored by and on to be copies of each other."""
     data = entry["dataset"]
     return entry["protocol"], data["manifest_sha256"], data["split"], entry["target"]

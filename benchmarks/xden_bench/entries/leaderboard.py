@@ -168,7 +168,16 @@ def tables(entries: Iterable[Entry]) -> list[list[Entry]]:
     found: dict[tuple[Any, ...], list[Entry]] = {}
     for entry in entries:
         found.setdefault(_table_key(entry), []).append(entry)
-    return [merged_rows(found[key]) for key in sorted(found)]
+    return [merged_rows(found[key], _of_other_tracks(key, found)) for key in sorted(found)]
+
+
+def _of_other_tracks(
+    key: tuple[Any, ...], found: Mapping[tuple[Any, ...], list[Entry]]
+) -> list[Entry]:
+    """Entries of the tables that differ from one by their track alone."""
+    *own, track = key
+    keys = [other for other in found if [*other[:-1]] == own and other[-1] != track]
+    return [entry for other in keys for entry in found[other]]
 
 
 def group_tables(entries: Iterable[Entry], by: str, metric: str | None = None) -> str:

@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import product, starmap
 from pathlib import Path
 from statistics import fmean, stdev
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float64
 
+from xden_bench.entries.copies import Likeness, agree, came, likeness
 from xden_bench.entries.ranking import MERGED, Entry, unranked_because
 from xden_bench.entries.result import entry_path, figures, objects_of
 from xden_bench.scoring.metrics import METRICS
@@ -38,24 +38,18 @@ _COSTS: Final[Mapping[str, Callable[[Sequence[float]], float]]] = {
 """What a row's seeds cost it, of those that tell."""
 _MEASURED: Final = ("processor_seconds_per_object", "peak_memory_gb")
 """Costs that entries made before they were measured lack."""
-NEAR: Final[Mapping[str, float]] = {"density_mae_g_cm3": 0.05, "iou_a": 0.015}
-"""Median over objects of the relative difference of two errors, below which they are a copy.
-
-By the metric that ranks. Densities: of the entries of protocol v2 the nearest of two honest
-methods, networks of one design with other inputs, are 0.085 apart; noise of a thousandth on every
-voxel makes 0.004 where errors are a tenth of the density. IoU: an error of 50 % differs by little
-whatever a method does, so that seeds of one network, and the nearest two networks, are 0.023
-apart, and one that learned is 0.045 from a rule that did not; other labels for one in a hundred
-points make 0.006 to 0.011, and cost 0.4 to 0.8 % of IoU, for two in a hundred 0.013 to 0.021."""
 
 
-def merged_rows(entries: Iterable[Entry]) -> list[Entry]:
+def merged_rows(entries: Iterable[Entry], elsewhere: Iterable[Entry] = ()) -> list[Entry]:
     """Rows of one table, the best first, each followed by those that count as it.
 
     Parameters
     ----------
     entries
         Of one table, in any order.
+    elsewhere
+        Of the other tracks of the same dataset, split, source, target and protocol: a copy of one
+        that came before has no rank, whatever it says that it looks at.
 
     Returns
     -------
@@ -66,7 +60,9 @@ def merged_rows(entries: Iterable[Entry]) -> list[Entry]:
     """
     every = list(entries)
     families = [_family(members) for members in _methods(_standing(every))]
-    families = _without_copies(sorted(families, key=lambda family: _came(family[0])))
+    families = _without_copies(sorted(families, key=lambda family: came(family[0])))
+    strangers = [(one, likeness(one)) for one in _standing(elsewhere)]
+    families = [_unless_copied(family, strangers) for family in families]
     families += [[one] for one in every if one.get("disqualified")]
     families.sort(key=lambda family: place(family[0]))
     return [row for family in families for row in family]
@@ -122,11 +118,6 @@ def _loss(row: Entry) -> float:
     return -mean if METRICS[name].higher_is_better else mean
 
 
-def _came(row: Entry) -> tuple[str, str, str]:
-    """Sort rows by when they came; of one day, by checksum."""
-    return row["date"], row["submission_sha256"], row["method"]["name"]
-
-
 def _standing(entries: Iterable[Entry]) -> list[Entry]:
     """Entries that nothing was said against: the others count for nobody."""
     return [one for one in entries if not one.get("disqualified")]
@@ -135,7 +126,7 @@ def _standing(entries: Iterable[Entry]) -> list[Entry]:
 def _methods(entries: Iterable[Entry]) -> Iterator[list[Entry]]:
     """Entries of one method and team, first come first."""
     found: dict[tuple[str, str], list[Entry]] = {}
-    for entry in sorted(entries, key=_came):
+    for entry in sorted(entries, key=came):
         name = entry["method"]["name"].strip().casefold()
         found.setdefault((entry.get("team", {}).get("public_key", ""), name), []).append(entry)
     yield from found.values()
@@ -146,18 +137,38 @@ def _family(members: Sequence[Entry]) -> list[Entry]:
     best: dict[int | None, Entry] = {}
     for entry in sorted(members, key=place):
         best.setdefault(entry["method"]["seed"], entry)
-    seeds = sorted(best.values(), key=_came)
-    ids = seeds[0]["object_scores"]["object_id"]
-    counted = [one for one in seeds if one["object_scores"]["object_id"] == ids]
+    first, *later = seeds = sorted(best.values(), key=came)
+    apart = {one["submission_sha256"]: _not_a_seed_of(first, one) for one in later}
+    counted = [one for one in seeds if not apart.get(one["submission_sha256"])]
     others = [one for one in seeds if one not in counted]
-    row = _mean_of_seeds(counted) if len(counted) > 1 else counted[0]
+    row = _mean_of_seeds(counted) if len(counted) > 1 else first
     kept = {one["submission_sha256"] for one in seeds}
     again = [one for one in members if one["submission_sha256"] not in kept]
     return [
         row,
-        *(_merged(one, "its objects are others than those of its first seed") for one in others),
+        *(_merged(one, apart[one["submission_sha256"]]) for one in others),
         *(_merged(one, "its method and seed have a better entry") for one in again),
     ]
+
+
+def _not_a_seed_of(first: Entry, one: Entry) -> str:
+    """Why an entry is not averaged with the first seed of its method; empty if it is."""
+    if one["object_scores"]["object_id"] != first["object_scores"]["object_id"]:
+        return "its objects are others than those of its first seed"
+    if any(_declared(one)[key] != said for key, said in _declared(first).items()):
+        return "it declares other inputs or training data than its first seed"
+    here, there = unranked_because(one), unranked_because(first)
+    return "" if here == there else here or f"its first seed has no rank: {there}"
+
+
+def _declared(entry: Entry) -> Mapping[str, Any]:
+    """Give what its seeds have in common, in whatever order it is told."""
+    method = entry["method"]
+    return {
+        "inputs": sorted(method["inputs"]),
+        "training_data": sorted(method["training_data"]),
+        "external_data": method["external_data"],
+    }
 
 
 def _mean_of_seeds(seeds: Sequence[Entry]) -> Entry:
@@ -169,11 +180,20 @@ def _mean_of_seeds(seeds: Sequence[Entry]) -> Entry:
         columns[name] = np.mean([one[name] for one in every], axis=0).tolist()
     return {
         **first,
+        **_known(seeds),
         **figures(objects_of(columns, rules), rules),
         "method": {**first["method"], **_cost(seeds)},
         "object_scores": columns,
         "seeds": sorted(seeds, key=lambda one: one["method"]["seed"] or 0),
     }
+
+
+def _known(seeds: Sequence[Entry]) -> dict[str, Any]:
+    """Give what is known of all seeds: that it was recomputed if each was, else their warnings."""
+    open_ones = [one for one in seeds if "recomputed" not in one]
+    warned = open_ones or seeds
+    known = {"warnings": list(dict.fromkeys(said for one in warned for said in one["warnings"]))}
+    return {**known, "status": open_ones[0]["status"], "recomputed": {}} if open_ones else known
 
 
 def _cost(seeds: Sequence[Entry]) -> dict[str, float | None]:
@@ -188,11 +208,11 @@ def _without_copies(families: Sequence[list[Entry]]) -> list[list[Entry]]:
 
     Entries are compared, not rows: means over seeds are nearer to each other than methods are.
     """
-    found: list[tuple[list[Entry], list[_Likeness]]] = []
+    found: list[tuple[list[Entry], list[Likeness]]] = []
     for family in families:
-        own = [_likeness(entry) for entry in entries_of(family[0])]
+        own = [likeness(entry) for entry in entries_of(family[0])]
         original = next(
-            (one for one, theirs in found if any(starmap(_agree, product(own, theirs)))), []
+            (one for one, theirs in found if any(starmap(agree, product(own, theirs)))), []
         )
         if original:
             reason = f"a copy of {original[0]['method']['name']}, which came first"
@@ -202,29 +222,14 @@ def _without_copies(families: Sequence[list[Entry]]) -> list[list[Entry]]:
     return [family for family, _ in found]
 
 
-class _Likeness(NamedTuple):
-    """What an entry is recognised by: its arrays, and the errors of its objects."""
-
-    arrays_sha256: str | None
-    errors: Float64[np.ndarray, "objects"]
-    near: float
-
-
-def _likeness(entry: Entry) -> _Likeness:
-    name = load_rules(entry["protocol"]).rank_by
-    errors = np.abs(np.array(entry["object_scores"][name], dtype=np.float64) - METRICS[name].best)
-    return _Likeness(entry.get("arrays_sha256"), errors, NEAR[name])
-
-
-def _agree(one: _Likeness, other: _Likeness) -> bool:
-    """Whether two entries have the same arrays, or errors as near as no two methods have."""
-    if one.arrays_sha256 is not None and one.arrays_sha256 == other.arrays_sha256:
-        return True
-    if one.errors.shape != other.errors.shape:
-        return False
-    larger, gap = np.maximum(one.errors, other.errors), np.abs(one.errors - other.errors)
-    apart = np.divide(gap, larger, out=np.zeros_like(larger), where=larger > 0)
-    return bool(np.median(apart[~np.isnan(larger)]) < one.near)
+def _unless_copied(family: list[Entry], strangers: Sequence[tuple[Entry, Likeness]]) -> list[Entry]:
+    """Take the rank of a family that is a copy of what came before it in another track."""
+    row, own = family[0], [likeness(entry) for entry in entries_of(family[0])]
+    for other, theirs in strangers:
+        if came(other) < came(row) and any(agree(one, theirs) for one in own):
+            reason = f"a copy of {other['method']['name']}, which came first in {other['track']}"
+            return [_merged(row, reason), *family[1:]]
+    return family
 
 
 def _merged(row: Entry, reason: str) -> Mapping[str, Any]:

@@ -22,6 +22,7 @@ from xden_bench.entries.admission import (
 )
 from xden_bench.entries.amendments import KINDS
 from xden_bench.entries.archive import keep
+from xden_bench.entries.copies import refuse_earlier_copy
 from xden_bench.entries.durable import results_lock, sync_folder, write_whole
 from xden_bench.entries.entry_form import MEASURED, SCHEMA, check_form
 from xden_bench.entries.provenance import code_commit, package_version
@@ -153,7 +154,8 @@ def write_entry(
     Raises
     ------
     EnteredError
-        If this submission is entered already, or its arrays are.
+        If this submission is entered already, or its arrays are; or if it is a copy that would
+        come before what it copies.
     DataError
         If the entry could not be read again, or its name or its team may not be entered.
     OSError
@@ -175,7 +177,10 @@ def write_entry(
             raise EnteredError(
                 f"this submission is entered already: {path}; entries are never changed"
             )
-        check_admission(stored, light_entries(results), by_anyone=by_anyone)
+        others = light_entries(results)
+        check_admission(stored, others, by_anyone=by_anyone)
+        scored = {**stored, "object_scores": object_columns(score)}
+        refuse_earlier_copy(scored, others, results)
         if submission is not None and not archive_url:
             keep(submission, score.submission_sha256, results)
         _write_both(path, text, objects, table)
