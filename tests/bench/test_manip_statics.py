@@ -17,7 +17,7 @@ from xden_bench.manip.closed_forms import (
     toppling_energy_j,
 )
 from xden_bench.manip.draws import Regime, draw_of, keyed_generator
-from xden_bench.manip.statistics import discordant, wilson_interval
+from xden_bench.manip.statistics import decided, wilson_interval
 
 POSITIVE = st.floats(0.01, 100)
 HARD = Regime((0.2, 0.5), (10.0, 20.0))
@@ -97,14 +97,14 @@ def test_wilson_intervals_are_the_published_ones(successes, trials, low, high) -
     assert wilson_interval(successes, trials) == pytest.approx((low, high), abs=5e-5)
 
 
-def test_mcnemar_is_the_binomial_test_of_the_discordant_pairs() -> None:
-    a = np.array([True] * 20 + [False] * 6 + [True] * 5)
-    b = np.array([True] * 14 + [False] * 6 + [True] * 6 + [False] * 5)
-    found = discordant(a, b)
-    assert (found.only_a, found.only_b) == (11, 6)
+def test_the_sign_test_counts_objects_and_not_their_trials() -> None:
+    differences = np.array([0.1] * 11 + [-0.6] * 6 + [0.0] * 5)
+    found = decided(differences)
+    assert (found.better, found.worse) == (11, 6)
     tail = sum(math.comb(17, k) for k in range(7)) / 2**17
     assert found.p_equal == pytest.approx(2 * tail)
-    assert discordant(a, a).p_equal == 1
+    assert decided(0 * differences).p_equal == 1
+    assert decided(np.repeat(1.0, 4)).p_equal == pytest.approx(0.125)
 
 
 def test_a_draw_depends_on_its_key_alone() -> None:

@@ -331,7 +331,7 @@ def _cells(line: Line) -> list[str]:
         for name in ("uniform", "true")
         for cell in (
             f"{line.against[name].difference.mean:+.1%}",
-            f"{line.against[name].trials.p_equal:.2g}",
+            f"{line.against[name].objects.p_equal:.2g}",
         )
     ]
     return [

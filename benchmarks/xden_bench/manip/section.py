@@ -78,8 +78,8 @@ def _title(facts: Mapping[str, Any]) -> str:
         f"{facts['protocol']}, MuJoCo {facts['mujoco']}, scenes "
         f"{code(facts['scenes_sha256'][:12])} by {code(_prepared(facts))}. Rows are ordered by "
         "success and have no ranks; controls are in italics. Brackets are bootstrap intervals over "
-        "objects, p is McNemar's, *regret* is the success lost against `true`, *ladder* the "
-        "success of the true centre shifted by as much along the longest axis."
+        "objects, p is of the sign test over them, *regret* is the success lost against `true`, "
+        "*ladder* the success of the true centre shifted by as much along the longest axis."
     )
 
 
@@ -135,7 +135,7 @@ def _percent(one: Estimate) -> str:
 
 def _compared(against: Against, sign: int) -> tuple[str, str]:
     difference = 100 * sign * against.difference.mean + 0.0  # no minus before zero
-    return f"{difference:+.1f}", f"{against.trials.p_equal:.2g}"
+    return f"{difference:+.1f}", f"{against.objects.p_equal:.2g}"
 
 
 def _runs(rows: Sequence[Row]) -> Iterator[str]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Float64
 from scipy.stats import binomtest
 
-__all__ = ["Discordant", "discordant", "wilson_interval"]
+__all__ = ["Decided", "decided", "wilson_interval"]
 
 
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
@@ -26,32 +26,33 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, slots=True)
-class Discordant:
-    """Trials in which one of two methods succeeds and the other does not.
+class Decided:
+    """Objects with which one of two methods does better than the other.
 
     Parameters
     ----------
-    only_a, only_b
+    better, worse
         How many.
     p_equal
-        Of McNemar's exact test (1947, doi:10.1007/BF02295996): how probable so uneven a division
-        is, or one more uneven, if either is as likely.
+        Of the exact sign test (Dixon and Mood, 1946, doi:10.1080/01621459.1946.10501898): how
+        probable so uneven a division is, or one more uneven, if either is as likely. Trials of one
+        object are not independent, objects are taken to be.
     """
 
-    only_a: int
-    only_b: int
+    better: int
+    worse: int
     p_equal: float
 
 
-def discordant(a: Bool[np.ndarray, "trials"], b: Bool[np.ndarray, "trials"]) -> Discordant:
-    """Compare two methods on the same trials.
+def decided(differences: Float64[np.ndarray, "objects"]) -> Decided:
+    """Compare two methods on the same objects, by the differences of their shares of success.
 
     Examples
     --------
-    >>> discordant(np.array([True] * 4 + [False]), np.array([False] * 5))
-    Discordant(only_a=4, only_b=0, p_equal=0.125)
+    >>> decided(np.array([0.5, 0.1, 0.2, 0.0, 0.3]))
+    Decided(better=4, worse=0, p_equal=0.125)
     """
-    only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
-    decided = only_a + only_b
-    p_equal = float(binomtest(only_a, decided).pvalue) if decided else 1.0
-    return Discordant(only_a, only_b, p_equal)
+    better, worse = int((differences > 0).sum()), int((differences < 0).sum())
+    either = better + worse
+    p_equal = float(binomtest(better, either).pvalue) if either else 1.0
+    return Decided(better, worse, p_equal)

@@ -14,7 +14,7 @@ from xden1k.errors import DataError
 from xden_bench.manip.item import STRATA, Stratum
 from xden_bench.manip.protocol import StatisticsRules
 from xden_bench.manip.rows import Row
-from xden_bench.manip.statistics import Discordant, discordant, wilson_interval
+from xden_bench.manip.statistics import Decided, decided, wilson_interval
 from xden_bench.scoring.bootstrap import Estimate, estimate
 
 __all__ = ["AGAINST", "Against", "Line", "compared_with", "is_step", "ladder", "lines"]
@@ -33,13 +33,13 @@ class Against:
         Of the shares of success, with the bootstrap interval over objects.
     without_one
         Lowest and highest difference with each object left out in turn.
-    trials
-        In which only one of them succeeds.
+    objects
+        With which one of them succeeds more often.
     """
 
     difference: Estimate
     without_one: tuple[float, float]
-    trials: Discordant
+    objects: Decided
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,9 +144,7 @@ def _against(
     differences = a.mean(axis=1) - b.mean(axis=1)
     (difference,) = estimate(differences[:, None], rules.resamples, rules.seed)
     rest = (differences.sum() - differences) / max(len(differences) - 1, 1)
-    return Against(
-        difference, (float(rest.min()), float(rest.max())), discordant(a.ravel(), b.ravel())
-    )
+    return Against(difference, (float(rest.min()), float(rest.max())), decided(differences))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
