@@ -22,6 +22,7 @@ from xden1k.values.types import DensityField, DensityObject
 from xden_baselines import materials
 from xden_baselines.materials import density_range_g_cm3
 from xden_baselines.references import (
+    MOST_G_CM3,
     LabelNominal,
     PartOracle,
     PublishedLac017,
@@ -196,6 +197,12 @@ def test_the_rays_alone_tell_steel_from_plastic(folder: DatasetFolder) -> None:
     columns = np.flatnonzero(middle.any(axis=(1, 2)))
     light, heavy = columns[: len(columns) // 3], columns[-len(columns) // 3 :]
     assert grid[heavy][middle[heavy]].mean() > 1.5 * grid[light][middle[light]].mean()
+
+
+def test_no_voxel_is_denser_than_matter_is(folder: DatasetFolder) -> None:
+    method = fitted(XrayMean, folder)
+    method._factor *= 1000
+    assert predicted(method, folder, "bar-0001").max() == MOST_G_CM3
 
 
 def test_a_plate_thinner_than_half_a_voxel_is_seen_through_its_face(tmp_path: Path) -> None:

@@ -377,6 +377,13 @@ def test_a_template_says_what_to_fill_in_and_is_refused_until_it_is(
     assert made["ids"] == ["bar-0002", "cube-0003", "filled-0001", "hollow-0002"]
     named(tmp_path / "preds.npz")
     assert run("validate", "preds.npz", "--protocol", "paper").exit_code == 0
+    filled_in = (tmp_path / "preds.npz").read_bytes()
+    refused = run("template")
+    assert refused.exit_code == 1
+    assert "preds.npz is there, and may be filled in: name another by --out" in refused.stderr
+    assert (tmp_path / "preds.npz").read_bytes() == filled_in
+    assert run("template", "--force").exit_code == 0
+    assert (tmp_path / "preds.npz").read_bytes() != filled_in
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ class MethodMeta:
     Parameters
     ----------
     method
-        Display name, at most 80 characters of ASCII.
+        Display name, at most 80 characters of ASCII, a letter or digit among them.
     dataset_revision, config, split
         What was predicted: the manifest's version, ``default``, and one of its splits.
     inputs
@@ -226,7 +226,8 @@ def _comment_problems(values: Mapping[str, Any]) -> Iterator[Problem]:
 
 def _is_name(value: object) -> bool:
     """ASCII: beyond it lie letters that look like others, and invisible characters."""
-    return _is_text(value, MAX_NAME) and str(value).isascii() and bool(str(value).strip())
+    text = str(value)
+    return _is_text(value, MAX_NAME) and text.isascii() and any(map(str.isalnum, text))
 
 
 def _is_texts(value: object, most: int = 20) -> bool:
@@ -250,7 +251,11 @@ def _is_sha256(value: object) -> bool:
     return isinstance(value, str) and bool(re.fullmatch("[0-9a-f]{64}", value))
 
 
-_NAME = ("E203", f"one printable line of 1 to {MAX_NAME} characters of ASCII", _is_name)
+_NAME = (
+    "E203",
+    f"one printable line of 1 to {MAX_NAME} characters of ASCII with a letter or digit",
+    _is_name,
+)
 _TEXT = ("E203", f"one printable line of at most {MAX_TEXT} characters", _is_text)
 _AMOUNT = ("E203", "a number >= 0", _is_amount)
 _RULES: Mapping[str, tuple[str, str, Callable[[object], bool]]] = {

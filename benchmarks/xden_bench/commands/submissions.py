@@ -126,14 +126,25 @@ def submission_command(
 )
 @protocol_option
 @click.option("--out", type=FILE, default="preds.npz", show_default=True, help="The file to write.")
+@click.option("--force", is_flag=True, help="Overwrite the file if it is there.")
 @json_option
 def template(
-    root: Path | str | None, split: str, track: Track, protocol: str, out: Path, as_json: bool
+    root: Path | str | None,
+    split: str,
+    track: Track,
+    protocol: str,
+    out: Path,
+    force: bool,
+    as_json: bool,
 ) -> None:
     """Write an empty submission, to be filled in."""
     from xden_bench.methods.template import TO_FILL_IN, write_template
     from xden_bench.scoring.protocol import load_protocol
 
+    if out.exists() and not force:
+        raise click.ClickException(
+            f"{out} is there, and may be filled in: name another by --out, or give --force"
+        )
     reference = open_reference(root, split, scoring=False)
     meta = write_template(out, reference, load_protocol(protocol), track)
     if as_json:

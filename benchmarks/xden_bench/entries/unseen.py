@@ -20,7 +20,7 @@ UNSEEN: Final = "unseen"
 DROP_HEADINGS: Final = ("method", "test", "unseen", "drop", "unseen / test")
 
 
-def drop_table(rows: Sequence[Entry], tables: Iterable[Sequence[Entry]]) -> str:
+def drop_table(rows: Sequence[Entry], tables: Sequence[Sequence[Entry]]) -> str:
     """Table of the methods of a split that are also scored on ``unseen``; empty without one.
 
     Parameters
@@ -34,10 +34,14 @@ def drop_table(rows: Sequence[Entry], tables: Iterable[Sequence[Entry]]) -> str:
     if not lines:
         return ""
     metric = load_rules(rows[0]["protocol"]).rank_by
+    other = next(one[0] for one in tables if _is_counterpart(rows[0], one[0]))
+    sources = [one["dataset"]["source"] for one in (rows[0], other)]
+    said = sources[0] if len({*sources}) == 1 else f"{sources[0]} (`test`), {sources[1]} (`unseen`)"
     return (
         f"## {track_title(rows[0])}: from seen to unseen categories\n\n"
-        f"{METRICS[metric].title}, means over objects. `unseen` has categories that no training "
-        "object is of. The objects differ too: a method without training shows by how much.\n\n"
+        f"{METRICS[metric].title}, means over objects; source: {said}. `unseen` has categories "
+        "that no training object is of. The objects differ too: a method without training shows by "
+        "how much.\n\n"
         f"{tabulate(lines, DROP_HEADINGS, tablefmt='pipe', disable_numparse=True)}"
     )
 
