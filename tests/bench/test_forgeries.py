@@ -22,6 +22,7 @@ from xden_bench.entries.admission import EnteredError, Quota, check_admission, l
 from xden_bench.entries.amendments import amend
 from xden_bench.entries.archive import archived
 from xden_bench.entries.identities import contradictions
+from xden_bench.entries.leaderboard import tables
 from xden_bench.entries.ranking import unranked_because
 from xden_bench.entries.reading import read_entries, read_entry, read_sound_entries
 from xden_bench.entries.recomputed import write_recomputed
@@ -258,6 +259,27 @@ def test_the_same_arrays_are_entered_once_whatever_they_are_called(
                 write_entry(entry, again, tmp_path / "results", submission=path)
 
 
+@pytest.mark.parametrize("content", [None, b"no parquet", "text"])
+def test_a_damaged_neighbour_stops_no_entry(
+    submission: Submit, reference: Reference, tmp_path: Path, content: bytes | str | None
+) -> None:
+    results = tmp_path / "results"
+    for number, name in enumerate(("first", "second")):
+        path = submission(lambda _, grid, n=number: (1.1 + n) * grid, f"{number}.npz", method=name)
+        scored = score(path, reference, RULES)
+        entry = entry_of(scored, reference, command="", date=DAY - datetime.timedelta(number))
+        objects = write_entry(entry, scored, results, submission=path).with_suffix(".parquet")
+        if content is None:
+            objects.unlink()
+        elif isinstance(content, bytes):
+            objects.write_bytes(content)
+        else:
+            table = pq.read_table(objects).to_pydict()
+            words = {RULES.rank_by: ["high"] * len(table["object_id"])}
+            pq.write_table(pa.table(table | words), objects)
+    assert len(list(results.rglob("*.json"))) == 2
+
+
 @pytest.mark.parametrize("days", [-1, 0, 1])
 def test_a_copy_that_would_come_before_what_it_copies_is_refused(
     submission: Submit, reference: Reference, tmp_path: Path, days: int
@@ -275,8 +297,13 @@ def test_a_copy_that_would_come_before_what_it_copies_is_refused(
         for each, date in ((there, DAY), (copied, DAY + datetime.timedelta(days)))
     )
     write_entry(first, there, results, submission=file)
-    if days > 0:  # it has no rank
+    if days > 0:
         write_entry(second, copied, results, submission=copy_file)
+        rows = [row for table in tables(read_entries(results)) for row in table]
+        assert [row.get("merged") for row in rows] == [
+            None,
+            f"a copy of {first['method']['name']}, which came first",
+        ]
     else:
         with pytest.raises(EnteredError, match=r"nearly those of .*, which was entered before: "):
             write_entry(second, copied, results, submission=copy_file)

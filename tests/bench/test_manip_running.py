@@ -211,7 +211,7 @@ def test_a_table_says_which_row_is_better_on_which_stratum(scenes, tmp_path, uns
     # without a simulator the middle holds: the true centre, far from it, loses every trial
     assert (uniform.success, true.success) == (1, 0)
     assert true.against["uniform"].difference.mean == -1
-    assert true.against["uniform"].trials.only_b == 4
+    assert true.against["uniform"].objects.worse == 2
     assert true.against["uniform"].without_one == (-1, -1)
     assert uniform.axial_error_cm == pytest.approx((8.8 + 4.4) / 2)
     assert by_key["balanced", "true"].success == 1
@@ -396,7 +396,7 @@ def test_a_joined_table_has_the_objects_of_both_splits(tmp_path: Path, unsimulat
     # true takes the end of the hammer, which is lost, and the middle of the chisel, which is held
     assert found["off", "true"]["success"] == 0.5
     assert found["off", "uniform"]["success"] == 1
-    assert found["off", "true"]["against"]["uniform"]["trials"]["only_b"] == 2
+    assert found["off", "true"]["against"]["uniform"]["objects"]["worse"] == 1
     shown = CliRunner().invoke(cli, ["manip", "table", "--joined", *map(str, here + there)])
     assert "splits test and unseen joined" in shown.output
     apart = CliRunner().invoke(cli, ["manip", "table", *map(str, here + there)])

@@ -12,6 +12,7 @@ from hypothesis.extra import numpy as npst
 from scipy.stats import t as student_t
 
 from xden_bench.entries.copies import NEAR
+from xden_bench.entries.leaderboard import tables
 from xden_bench.entries.merging import merged_rows, seed_spread
 from xden_bench.entries.ranking import (
     critical_distance,
@@ -252,6 +253,33 @@ def test_a_seed_of_the_references_values_moves_no_mean() -> None:
     assert apart["merged"] == "its values are those of the reference"
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_an_oracle_of_a_seed_that_is_there_takes_its_place_in_no_row(seed: int) -> None:
+    """The best entry of each seed counts, of those that are seeds of the first."""
+    first, other = (row("net", HARD * 1.1**one, seed=one) for one in range(2))
+    oracle = row("net", HARD * 0.01, seed=seed) | {"submission_sha256": "f" * 64}
+    oracle["method"] |= {"inputs": ["mesh", "truth"]}
+    found, apart = merged_rows([first, other, oracle])
+    assert found["metrics"][METRIC]["mean"] == pytest.approx(1.05 * HARD.mean())
+    assert apart is not first
+    assert "it declares other inputs" in apart["merged"]
+    near = row("net", HARD * 0.001, seed=seed) | {"submission_sha256": "f" * 64}
+    near["warnings"] = ["W504: near the reference"]
+    found, apart = merged_rows([first, other, near])
+    assert unranked_because(found) is None
+    assert apart["merged"] == "its values are those of the reference"
+
+
+def test_a_remade_seed_near_the_reference_leaves_the_row_its_rank() -> None:
+    first, other = (row("net", HARD * 1.1**seed, seed=seed) for seed in range(2))
+    scored, remade = ({"how": how, "date": "2026-01-03"} for how in ("scored", "remade"))
+    first |= {"status": "recomputed", "recomputed": scored, "warnings": ["W501: high"]}
+    other |= {"status": "recomputed", "recomputed": remade, "warnings": ["W504: near"]}
+    (found,) = merged_rows([first, other])
+    assert unranked_because(found) is None
+    assert found["warnings"] == ["W501: high"]
+
+
 def test_one_recomputed_seed_does_not_vouch_for_another() -> None:
     first, other = (row("net", HARD * 1.1**seed, seed=seed) for seed in range(2))
     told = {"status": "recomputed", "recomputed": {"how": "scored", "date": "2026-01-03"}}
@@ -272,6 +300,11 @@ def test_a_copy_of_what_came_before_in_another_track_has_no_rank() -> None:
         None,
     ]
     assert "merged" not in merged_rows([seen], [blind, other])[0]
+    own = row("xray net", HARD * 1.01, date="2026-01-02") | {"track": "geometry"}
+    assert "merged" not in merged_rows([own], [seen])[0]
+    dataset = {"dataset": seen["dataset"] | {"revision": "1", "manifest_sha256": "0" * 64}}
+    boards = tables([seen | dataset, blind | dataset])
+    assert [one[0].get("merged", "")[:6] for one in boards] == ["a copy", ""]
 
 
 def test_deviations_that_one_seed_does_not_state_are_not_in_the_mean_of_the_seeds() -> None:

@@ -18,9 +18,19 @@ from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.names import skeleton
 from xden_bench.scoring.protocol import is_trivial, load_rules
 
-__all__ = ["NEAR", "Likeness", "agree", "came", "likeness", "refuse_earlier_copy"]
+__all__ = [
+    "NEAR",
+    "Likeness",
+    "agree",
+    "came",
+    "is_copy_from_elsewhere",
+    "likeness",
+    "refuse_earlier_copy",
+]
 
 Entry = Mapping[str, Any]
+UNREADABLE: Final = (DataError, OSError, pa.ArrowException, KeyError, TypeError, ValueError)
+"""What reading a damaged file of objects may raise."""
 NEAR: Final[Mapping[str, float]] = {"density_mae_g_cm3": 0.05, "iou_a": 0.015}
 """Median over objects of the relative difference of two errors, below which they are a copy.
 
@@ -80,13 +90,15 @@ def refuse_earlier_copy(entry: Entry, others: Iterable[tuple[Path, Entry]], resu
     EnteredError
         If it is one.
     """
+    if _is_trivial(entry):
+        return
     own = likeness(entry)
     for path, other in others:
         later = board_of(entry) == board_of(other) and came(entry) < came(other)
-        if not later or _method(entry) == _method(other) or _is_trivial(other):
+        if not later or _of_one_author(entry, other) or _is_trivial(other):
             continue
         theirs = None
-        with suppress(DataError, OSError, pa.ArrowException, KeyError):  # read_entries tells of it
+        with suppress(*UNREADABLE):  # read_entries tells of it
             data = read_limited((results / path).with_suffix(".parquet"))
             theirs = likeness({**other, "object_scores": read_table(data).to_pydict()})
         if theirs is not None and agree(own, theirs):
@@ -96,8 +108,23 @@ def refuse_earlier_copy(entry: Entry, others: Iterable[tuple[Path, Entry]], resu
             )
 
 
-def _method(entry: Entry) -> tuple[str | None, str]:
-    return owner(entry), skeleton(entry["method"]["name"])
+def is_copy_from_elsewhere(row: Entry, other: Entry) -> bool:
+    """Whether a row would have its rank by what another author entered before, in another track.
+
+    Parameters
+    ----------
+    row, other
+        Entries or rows with the scores of their objects.
+    """
+    return came(other) < came(row) and not _of_one_author(row, other) and not _is_trivial(row)
+
+
+def _of_one_author(one: Entry, other: Entry) -> bool:
+    """Whether two entries are of one team; unsigned ones if they have one name."""
+    if owner(one) != owner(other):
+        return False
+    names = (skeleton(each["method"]["name"]) for each in (one, other))
+    return owner(one) is not None or len({*names}) == 1
 
 
 def _is_trivial(entry: Entry) -> bool:

@@ -175,8 +175,7 @@ def _of_other_tracks(
     key: tuple[Any, ...], found: Mapping[tuple[Any, ...], list[Entry]]
 ) -> list[Entry]:
     """Entries of the tables that differ from one by their track alone."""
-    *own, track = key
-    keys = [other for other in found if [*other[:-1]] == own and other[-1] != track]
+    keys = [other for other in found if other[:-1] == key[:-1] and other != key]
     return [entry for other in keys for entry in found[other]]
 
 

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from xden_bench.entries.copies import Likeness, agree, came, likeness
+from xden_bench.entries.copies import Likeness, agree, came, is_copy_from_elsewhere, likeness
 from xden_bench.entries.ranking import MERGED, Entry, unranked_because
 from xden_bench.entries.result import entry_path, figures, objects_of
 from xden_bench.scoring.metrics import METRICS
@@ -133,20 +133,21 @@ def _methods(entries: Iterable[Entry]) -> Iterator[list[Entry]]:
 
 
 def _family(members: Sequence[Entry]) -> list[Entry]:
-    """Row of a method, then what it sent besides: the best entry of each seed counts."""
+    """Row of a method, then what it sent besides: the best entry of each seed counts.
+
+    Members are in the order they came. What is no seed of the first is left out before the best is
+    looked for, so that it takes nobody's place.
+    """
+    apart = [_not_a_seed_of(members[0], one) for one in members]
+    pairs = list(zip(members, apart, strict=True))
     best: dict[int | None, Entry] = {}
-    for entry in sorted(members, key=place):
+    for entry in sorted((one for one, reason in pairs if not reason), key=place):
         best.setdefault(entry["method"]["seed"], entry)
-    first, *later = seeds = sorted(best.values(), key=came)
-    apart = {one["submission_sha256"]: _not_a_seed_of(first, one) for one in later}
-    counted = [one for one in seeds if not apart.get(one["submission_sha256"])]
-    others = [one for one in seeds if one not in counted]
-    row = _mean_of_seeds(counted) if len(counted) > 1 else first
-    kept = {one["submission_sha256"] for one in seeds}
-    again = [one for one in members if one["submission_sha256"] not in kept]
+    seeds = sorted(best.values(), key=came)
+    again = [one for one, reason in pairs if not reason and not any(one is each for each in seeds)]
     return [
-        row,
-        *(_merged(one, apart[one["submission_sha256"]]) for one in others),
+        _mean_of_seeds(seeds) if len(seeds) > 1 else seeds[0],
+        *(_merged(one, reason) for one, reason in pairs if reason),
         *(_merged(one, "its method and seed have a better entry") for one in again),
     ]
 
@@ -155,7 +156,7 @@ def _not_a_seed_of(first: Entry, one: Entry) -> str:
     """Why an entry is not averaged with the first seed of its method; empty if it is."""
     if one["object_scores"]["object_id"] != first["object_scores"]["object_id"]:
         return "its objects are others than those of its first seed"
-    if any(_declared(one)[key] != said for key, said in _declared(first).items()):
+    if _declared(one) != _declared(first):
         return "it declares other inputs or training data than its first seed"
     here, there = unranked_because(one), unranked_because(first)
     return "" if here == there else here or f"its first seed has no rank: {there}"
@@ -189,11 +190,20 @@ def _mean_of_seeds(seeds: Sequence[Entry]) -> Entry:
 
 
 def _known(seeds: Sequence[Entry]) -> dict[str, Any]:
-    """Give what is known of all seeds: that it was recomputed if each was, else their warnings."""
-    open_ones = [one for one in seeds if "recomputed" not in one]
-    warned = open_ones or seeds
-    known = {"warnings": list(dict.fromkeys(said for one in warned for said in one["warnings"]))}
-    return {**known, "status": open_ones[0]["status"], "recomputed": {}} if open_ones else known
+    """Give the warnings of all seeds, and that they were recomputed if each of them was.
+
+    W504 of one that was remade says nothing more, as in its own row.
+    """
+    every = [
+        said
+        for one in seeds
+        for said in one["warnings"]
+        if not (said.startswith("W504") and unranked_because(one) is None)
+    ]
+    known: dict[str, Any] = {"warnings": list(dict.fromkeys(every))}
+    if open_ones := [one for one in seeds if "recomputed" not in one]:
+        known |= {"status": open_ones[0]["status"], "recomputed": {}}
+    return known
 
 
 def _cost(seeds: Sequence[Entry]) -> dict[str, float | None]:
@@ -226,7 +236,7 @@ def _unless_copied(family: list[Entry], strangers: Sequence[tuple[Entry, Likenes
     """Take the rank of a family that is a copy of what came before it in another track."""
     row, own = family[0], [likeness(entry) for entry in entries_of(family[0])]
     for other, theirs in strangers:
-        if came(other) < came(row) and any(agree(one, theirs) for one in own):
+        if is_copy_from_elsewhere(row, other) and any(agree(one, theirs) for one in own):
             reason = f"a copy of {other['method']['name']}, which came first in {other['track']}"
             return [_merged(row, reason), *family[1:]]
     return family

@@ -34,8 +34,7 @@ def drop_table(rows: Sequence[Entry], tables: Sequence[Sequence[Entry]]) -> str:
     if not lines:
         return ""
     metric = load_rules(rows[0]["protocol"]).rank_by
-    other = next(one[0] for one in tables if _is_counterpart(rows[0], one[0]))
-    sources = [one["dataset"]["source"] for one in (rows[0], other)]
+    sources = [one["dataset"]["source"] for one in (rows[0], _counterpart(rows, tables)[0])]
     said = sources[0] if len({*sources}) == 1 else f"{sources[0]} (`test`), {sources[1]} (`unseen`)"
     return (
         f"## {track_title(rows[0])}: from seen to unseen categories\n\n"
@@ -56,13 +55,18 @@ def drop_rows(rows: Sequence[Entry], tables: Iterable[Sequence[Entry]]) -> list[
     """Rows of :func:`drop_table` under :data:`DROP_HEADINGS`, the names as they are."""
     if rows[0]["dataset"]["split"] != "test":
         return []
-    other = next((one for one in tables if _is_counterpart(rows[0], one[0])), [])
-    unseen, metric = _by_method(other), load_rules(rows[0]["protocol"]).rank_by
+    unseen = _by_method(_counterpart(rows, tables))
+    metric = load_rules(rows[0]["protocol"]).rank_by
     return [
         _line(row, unseen[method], metric)
         for method, row in _by_method(rows).items()
         if method in unseen
     ]
+
+
+def _counterpart(rows: Sequence[Entry], tables: Iterable[Sequence[Entry]]) -> Sequence[Entry]:
+    """Find the table of ``unseen`` that goes with another; nothing if there is none."""
+    return next((one for one in tables if _is_counterpart(rows[0], one[0])), [])
 
 
 def _is_counterpart(row: Entry, other: Entry) -> bool:

@@ -43,8 +43,9 @@ _OPTIONAL = (
     "mesh_sd_mm",
 )
 _MOST_MESH_SD_MM = 5.0
-_MOST_MASS_G = 1e7
 """Meshes that are farther off are none of the object."""
+_MOST_MASS_G = 1e7
+"""Ten tonnes: no scanner holds more."""
 
 
 @dataclass(frozen=True, slots=True)

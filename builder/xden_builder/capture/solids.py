@@ -86,9 +86,10 @@ def bare(mesh: trimesh.Trimesh, cm_per_unit: float, where: str) -> trimesh.Trime
     if not np.isfinite(mesh.vertices).all():
         raise DataError(f"{where}: the mesh has vertices that are not finite")
     solid = trimesh.Trimesh(mesh.vertices * cm_per_unit, faces, process=False)
-    if len(faces) and (largest_cm := float(np.abs(solid.vertices).max())) > FARTHEST_CM:
+    farthest_cm = float(np.abs(solid.vertices[faces]).max(initial=0))
+    if farthest_cm > FARTHEST_CM:
         raise DataError(
-            f"{where}: a vertex is {largest_cm:.3g} cm from the origin: check mesh_units"
+            f"{where}: a vertex is {farthest_cm:.3g} cm from the origin: check mesh_units"
         )
     solid.merge_vertices()
     first, second, third = solid.faces.T

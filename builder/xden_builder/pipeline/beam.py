@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, replace
 from functools import partial
@@ -39,7 +39,7 @@ __all__ = ["BEAM_NAME", "SharedBeam", "shared_beam", "with_beam"]
 BEAM_NAME: Final = "beam.json"
 SCHEMA: Final = "xden-beam/2"
 MOST: Final = 0.5
-"""What was found holds while more than this share of the objects asked is unchanged."""
+"""What was found holds while more than this share of the objects that answered is unchanged."""
 GROWN: Final = 2
 """And while no more than so many times as many would be asked: others had failed, or were not yet
 there."""
@@ -56,9 +56,7 @@ class Said(NamedTuple):
     @classmethod
     def from_dict(cls, object_id: str, values: Mapping[str, Any]) -> Said:
         """Read what :meth:`to_dict` gives."""
-        clues = tuple(
-            Clue(**clue | {"log_ratio": tuple(clue["log_ratio"])}) for clue in values["clues"]
-        )
+        clues = tuple(_clue(**clue) for clue in values["clues"])
         return cls(object_id, str(values["digest"]), clues, 0.0)
 
     def to_dict(self) -> dict[str, Any]:
@@ -120,7 +118,8 @@ def shared_beam(
     chosen = pilots(rows)
     kept = _kept(work)
     again = [rows[name] for name in kept.said if name in rows]
-    digests = dict(_answers(run(partial(_digest, made_by, captures, parts), again)))
+    digest = partial(_digest, made_by, captures, parts)
+    digests = dict(_answers(run(digest, again))) if again else {}
     same = [each for name, each in kept.said.items() if digests.get(name) == each.digest]
     enough = len(same) > MOST * len(kept.said) and len(chosen) <= GROWN * len(kept.said)
     if kept.found is not None and enough:
@@ -132,6 +131,8 @@ def shared_beam(
         said[each.object_id] = each
         _write(work, Kept(said, None))
         on_asked(len(said), len(chosen))
+    if kept.found is not None and said.keys() == kept.said.keys() and len(same) == len(said):
+        return SharedBeam(kept.found, None)  # those that had failed failed again
     said = dict(sorted(said.items()))
     clues = {name: each.clues for name, each in said.items()}
     found = join(clues, calibrated=is_calibrated(captures))
@@ -200,6 +201,13 @@ def _kept(work: Place) -> Kept:
         return Kept(said, _hardness(values["hardness"]))
     except (ValueError, KeyError, TypeError, AttributeError, IndexError):
         return Kept({}, None)
+
+
+def _clue(name: str, log_ratio: Sequence[float], **sds: float) -> Clue:
+    ratios = tuple(map(float, log_ratio))
+    if len(ratios) != len(FILTERS_MM_CU):
+        raise ValueError(name)
+    return Clue(str(name), ratios, **{key: float(sd) for key, sd in sds.items()})
 
 
 def _hardness(values: Mapping[str, Any] | None) -> Hardness | None:

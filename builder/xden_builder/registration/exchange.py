@@ -7,16 +7,16 @@ are told by labels while poses are sought, since what is seen in a wrong pose sa
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import Final
 
 import numpy as np
+from jaxtyping import Float64, Int
 from scipy.optimize import linear_sum_assignment
 
 from xden_builder.registration.body import Body
 from xden_builder.registration.exact import Judge
-from xden_builder.registration.kinds import apart, most_of_rivals
-from xden_builder.registration.likeness import Likeness, unlike
+from xden_builder.registration.kinds import most_of_rivals
+from xden_builder.registration.likeness import Likeness
 from xden_builder.registration.middles import lone_sight
 from xden_builder.registration.placement import Found, RigidPlacement
 from xden_builder.registration.steps import settled
@@ -25,8 +25,7 @@ from xden_builder.registration.turns import symmetric_box_turns, symmetric_turns
 __all__ = ["exchanged"]
 
 LOOKS_UNLIKE: Final = 0.2
-"""Difference of logarithms of attenuations, and of densities, that is told: legs of one wood differ
-by less."""
+"""Difference of logarithms of attenuations that is told: legs of one wood differ by less."""
 MOST: Final = 3
 FAR: Final = 1e9
 
@@ -50,33 +49,55 @@ def exchanged(
     list of Found
         Those that explain the images about as well; mostly none.
     Likeness
-        Tells them from the best: the same if there are none.
+        Tells them from the best: by labels, and by what is seen.
     """
     logs = np.log(judge.lac_per_cm(best))
-    if max(np.ptp(logs[likeness.kinds == kind]) for kind in likeness.kinds) < LOOKS_UNLIKE:
+    kinds = _split(likeness.kinds, logs)
+    if kinds.max() == likeness.kinds.max():
         return [], likeness
     here = best.placement
-    turns = [
-        *symmetric_box_turns(here, likeness, body),
-        *symmetric_turns(here, likeness, body),
-    ]
-    if not turns:
-        return [], likeness
-    single = Likeness(body, lone_sight(judge.shadows), np.arange(len(logs)))
-    is_apart = partial(apart, likeness=single, body=body)
-    placements = [here, *turns]
-    _, *others = (placements[number] for number in unlike(placements, is_apart, MOST + 1))
+    turns = {
+        tuple(_exchange(here, turn, likeness, body)): turn
+        for turn in (
+            *symmetric_turns(here, likeness, body),
+            *symmetric_box_turns(here, likeness, body),  # truer, and so the last word
+        )
+    }
     found = []
-    for each in others:
-        order = _exchange(here, each, likeness, body)
-        there = replace(best, placement=each, density_g_cm3=best.density_g_cm3[order])
+    for order in [each for each in turns if _apart(logs[[*each]], logs)][:MOST]:
+        places = [*order]
+        there = replace(best, placement=turns[order], density_g_cm3=best.density_g_cm3[places])
         as_before = judge.loss_of(replace(there, density_g_cm3=best.density_g_cm3))
-        exchanging = judge.exchanged(order)
+        exchanging = judge.exchanged(places)
         there = settled(exchanging, exchanging.refined(there, 1), best)
-        off = np.abs(np.log(exchanging.lac_per_cm(there)) - logs).max()
-        if off > LOOKS_UNLIKE and there.loss <= most_of_rivals(best) < as_before:
+        is_rival = there.loss <= most_of_rivals(best) < as_before
+        if is_rival and _apart(np.log(exchanging.lac_per_cm(there)), logs):
             found.append(there)
-    return found, single if found else likeness
+    return found, Likeness(body, lone_sight(judge.shadows), kinds)
+
+
+def _apart(one: Float64[np.ndarray, "k"], other: Float64[np.ndarray, "k"]) -> bool:
+    """Whether a part looks unlike in two poses, by logarithms of its attenuation."""
+    return bool(np.abs(one - other).max() > LOOKS_UNLIKE)
+
+
+def _split(kinds: Int[np.ndarray, "k"], logs: Float64[np.ndarray, "k"]) -> Int[np.ndarray, "k"]:
+    """Part each kind where its members look unlike; gives numbers from 0.
+
+    Examples
+    --------
+    >>> _split(np.array([0, 0, 1, 0]), np.array([0.0, 0.5, 3.0, 0.1])).tolist()
+    [0, 1, 2, 0]
+    """
+    finer, count = np.empty_like(kinds), -1
+    for kind in np.unique(kinds):
+        first = -np.inf
+        members = np.flatnonzero(kinds == kind)
+        for place in members[np.argsort(logs[members])].tolist():
+            if logs[place] - first > LOOKS_UNLIKE:
+                first, count = logs[place], count + 1
+            finer[place] = count
+    return finer
 
 
 def _exchange(

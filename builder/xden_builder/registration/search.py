@@ -141,8 +141,9 @@ def register(capture: Capture, space: Space) -> Registration:
     fine = _searched(capture, shadows, body, likeness)
     doubted, found = fine.doubted, fine.found
     if not doubted:
-        others, likeness = exchanged(fine.judge, found[0], likeness, body)
+        others, finer = exchanged(fine.judge, found[0], likeness, body)
         found = around_told(capture.pose, [*found, *others])
+        likeness = finer if any(each in others for each in found) else likeness
     told = told_closely(capture, space, found, doubted=doubted)
     unlike = listed_of(told, likeness, body, LISTED)
     if not doubted:

@@ -150,7 +150,7 @@ def symmetric_box_turns(
 
     In a square section two principal axes lie anyhow.
     """
-    return _left_there(placement, _turned_box(body.placed(placement), body), likeness, body)
+    return _left_there(placement, _about_box(body.placed(placement), body), likeness, body)
 
 
 def _left_there(
@@ -244,7 +244,7 @@ def box_turned(judged: Judged, found: Found, likeness: Likeness, body: Body) -> 
     own = body.placed(found.placement)
     others = [
         judged(body.of_files(each))
-        for each in _turned_box(own, body)
+        for each in _about_box(own, body)
         if likeness.apart(own, each, same_share(body) * body.radius_cm)
     ]
     times, more = BOXED_CLOSE
@@ -252,7 +252,7 @@ def box_turned(judged: Judged, found: Found, likeness: Likeness, body: Body) -> 
     return sorted(close, key=loss_of)[:MOST_BOXED]
 
 
-def _turned_box(own: RigidPlacement, body: Body) -> list[RigidPlacement]:
+def _about_box(own: RigidPlacement, body: Body) -> list[RigidPlacement]:
     """Turn a pose such that the box around it stays."""
     middle, turns = body.box_turns
     return [
