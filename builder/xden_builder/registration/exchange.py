@@ -26,7 +26,8 @@ __all__ = ["exchanged"]
 
 LOOKS_UNLIKE: Final = 0.2
 """Difference of logarithms of attenuations that is told: legs of one wood differ by less."""
-MOST: Final = 3
+MOST, TRIED = 3, 6
+"""Exchanges that are judged, and turns that make one of them: the least loss is taken."""
 FAR: Final = 1e9
 
 
@@ -56,19 +57,21 @@ def exchanged(
     if kinds.max() == likeness.kinds.max():
         return [], likeness
     here = best.placement
-    turns = {
-        tuple(_exchange(here, turn, likeness, body)): turn
-        for turn in (
-            *symmetric_turns(here, likeness, body),
-            *symmetric_box_turns(here, likeness, body),  # truer, and so the last word
-        )
-    }
+    turns = [
+        *symmetric_box_turns(here, likeness, body),
+        *symmetric_turns(here, likeness, body),
+    ]
+    alike: dict[tuple[int, ...], list[RigidPlacement]] = {}
+    for turn in turns:
+        alike.setdefault(tuple(_exchange(here, turn, likeness, body)), []).append(turn)
     found = []
-    for order in [each for each in turns if _apart(logs[[*each]], logs)][:MOST]:
-        places = [*order]
-        there = replace(best, placement=turns[order], density_g_cm3=best.density_g_cm3[places])
+    for order in [each for each in alike if _apart(logs[[*each]], logs)][:MOST]:
+        exchanging, density = judge.exchanged(order), best.density_g_cm3[[*order]]
+        there = min(
+            (replace(best, placement=turn, density_g_cm3=density) for turn in alike[order][:TRIED]),
+            key=exchanging.loss_of,
+        )
         as_before = judge.loss_of(replace(there, density_g_cm3=best.density_g_cm3))
-        exchanging = judge.exchanged(places)
         there = settled(exchanging, exchanging.refined(there, 1), best)
         is_rival = there.loss <= most_of_rivals(best) < as_before
         if is_rival and _apart(np.log(exchanging.lac_per_cm(there)), logs):
