@@ -26,7 +26,7 @@ __all__ = ["exchanged"]
 
 LOOKS_UNLIKE: Final = 0.2
 """Difference of logarithms of attenuations that is told: legs of one wood differ by less."""
-MOST, TRIED = 3, 6
+MOST, TRIED = 3, 12
 """Exchanges that are judged, and turns that make one of them: the least loss is taken."""
 FAR: Final = 1e9
 
@@ -71,8 +71,8 @@ def exchanged(
             (replace(best, placement=turn, density_g_cm3=density) for turn in alike[order][:TRIED]),
             key=exchanging.loss_of,
         )
-        as_before = judge.loss_of(replace(there, density_g_cm3=best.density_g_cm3))
         there = settled(exchanging, exchanging.refined(there, 1), best)
+        as_before = judge.loss_of(replace(there, density_g_cm3=best.density_g_cm3))
         is_rival = there.loss <= most_of_rivals(best) < as_before
         if is_rival and _apart(np.log(exchanging.lac_per_cm(there)), logs):
             found.append(there)
