@@ -23,12 +23,13 @@ from xden1k.rays import path_lengths
 from xden1k.values.views import ViewGeometry, XRayView
 from xden_builder.capture import Capture, CaptureFolder
 from xden_builder.capture.pose import CoarsePose
-from xden_builder.capture.space import Space
+from xden_builder.capture.space import Space, divide
 from xden_builder.capture.writing import write_table
 from xden_builder.cli import cli
 from xden_builder.phantoms import Scanner, write_captures
 from xden_builder.phantoms.posing import Posing
-from xden_builder.pipeline.align.card import pose_text
+from xden_builder.pipeline.align.card import make_align_card, pose_text
+from xden_builder.pipeline.align.kept import card_of, row_of
 from xden_builder.pipeline.align.pictures import FOUND, Sheet
 from xden_builder.pipeline.check.run import check_folder
 from xden_builder.registration import capture as registration_capture
@@ -240,6 +241,28 @@ def test_the_page_asks_nobody_for_anything_and_shows_every_object(out: Path) -> 
     assert re.findall(r'id="o-([\w-]+)"', page)[0] == "mug-0000"
     assert page.count("where they disagree</figcaption>") == 2
     assert page.count('<code class="paste">candidate 2</code>') == len(CATEGORIES)
+
+
+def test_densities_that_differ_between_fitted_candidates_stand_with_each(
+    captures: Path, tmp_path: Path
+) -> None:
+    """Pictures show outlines, which are the same where parts exchange their densities."""
+    capture = CaptureFolder(captures).read("mug-0000")
+    search = TrueSearch(captures)(capture, divide(capture.parts))
+    densities = np.ones(len(capture.parts))
+    other = densities.copy()
+    other[0] = 2.5
+    first, second = search.candidates
+    unfitted = make_align_card(capture, search)
+    assert [each.densities_g_cm3 for each in unfitted.candidates] == [(), ()]
+    fitted = (
+        replace(first, density_g_cm3=densities, deviance=3.0),
+        replace(second, density_g_cm3=other, deviance=3.1),
+    )
+    card = make_align_card(capture, replace(search, candidates=fitted))
+    name = capture.parts[0].name
+    assert [each.densities_g_cm3 for each in card.candidates] == [((name, 1.0),), ((name, 2.5),)]
+    assert card_of(row_of(card, tmp_path / "none")) == card
 
 
 def test_names_and_notes_are_shown_as_they_are(captures: Path, tmp_path: Path) -> None:

@@ -26,6 +26,8 @@ VIEW_PX: Final = 300
 CANDIDATE_PX: Final = 130
 DISAGREEING: Final = frozenset({"mirrored", "pose_not_found", "shape_differs"})
 """With these flags it is drawn where shadow and silhouette disagree."""
+DIFFERING: Final = 0.1
+"""Logarithm of densities that are told of two poses."""
 
 Meshes = Sequence[trimesh.Trimesh]
 
@@ -72,6 +74,8 @@ class CandidateCard:
         As ``objects.csv`` takes it.
     pictures
         By view; None where the silhouette is not in sight.
+    densities_g_cm3
+        By part, where the whole fit found another one in another of the candidates.
     """
 
     number: int
@@ -84,6 +88,7 @@ class CandidateCard:
     scale: float
     pose: str
     pictures: tuple[tuple[str, Picture | None], ...]
+    densities_g_cm3: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +172,7 @@ def make_align_card(capture: Capture, registration: Registration) -> AlignCard:
         registration.flags,
         registration.equal_poses,
         registration.chosen + 1,
-        tuple(_candidates(registration, sheets, meshes)),
+        tuple(_candidates(capture, registration, sheets)),
         tuple(
             each.card(registration, meshes, posed)
             for each, posed in zip(sheets, there, strict=True)
@@ -222,8 +227,10 @@ class _Sheets:
 
 
 def _candidates(
-    registration: Registration, sheets: Sequence[_Sheets], meshes: Meshes
+    capture: Capture, registration: Registration, sheets: Sequence[_Sheets]
 ) -> Iterator[CandidateCard]:
+    meshes, names = [part.mesh for part in capture.parts], [part.name for part in capture.parts]
+    differing = _differing(registration)
     for number, each in enumerate(registration.candidates, start=1):
         pictures = [
             (
@@ -243,7 +250,21 @@ def _candidates(
             each.placement.scale,
             pose_text(each.placement),
             tuple(pictures),
+            tuple(
+                (names[part], float(each.density_g_cm3[part]))
+                for part in differing
+                if each.deviance is not None
+            ),
         )
+
+
+def _differing(registration: Registration) -> list[int]:
+    """Find the parts that have another density in another candidate, of those that were fitted."""
+    fitted = [each for each in registration.candidates if each.deviance is not None]
+    if len(fitted) < 2:
+        return []
+    spread = np.ptp(np.log([each.density_g_cm3 for each in fitted]), axis=0)
+    return [int(part) for part in np.flatnonzero(spread > DIFFERING)]
 
 
 def _moved(there: RigidPlacement, meshes: Meshes) -> Meshes:

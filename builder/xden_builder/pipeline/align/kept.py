@@ -60,7 +60,8 @@ def write_files(row: Mapping[str, Any], folder: Path) -> None:
 
 def _candidate(values: Mapping[str, Any]) -> CandidateCard:
     pictures = tuple((name, _picture(one)) for name, one in values["pictures"])
-    return CandidateCard(**{**values, "pictures": pictures})
+    densities = tuple((name, density) for name, density in values["densities_g_cm3"])
+    return CandidateCard(**{**values, "pictures": pictures, "densities_g_cm3": densities})
 
 
 def _view(values: Mapping[str, Any]) -> AlignedView:
