@@ -24,6 +24,7 @@ __all__ = [
     "Quota",
     "board_of",
     "check_admission",
+    "is_trivial_entry",
     "light_entries",
     "owner",
 ]
@@ -75,6 +76,11 @@ def owner(entry: Entry) -> str | None:
     return None if team is None else str(team["public_key"])
 
 
+def is_trivial_entry(entry: Entry) -> bool:
+    """Whether it has the name of one of its protocol's trivial methods."""
+    return is_trivial(entry["method"]["name"], load_rules(entry["protocol"]))
+
+
 def light_entries(results: Path) -> list[tuple[Path, dict[str, Any]]]:
     """Place and content of every entry below a folder, the oldest first, without its objects.
 
@@ -123,7 +129,7 @@ def check_admission(
         If its name or its team's belongs to another, or the team has used up its quota.
     """
     known, owners = list(others), Owners()
-    trivial = is_trivial(entry["method"]["name"], load_rules(entry["protocol"]))
+    trivial = is_trivial_entry(entry)
     for path, other in known:
         same = board_of(entry) == board_of(other)
         if same and not trivial and entry["arrays_sha256"] == other.get("arrays_sha256"):
@@ -188,7 +194,7 @@ def _check_reserved(path: Path, entry: Entry) -> None:
     method = entry["method"]
     bare = skeleton(ADDITIONS.sub(" ", method["name"].casefold()))
     name = _reserved().get(skeleton(method["name"])) or _reserved().get(bare)
-    if name is None or is_trivial(method["name"], load_rules(entry["protocol"])):
+    if name is None or is_trivial_entry(entry):
         return  # a trivial method's values are compared with its own
     asked = "root" if name in REBUILT else name.replace(ZERO_SHOT, STYLE)
     former = name in FORMER_NAMES and entry["protocol"] not in OF_FIRST_SCHEMA

@@ -12,19 +12,19 @@ import pyarrow as pa
 from jaxtyping import Float64
 
 from xden1k.errors import DataError
-from xden_bench.entries.admission import EnteredError, board_of, owner
+from xden_bench.entries.admission import EnteredError, board_of, is_trivial_entry, owner
 from xden_bench.entries.untrusted import read_limited, read_table
 from xden_bench.scoring.metrics import METRICS
 from xden_bench.scoring.names import skeleton
-from xden_bench.scoring.protocol import is_trivial, load_rules
+from xden_bench.scoring.protocol import load_rules
 
 __all__ = [
     "NEAR",
     "Likeness",
     "agree",
     "came",
-    "is_copy_from_elsewhere",
     "likeness",
+    "precedes",
     "refuse_earlier_copy",
 ]
 
@@ -90,12 +90,9 @@ def refuse_earlier_copy(entry: Entry, others: Iterable[tuple[Path, Entry]], resu
     EnteredError
         If it is one.
     """
-    if _is_trivial(entry):
-        return
     own = likeness(entry)
     for path, other in others:
-        later = board_of(entry) == board_of(other) and came(entry) < came(other)
-        if not later or _of_one_author(entry, other) or _is_trivial(other):
+        if board_of(entry) != board_of(other) or not precedes(entry, other):
             continue
         theirs = None
         with suppress(*UNREADABLE):  # read_entries tells of it
@@ -108,17 +105,19 @@ def refuse_earlier_copy(entry: Entry, others: Iterable[tuple[Path, Entry]], resu
             )
 
 
-def is_copy_from_elsewhere(row: Entry, other: Entry) -> bool:
-    """Whether a row would have its rank by what another author entered before, in another track.
+def precedes(one: Entry, other: Entry) -> bool:
+    """Whether one comes before another author's, which would have no rank if they were copies.
+
+    Trivial methods do not: W505 tells of these.
 
     Parameters
     ----------
-    row, other
-        Entries or rows with the scores of their objects.
+    one, other
+        Entries or rows.
     """
-    if _is_trivial(row) or _is_trivial(other):  # W505 tells of these
+    if is_trivial_entry(one) or is_trivial_entry(other):
         return False
-    return came(other) < came(row) and not _of_one_author(row, other)
+    return came(one) < came(other) and not _of_one_author(one, other)
 
 
 def _of_one_author(one: Entry, other: Entry) -> bool:
@@ -127,7 +126,3 @@ def _of_one_author(one: Entry, other: Entry) -> bool:
         return False
     names = (skeleton(each["method"]["name"]) for each in (one, other))
     return owner(one) is not None or len({*names}) == 1
-
-
-def _is_trivial(entry: Entry) -> bool:
-    return is_trivial(entry["method"]["name"], load_rules(entry["protocol"]))

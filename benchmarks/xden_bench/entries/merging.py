@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from xden_bench.entries.copies import Likeness, agree, came, is_copy_from_elsewhere, likeness
+from xden_bench.entries.copies import Likeness, agree, came, likeness, precedes
 from xden_bench.entries.ranking import MERGED, Entry, unranked_because
 from xden_bench.entries.result import entry_path, figures, objects_of
 from xden_bench.scoring.metrics import METRICS
@@ -236,7 +236,7 @@ def _unless_copied(family: list[Entry], strangers: Sequence[tuple[Entry, Likenes
     """Take the rank of a family that is a copy of what came before it in another track."""
     row, own = family[0], [likeness(entry) for entry in entries_of(family[0])]
     for other, theirs in strangers:
-        if is_copy_from_elsewhere(row, other) and any(agree(one, theirs) for one in own):
+        if precedes(other, row) and any(agree(one, theirs) for one in own):
             reason = f"a copy of {other['method']['name']}, which came first in {other['track']}"
             return [_merged(row, reason), *family[1:]]
     return family

@@ -252,7 +252,7 @@ class Judge:
         end = descend(level, start, derivatives, *bounds)
         return self.found(level, placement, end.unknowns, end.residuals)
 
-    def loss_of(self, found: Found) -> float:
+    def loss_as_found(self, found: Found) -> float:
         """Say what a pose leaves with the densities and all else that were found."""
         level, unknowns, _ = self.unknowns(found)
         return self._loss(level.residuals(unknowns), level)

@@ -69,10 +69,10 @@ def exchanged(
         exchanging, density = judge.exchanged(order), best.density_g_cm3[[*order]]
         there = min(
             (replace(best, placement=turn, density_g_cm3=density) for turn in alike[order][:TRIED]),
-            key=exchanging.loss_of,
+            key=exchanging.loss_as_found,
         )
         there = settled(exchanging, exchanging.refined(there, 1), best)
-        as_before = judge.loss_of(replace(there, density_g_cm3=best.density_g_cm3))
+        as_before = judge.loss_as_found(replace(there, density_g_cm3=best.density_g_cm3))
         is_rival = there.loss <= most_of_rivals(best) < as_before
         if is_rival and _apart(np.log(exchanging.lac_per_cm(there)), logs):
             found.append(there)

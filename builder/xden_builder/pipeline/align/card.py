@@ -88,7 +88,7 @@ class CandidateCard:
     scale: float
     pose: str
     pictures: tuple[tuple[str, Picture | None], ...]
-    densities_g_cm3: tuple[tuple[str, float], ...] = ()
+    densities_g_cm3: tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True, slots=True)
